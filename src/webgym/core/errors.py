@@ -1,0 +1,248 @@
+"""Failures have types.
+
+    WebGymError
+    ├── UsageError             what the user gave cannot be used; nothing was started
+    │   ├── ConfigError        a setting is missing or out of range
+    │   ├── TaskFileError      a task file is missing or a record in it is broken
+    │   └── RunFolderError     the folder is not a run, or not the run that was asked for
+    ├── PageError              the web did it; the agent is told and the attempt goes on
+    │   ├── NavigationFailed   DNS, TLS, refused connection, reset, deadline
+    │   ├── DownloadRefused    a navigation turned out to be a download
+    │   └── ActionFailed       no such element, nothing to go back to
+    ├── BrowserError           a browser process did it
+    │   ├── BrowserNotFound    no Chromium on this machine
+    │   ├── BrowserLaunchFailed
+    │   ├── BrowserCrashed     the process or its renderer is gone
+    │   └── BrowserTimeout     no answer within the hard deadline
+    ├── ServerError            the browser server, or the way to it, did it
+    │   ├── ServerUnreachable
+    │   ├── Unauthorized       the token is wrong or missing
+    │   ├── LeaseLost          the session expired, was closed or belongs to a successor
+    │   ├── NoCapacity         every slot stayed taken for as long as we may wait
+    │   └── ProtocolError      a request or reply that breaks the contract
+    ├── SitesError             the offline web, or the way to it, did it
+    ├── PolicyError            the policy, or its endpoint, did it
+    │   ├── PolicyUnreachable
+    │   ├── PolicyTimeout      no complete reply within the deadline
+    │   └── PolicyBadReply     an HTTP error, HTML, nothing, an endless stream
+    ├── JudgeError             no verdict could be had; never a silent 0 or 1
+    └── StoreError             the run folder did it; the run stops, nothing counted is lost
+        ├── StoreFull          no space left on the device
+        ├── StoreLocked        another collector writes to this run
+        └── StoreCorrupt       a record's checksum does not match
+
+Each class belongs to one boundary and :func:`webgym.core.outcome.outcome_of` turns it into one
+outcome. ``code`` names the class on the wire and in records; ``hint`` says what to do about it.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class WebGymError(Exception):
+    """Base of all errors that WebGym raises on purpose.
+
+    Args:
+        message: one line, what happened.
+        hint: one line, what the reader can do about it; empty if nothing.
+    """
+
+    code: ClassVar[str] = "webgym_error"
+
+    def __init__(self, message: str, *, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+    def __str__(self) -> str:
+        return f"{self.message} ({self.hint})" if self.hint else self.message
+
+
+class UsageError(WebGymError):
+    """What the user gave cannot be used."""
+
+    code = "usage_error"
+
+
+class ConfigError(UsageError):
+    """A setting is missing or out of range."""
+
+    code = "config_error"
+
+
+class TaskFileError(UsageError):
+    """A task file is missing, or holds no usable record."""
+
+    code = "task_file_error"
+
+
+class RunFolderError(UsageError):
+    """A folder is not a run, or not the run that was asked for."""
+
+    code = "run_folder_error"
+
+
+class PageError(WebGymError):
+    """The web did it: told to the agent, never the end of an attempt."""
+
+    code = "page_error"
+
+
+class NavigationFailed(PageError):
+    """A page could not be opened."""
+
+    code = "navigation_failed"
+
+
+class DownloadRefused(PageError):
+    """A navigation turned out to be a download."""
+
+    code = "download_refused"
+
+
+class ActionFailed(PageError):
+    """An action could not be carried out on this page."""
+
+    code = "action_failed"
+
+
+class BrowserError(WebGymError):
+    """A browser process did it."""
+
+    code = "browser_error"
+
+
+class BrowserNotFound(BrowserError):
+    """There is no usable Chromium on this machine."""
+
+    code = "browser_not_found"
+
+
+class BrowserLaunchFailed(BrowserError):
+    """A Chromium was found but did not come up."""
+
+    code = "browser_launch_failed"
+
+
+class BrowserCrashed(BrowserError):
+    """The browser process or its renderer is gone."""
+
+    code = "browser_crashed"
+
+
+class BrowserTimeout(BrowserError):
+    """The browser gave no answer within its hard deadline."""
+
+    code = "browser_timeout"
+
+
+class ServerError(WebGymError):
+    """The browser server, or the way to it, did it."""
+
+    code = "server_error"
+
+
+class ServerUnreachable(ServerError):
+    """Nothing answers at the server's address."""
+
+    code = "server_unreachable"
+
+
+class Unauthorized(ServerError):
+    """The token is wrong or missing."""
+
+    code = "unauthorized"
+
+
+class LeaseLost(ServerError):
+    """The session expired, was closed, or its slot belongs to a successor."""
+
+    code = "lease_lost"
+
+
+class NoCapacity(ServerError):
+    """Every slot stayed taken for as long as we may wait."""
+
+    code = "no_capacity"
+
+
+class ProtocolError(ServerError):
+    """A request or a reply breaks the contract."""
+
+    code = "protocol_error"
+
+
+class SitesError(WebGymError):
+    """The offline web, or the way to it, did it."""
+
+    code = "sites_error"
+
+
+class PolicyError(WebGymError):
+    """The policy, or its endpoint, did it."""
+
+    code = "policy_error"
+
+
+class PolicyUnreachable(PolicyError):
+    """Nothing answers at the policy's address."""
+
+    code = "policy_unreachable"
+
+
+class PolicyTimeout(PolicyError):
+    """The policy gave no complete reply within its deadline."""
+
+    code = "policy_timeout"
+
+
+class PolicyBadReply(PolicyError):
+    """The policy's endpoint answered with something that is no completion."""
+
+    code = "policy_bad_reply"
+
+
+class JudgeError(WebGymError):
+    """No verdict could be had."""
+
+    code = "judge_error"
+
+
+class StoreError(WebGymError):
+    """The run folder cannot take or give a record."""
+
+    code = "store_error"
+
+
+class StoreFull(StoreError):
+    """No space is left on the device."""
+
+    code = "store_full"
+
+
+class StoreLocked(StoreError):
+    """Another collector writes to this run."""
+
+    code = "store_locked"
+
+
+class StoreCorrupt(StoreError):
+    """A record's checksum does not match its content."""
+
+    code = "store_corrupt"
+
+
+def _tree(cls: type[WebGymError]) -> dict[str, type[WebGymError]]:
+    found = {cls.code: cls}
+    for child in cls.__subclasses__():
+        found |= _tree(child)
+    return found
+
+
+def error_from_code(code: str, message: str, hint: str = "") -> WebGymError:
+    """The error that ``code`` names, as it was raised on the other side of a wire.
+
+    An unknown code (a newer peer) gives a plain :class:`WebGymError`.
+    """
+    return _tree(WebGymError).get(code, WebGymError)(message, hint=hint)

@@ -1,0 +1,83 @@
+"""What an agent sees, and what a picture does not show."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import msgspec
+
+from webgym.core.action import Mode
+
+NoticeKind: TypeAlias = Literal[
+    "navigation_failed",  # DNS, TLS, refused, reset, deadline: the browser's own words
+    "download_refused",
+    "action_failed",
+    "dialog",  # alert, confirm, prompt, beforeunload: what it said, how it was answered
+    "popup",  # a second window was wanted; it was opened in this tab
+    "still_loading",  # the page was not quiet when the settle deadline came
+    "crashed",  # the renderer died and was brought back
+    "reply_unreadable",  # the agent's last reply held no action
+    "unchanged",  # the screen is the same as before the action
+]
+
+
+class Notice(msgspec.Struct, frozen=True):
+    """Something that happened and that the next observation must say."""
+
+    kind: NoticeKind
+    text: str
+
+
+class Element(msgspec.Struct, frozen=True, omit_defaults=True):
+    """An interactive element that is visible in the viewport and not covered.
+
+    Attributes:
+        number: its mark; stable while the element stays in the document.
+        role: ARIA role, explicit or implied by the tag (``link``, ``button``, ``textbox``, ``combobox``,
+            ``checkbox``, ``radio``, ``option``, ``tab``, ...).
+        name: accessible name: label, text, placeholder or title, white space folded, at most 200 characters.
+        box: ``(x, y, width, height)`` of its visible part, CSS pixels of the viewport.
+        value: current value of a form control; ``"true"``/``"false"`` for a checkbox or radio.
+        href: absolute URL of a link.
+    """
+
+    number: int
+    role: str
+    name: str
+    box: tuple[float, float, float, float]
+    value: str | None = None
+    href: str | None = None
+
+
+class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One look at the page. The picture itself travels and is stored apart, as bytes, by its name.
+
+    Attributes:
+        screenshot: name of the picture, the SHA-256 hex digest of its lossless encoding. Equal name
+            means equal picture.
+        url: of the main frame.
+        title: of the document.
+        status: HTTP status of the main document; ``None`` where there was no HTTP response.
+        viewport: ``(width, height)`` in CSS pixels, which are also the picture's pixels.
+        scroll: ``(offset, extent)``: how far the page is scrolled down, and how tall it is, CSS pixels.
+        mode: whether marks are drawn on the picture.
+        settled: why the wait for a quiet page ended (``quiet``, ``deadline``, ...).
+        notices: what happened since the last observation.
+        text: the text that is visible in the viewport, one line per text node, where it was asked for.
+        elements: the interactive elements, where they were asked for (always in marks mode).
+        milliseconds: wall time per operation (``execute``, ``navigate``, ``settle``, ``screenshot``,
+            ``metadata``).
+    """
+
+    screenshot: str
+    url: str
+    title: str
+    viewport: tuple[int, int]
+    status: int | None = None
+    scroll: tuple[float, float] = (0.0, 0.0)
+    mode: Mode = "coordinates"
+    settled: str = ""
+    notices: tuple[Notice, ...] = ()
+    text: str | None = None
+    elements: tuple[Element, ...] | None = None
+    milliseconds: dict[str, float] = {}

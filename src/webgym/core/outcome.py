@@ -1,0 +1,84 @@
+"""Every attempt ends in exactly one outcome, and this is the one place that decides which."""
+
+from __future__ import annotations
+
+import asyncio
+from enum import StrEnum
+
+from webgym.core.errors import JudgeError, PolicyError
+from webgym.core.verdict import Verdict
+
+
+class Outcome(StrEnum):
+    """How an attempt ended. Only the first three carry a reward."""
+
+    SUCCESS = "success"
+    FAILURE = "failure"
+    TRUNCATED = "truncated"
+    BLOCKED = "blocked"
+    ENVIRONMENT_ERROR = "environment_error"
+    POLICY_ERROR = "policy_error"
+    JUDGE_ERROR = "judge_error"
+    CANCELLED = "cancelled"
+
+    @property
+    def is_rewarded(self) -> bool:
+        """Whether the attempt may enter a success rate and training."""
+        return self in (Outcome.SUCCESS, Outcome.FAILURE, Outcome.TRUNCATED)
+
+    @property
+    def is_retried(self) -> bool:
+        """Whether another attempt at the same task may end better for no doing of the policy's."""
+        return self in (Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR, Outcome.CANCELLED)
+
+
+class Ending(StrEnum):
+    """Why an episode stopped, before anybody has judged it."""
+
+    ANSWERED = "answered"
+    BUDGET_SPENT = "budget_spent"
+    STRAGGLER = "straggler"  # ended by the collector after its grace period
+    ENVIRONMENT_FAILED = "environment_failed"
+    POLICY_FAILED = "policy_failed"
+    CANCELLED = "cancelled"
+
+
+def ending_of(error: BaseException) -> Ending:
+    """Why an episode stopped that this error stopped.
+
+    What is not the policy's doing is the environment's, our own mistakes included: an attempt that
+    ran into a bug must not count as the policy's failure.
+    """
+    if isinstance(error, asyncio.CancelledError):
+        return Ending.CANCELLED
+    return Ending.POLICY_FAILED if isinstance(error, PolicyError) else Ending.ENVIRONMENT_FAILED
+
+
+def outcome_of(ending: Ending, verdict: Verdict | JudgeError | None) -> Outcome:
+    """The outcome of an episode that stopped for this reason and was judged so.
+
+    Args:
+        ending: why the episode stopped.
+        verdict: the judge's finding, or its failure; ``None`` for an episode that is not judged
+            because it did not come to an end of its own.
+
+    Raises:
+        ValueError: an episode that must be judged was not.
+    """
+    match ending:
+        case Ending.ENVIRONMENT_FAILED:
+            return Outcome.ENVIRONMENT_ERROR
+        case Ending.POLICY_FAILED:
+            return Outcome.POLICY_ERROR
+        case Ending.CANCELLED:
+            return Outcome.CANCELLED
+        case Ending.ANSWERED | Ending.BUDGET_SPENT | Ending.STRAGGLER:
+            if verdict is None:
+                raise ValueError(f"an episode that ended as {ending} must be judged")
+            if isinstance(verdict, JudgeError):
+                return Outcome.JUDGE_ERROR
+            if verdict.blocked.passed:
+                return Outcome.BLOCKED
+            if ending is not Ending.ANSWERED:
+                return Outcome.TRUNCATED
+            return Outcome.SUCCESS if verdict.reward == 1 else Outcome.FAILURE

@@ -1,0 +1,121 @@
+"""Tasks and rubrics (paper §3.1)."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+import msgspec
+
+from webgym.core.truth import Truth
+
+Level: TypeAlias = Literal["easy", "medium", "hard"]
+LEVELS: tuple[Level, ...] = ("easy", "medium", "hard")
+
+EASY_AT_MOST = 3
+MEDIUM_AT_MOST = 6
+LARGE_GROUP_AT_LEAST = 3
+"""A fact group of this size makes a task worth decomposing (paper, Algorithm 1)."""
+
+
+def level_of(difficulty: int) -> Level:
+    """Easy 1-3, medium 4-6, hard from 7 (paper §3.1)."""
+    if difficulty <= EASY_AT_MOST:
+        return "easy"
+    return "medium" if difficulty <= MEDIUM_AT_MOST else "hard"
+
+
+class FactGroup(msgspec.Struct, frozen=True):
+    """Facts that belong together. An OR stays inside one fact, in capitals.
+
+    Raises:
+        ValueError: there is no fact, or an empty one.
+    """
+
+    id: int
+    description: str
+    facts: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.facts or not all(fact.strip() for fact in self.facts):
+            raise ValueError(f"fact group {self.id} is empty or holds an empty fact")
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the group has three facts or more."""
+        return len(self.facts) >= LARGE_GROUP_AT_LEAST
+
+
+class Rubric(msgspec.Struct, frozen=True):
+    """Fact groups, all of whose facts must hold (AND).
+
+    Raises:
+        ValueError: there is no group, or two have the same id.
+    """
+
+    groups: tuple[FactGroup, ...]
+
+    def __post_init__(self) -> None:
+        if not self.groups:
+            raise ValueError("a rubric needs at least one fact group")
+        if len({group.id for group in self.groups}) != len(self.groups):
+            raise ValueError("two fact groups have the same id")
+
+    @property
+    def difficulty(self) -> int:
+        """The total number of facts."""
+        return sum(len(group.facts) for group in self.groups)
+
+    def facts(self) -> list[tuple[FactGroup, int, str]]:
+        """Every fact with its group and its index in it, in order."""
+        return [(group, index, fact) for group in self.groups for index, fact in enumerate(group.facts)]
+
+
+class Task(msgspec.Struct, frozen=True, omit_defaults=True):
+    """One thing to do on one website.
+
+    Attributes:
+        id: unique over all sources, namespaced by source (``"offline/fernhill-books/cheapest-1"``).
+        instruction: what the agent reads.
+        website: the URL where the attempt starts.
+        domain, subdomain: of the Mind2Web-2 taxonomy.
+        rubric: what a trajectory must show.
+        source: the benchmark it comes from; ``"offline"`` for the offline web.
+        reference_answer: overrides the judge where there is one (paper §3.4).
+        parent_id: the task it was decomposed from.
+        split: ``"train"`` or ``"test"`` once split.
+        truth: what an offline judge and a scripted policy know; never shown to a model.
+    """
+
+    id: str
+    instruction: str
+    website: str
+    domain: str
+    subdomain: str
+    rubric: Rubric
+    source: str
+    reference_answer: str | None = None
+    parent_id: str | None = None
+    split: Literal["train", "test"] | None = None
+    truth: Truth | None = None
+
+    @property
+    def difficulty(self) -> int:
+        """The total number of facts over all groups."""
+        return self.rubric.difficulty
+
+    @property
+    def level(self) -> Level:
+        """Easy, medium or hard."""
+        return level_of(self.rubric.difficulty)
+
+
+class StepBudget(msgspec.Struct, frozen=True):
+    """How many steps an attempt may take, by level (paper §5)."""
+
+    easy: int = 15
+    medium: int = 30
+    hard: int = 45
+
+    def for_task(self, task: Task) -> int:
+        """The budget of this task, in steps."""
+        return {"easy": self.easy, "medium": self.medium, "hard": self.hard}[task.level]

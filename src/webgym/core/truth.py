@@ -1,0 +1,135 @@
+"""What is known about a task of the offline web and never shown to a model.
+
+A :class:`Truth` says which page states show which fact, which state the server must end up in, which
+answers are right, and which moves solve the task by clicking, typing and scrolling alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, TypeAlias
+
+import msgspec
+
+# --- moves: a solution in words that a closed loop can follow -------------------------------------
+
+
+class Home(msgspec.Struct, frozen=True, tag_field="do", tag="home"):
+    """Be on the website's front page; nothing to do when already there."""
+
+
+class Click(msgspec.Struct, frozen=True, tag_field="do", tag="click", omit_defaults=True):
+    """Click the element with this accessible name (whole, case folded) or this link path.
+
+    Attributes:
+        name: accessible name; ``None`` if ``path`` alone decides.
+        role: narrows by role.
+        path: path and query of a link's target, e.g. ``"/p/12"``.
+    """
+
+    name: str | None = None
+    role: str | None = None
+    path: str | None = None
+
+
+class Fill(msgspec.Struct, frozen=True, tag_field="do", tag="fill"):
+    """Type into the field with this accessible name. Typing ends with Enter, which submits a form."""
+
+    field: str
+    text: str
+
+
+class Choose(msgspec.Struct, frozen=True, tag_field="do", tag="choose"):
+    """Pick an option, by its text, in the dropdown with this accessible name."""
+
+    field: str
+    option: str
+
+
+class See(msgspec.Struct, frozen=True, tag_field="do", tag="see"):
+    """Scroll until all of these texts are visible at once."""
+
+    texts: tuple[str, ...]
+
+
+class Back(msgspec.Struct, frozen=True, tag_field="do", tag="back"):
+    """Go one page back."""
+
+
+class Give(msgspec.Struct, frozen=True, tag_field="do", tag="give"):
+    """Give the answer."""
+
+    text: str
+
+
+Move: TypeAlias = Home | Click | Fill | Choose | See | Back | Give
+
+# --- what counts as proof ---------------------------------------------------------------------------
+
+
+class Evidence(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A view that confirms a fact: on this website, all texts visible in one and the same observation.
+
+    Attributes:
+        texts: compared with case and white space folded, as whole words.
+        path: regular expression that the URL's path and query must match from its start; ``""`` takes any.
+    """
+
+    texts: tuple[str, ...]
+    path: str = ""
+
+
+class StateCheck(msgspec.Struct, frozen=True):
+    """A value that the website's server must hold at the end of the attempt.
+
+    Attributes:
+        key: where to look in the state that the website reports, e.g. ``("cart", "Blue Mug")``.
+        value: what must stand there; ``None`` if nothing may.
+    """
+
+    key: tuple[str, ...]
+    value: Any
+
+
+class FactTruth(msgspec.Struct, frozen=True, omit_defaults=True):
+    """How one fact is confirmed: any one of the views, and all of the state checks.
+
+    Attributes:
+        group: id of the fact's group.
+        index: the fact's place in its group, from 0.
+    """
+
+    group: int
+    index: int
+    evidence: tuple[Evidence, ...] = ()
+    state: tuple[StateCheck, ...] = ()
+
+
+class AnswerTruth(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What a right answer says.
+
+    Attributes:
+        required: every inner tuple lists alternatives, of which one must stand in the answer.
+        forbidden: what a right answer does not say, such as the names of the other candidates.
+    """
+
+    required: tuple[tuple[str, ...], ...] = ()
+    forbidden: tuple[str, ...] = ()
+
+
+class Truth(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Everything hidden about a task.
+
+    Attributes:
+        host: the website's hostname; evidence counts on it alone.
+        facts: one entry for every fact of the rubric.
+        answer: what the answer must say.
+        moves: a solution, from the start page to the answer.
+        expects: how an attempt that does everything right ends. A website that blocks bots, or is
+            down, has tasks that cannot end well.
+    """
+
+    host: str
+    facts: tuple[FactTruth, ...]
+    answer: AnswerTruth
+    moves: tuple[Move, ...]
+    expects: Literal["success", "blocked", "environment_error", "judge_error"] = "success"

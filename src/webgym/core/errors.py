@@ -21,6 +21,10 @@
     │   ├── NoCapacity         every slot stayed taken for as long as we may wait
     │   └── ProtocolError      a request or reply that breaks the contract
     ├── SitesError             the offline web, or the way to it, did it
+    ├── LLMError               a model's endpoint did it; agent and judge say whose model it was
+    │   ├── LLMUnreachable
+    │   ├── LLMTimeout         no complete reply within the deadline
+    │   └── LLMBadReply        an HTTP error, HTML, nothing, an endless stream
     ├── PolicyError            the policy, or its endpoint, did it
     │   ├── PolicyUnreachable
     │   ├── PolicyTimeout      no complete reply within the deadline
@@ -177,6 +181,30 @@ class SitesError(WebGymError):
     """The offline web, or the way to it, did it."""
 
     code = "sites_error"
+
+
+class LLMError(WebGymError):
+    """A model's endpoint did it. Never leaves the room that asked: it becomes a policy's or a judge's error."""
+
+    code = "llm_error"
+
+
+class LLMUnreachable(LLMError):
+    """Nothing answers at the endpoint's address."""
+
+    code = "llm_unreachable"
+
+
+class LLMTimeout(LLMError):
+    """The endpoint gave no complete reply within its deadline."""
+
+    code = "llm_timeout"
+
+
+class LLMBadReply(LLMError):
+    """The endpoint answered with something that is no completion."""
+
+    code = "llm_bad_reply"
 
 
 class PolicyError(WebGymError):

@@ -184,7 +184,7 @@ class SitesError(WebGymError):
 
 
 class LLMError(WebGymError):
-    """A model's endpoint did it. Never leaves the room that asked: it becomes a policy's or a judge's error."""
+    """A model's endpoint did it. The room that asked makes a policy's or a judge's error of it."""
 
     code = "llm_error"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from typing import Literal, TypeAlias
 
 import msgspec
@@ -64,6 +65,20 @@ class Rubric(msgspec.Struct, frozen=True):
     def difficulty(self) -> int:
         """The total number of facts."""
         return sum(len(group.facts) for group in self.groups)
+
+    def decompositions(self) -> list[Rubric]:
+        """The rubrics of the tasks that can be derived from one with this rubric (paper, Algorithm 1).
+
+        Returns:
+            Every proper, non-empty subset of the groups that contains a large group, smaller subsets
+            first. Empty unless there are at least two groups and a large one.
+        """
+        return [
+            Rubric(chosen)
+            for size in range(1, len(self.groups))
+            for chosen in combinations(self.groups, size)
+            if any(group.is_large for group in chosen)
+        ]
 
     def facts(self) -> list[tuple[FactGroup, int, str]]:
         """Every fact with its group and its index in it, in order."""

@@ -1,1 +1,16 @@
-"""."""
+"""The offline web: websites made from seeds, with their tasks, truths and solutions.
+
+families/   one file per kind of website: its catalogue, its pages, its tasks
+website.py  what every website is: routes, pages, a visitor's state
+parts.py    what a task is made of, and the rule that decomposes it
+look.py     palettes, fonts and layouts, so that no two websites look the same
+art.py      pictures as SVG
+web.py      all websites of a seed, their tasks and the split
+app.py      the ASGI application that serves them on their own hostnames
+"""
+
+from __future__ import annotations
+
+from webgym.offline.web import OfflineWeb
+
+__all__ = ["OfflineWeb"]

@@ -1,0 +1,247 @@
+"""The ASGI application that serves the offline web, and the way to run it.
+
+Requests are told apart by their ``Host`` header: a website's hostname leads to the website, anything
+else to a small administration under a token, where a collector asks what a website's server holds for a
+visitor. Browsers get here through a host rule, so pages see clean URLs on port 80.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import secrets
+import socket
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import uvicorn
+from pydantic import BaseModel, ConfigDict, Field, SecretStr
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.types import Receive, Scope, Send
+
+from webgym.core.errors import SitesError
+from webgym.offline import latency
+from webgym.offline.visitors import Visitors
+from webgym.offline.web import DEFAULT_SEED, WEBSITES_PER_FAMILY, OfflineWeb
+from webgym.offline.website import TOP_LEVEL_DOMAIN, Visit, Website
+
+VISITOR_COOKIE = "webgym_visitor"
+ASSETS = Path(__file__).parent / "assets"
+ASSET_TYPES = {".css": "text/css; charset=utf-8", ".js": "text/javascript; charset=utf-8"}
+
+
+class SitesConfig(BaseModel):
+    """How the offline web is served."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    seed: int = Field(DEFAULT_SEED, description="Seed of every website.")
+    per_family: int = Field(WEBSITES_PER_FAMILY, ge=1, description="Websites in every family.")
+    host: str = Field("127.0.0.1", description="Address to listen on; loopback unless asked otherwise.")
+    port: int = Field(0, ge=0, le=65535, description="Port to listen on; 0 takes a free one.")
+    latency: float = Field(1.0, ge=0, le=100, description="Scale of the simulated latency; 0 turns it off.")
+    slow_seconds: float = Field(4.0, ge=0, description="What a page of a slow website takes, seconds.")
+    token: SecretStr | None = Field(None, description="For the administration; random if not given.")
+    start_seconds: float = Field(30.0, gt=0, description="How long the server may take to start, seconds.")
+
+
+class SitesApp:
+    """The ASGI application.
+
+    Args:
+        web: the websites.
+        config: latency and the slow website's delay.
+        token: what the administration asks for.
+    """
+
+    def __init__(self, web: OfflineWeb, config: SitesConfig, token: str) -> None:
+        self.web = web
+        self.config = config
+        self.visitors = Visitors()
+        self._token = token
+        self._asked: Counter[tuple[str, str]] = Counter()
+        self._assets = {
+            path.name: (path.read_bytes(), ASSET_TYPES[path.suffix]) for path in sorted(ASSETS.iterdir())
+        }
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """ASGI entry point."""
+        if scope["type"] != "http":
+            return
+        request = Request(scope, receive)
+        host = (request.url.hostname or "").lower()
+        if host.endswith(f".{TOP_LEVEL_DOMAIN}"):
+            response = await self._website(request, host)
+        else:
+            response = self._administration(request)
+        await response(scope, receive, send)
+
+    async def _website(self, request: Request, host: str) -> Response:
+        site = self.web.website(host)
+        if site is None:
+            return PlainTextResponse("There is no website at this address.", status_code=404)
+        if request.url.path.startswith("/assets/"):
+            return self._asset(request.url.path.removeprefix("/assets/"))
+        await self._take_time(site, request.url.path)
+        visitor = request.cookies.get(VISITOR_COOKIE)
+        given = visitor or secrets.token_hex(8)
+        answer = site.handle(await self._visit(request, given, site))
+        response = Response(answer.body, answer.status, media_type=answer.media_type)
+        if answer.location is not None:
+            response.headers["location"] = answer.location
+        if answer.media_type == "image/svg+xml":
+            response.headers["cache-control"] = "max-age=3600"
+        if visitor is None:
+            response.set_cookie(VISITOR_COOKIE, given, samesite="lax", httponly=True)
+        return response
+
+    async def _visit(self, request: Request, visitor: str, site: Website) -> Visit:
+        pairs = request.query_params.multi_items()
+        form: list[tuple[str, str]] = []
+        if request.method == "POST":
+            form = [(key, str(value)) for key, value in (await request.form()).multi_items()]
+        lists: dict[str, list[str]] = {}
+        for key, value in (*pairs, *form):
+            lists.setdefault(key, []).append(value)
+        return Visit(
+            method="GET" if request.method == "HEAD" else request.method,
+            path=request.url.path,
+            query=dict(pairs),
+            lists=lists,
+            form=dict(form),
+            state=self.visitors.state(visitor, site.host),
+        )
+
+    async def _take_time(self, site: Website, path: str) -> None:
+        self._asked[site.host, path] += 1
+        scale = self.config.latency
+        seconds = latency.seconds(self.web.seed, site.host, path, self._asked[site.host, path], scale)
+        if site.behaviour == "slow" and not path.startswith("/picture/"):
+            seconds += self.config.slow_seconds
+        if seconds:
+            await asyncio.sleep(seconds)
+
+    def _asset(self, name: str) -> Response:
+        if name not in self._assets:
+            return PlainTextResponse("No such file.", status_code=404)
+        body, media_type = self._assets[name]
+        return Response(body, media_type=media_type, headers={"cache-control": "max-age=3600"})
+
+    def _administration(self, request: Request) -> Response:
+        given = request.headers.get("authorization", "").removeprefix("Bearer ")
+        if not hmac.compare_digest(given.encode(), self._token.encode()):
+            return JSONResponse({"error": "the token is wrong or missing"}, status_code=401)
+        match request.url.path.strip("/").split("/"):
+            case ["websites"]:
+                return JSONResponse(self._directory())
+            case ["visitors", visitor, host]:
+                return self._state(visitor, host)
+            case _:
+                return JSONResponse({"error": "no such address"}, status_code=404)
+
+    def _directory(self) -> list[dict[str, str]]:
+        return [
+            {"host": host, "brand": spec.brand, "family": spec.family.family, "split": spec.split}
+            for host, spec in self.web.specs.items()
+        ]
+
+    def _state(self, visitor: str, host: str) -> Response:
+        site = self.web.website(host)
+        state: dict[str, Any] | None = self.visitors.known(visitor, host)
+        if site is None or state is None or site.behaviour == "forgets":
+            return JSONResponse({"error": f"{host} knows of no such visitor"}, status_code=404)
+        return JSONResponse(site.report(state))
+
+
+@dataclass(frozen=True)
+class RunningSites:
+    """The offline web, being served.
+
+    Attributes:
+        web: its websites.
+        address: ``host:port``.
+        token: for the administration.
+    """
+
+    web: OfflineWeb
+    address: str
+    token: str
+
+    @property
+    def url(self) -> str:
+        """Base URL of the administration."""
+        return f"http://{self.address}"
+
+    @property
+    def host_rules(self) -> list[str]:
+        """What a Chromium needs to find the websites here."""
+        return self.web.host_rules(self.address)
+
+
+@asynccontextmanager
+async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIterator[RunningSites]:
+    """Serve the offline web in this process until the block ends.
+
+    Args:
+        config: where and how.
+        web: its websites, if they are there already; else they are made from ``config.seed``.
+
+    Raises:
+        SitesError: the address is taken, or the server does not come up.
+    """
+    web = web or OfflineWeb(config.seed, per_family=config.per_family)
+    token = config.token.get_secret_value() if config.token else secrets.token_urlsafe(24)
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((config.host, config.port))
+    except OSError as error:
+        listener.close()
+        raise SitesError(
+            f"cannot listen on {config.host}:{config.port}: {error.strerror}",
+            hint="choose another port, or 0 for a free one",
+        ) from error
+    server = _Server(
+        uvicorn.Config(
+            SitesApp(web, config, token),
+            log_level="error",
+            access_log=False,
+            lifespan="off",
+            date_header=False,
+            server_header=False,
+            timeout_graceful_shutdown=1,
+        )
+    )
+    running = asyncio.create_task(server.serve(sockets=[listener]))
+    try:
+        async with asyncio.timeout(config.start_seconds):
+            await server.ready.wait()
+        host, port = listener.getsockname()[:2]
+        yield RunningSites(web, f"{host}:{port}", token)
+    finally:
+        server.should_exit = True
+        await running
+        listener.close()
+
+
+class _Server(uvicorn.Server):
+    """A uvicorn that says when it is ready and leaves signals to the command that runs it."""
+
+    def __init__(self, config: uvicorn.Config) -> None:
+        super().__init__(config)
+        self.ready = asyncio.Event()
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Capture none."""
+        yield
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start, and say so."""
+        await super().startup(sockets)
+        self.ready.set()

@@ -1,0 +1,156 @@
+"""What a task of the offline web is made of.
+
+A task is a list of parts. A part is one thing to ask for: its clause in the instruction, its facts (one
+fact group), the moves that solve it and the sentence that answers it. A task and everything that can
+be decomposed from it (paper, Algorithm 1) are therefore compositions of the same parts, and no model
+is needed to write them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, Home, Move, StateCheck, Truth
+
+Expected: TypeAlias = Literal["success", "blocked", "environment_error", "judge_error"]
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One thing that a trajectory must show.
+
+    Attributes:
+        text: the fact, as a rubric says it. It never gives the answer away.
+        evidence: views that confirm it, any one of them.
+        state: what the server must hold.
+        answer: alternatives of which the answer must contain one; empty if the fact is not asked for.
+        wrong: what a right answer does not contain: the other candidates.
+    """
+
+    text: str
+    evidence: tuple[Evidence, ...] = ()
+    state: tuple[StateCheck, ...] = ()
+    answer: tuple[str, ...] = ()
+    wrong: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Part:
+    """One thing to ask for.
+
+    Attributes:
+        ask: an imperative clause without a full stop: ``"find the cheapest kettle and give its price"``.
+            It must make sense alone and after other parts.
+        description: of the fact group.
+        facts: at least one.
+        moves: from the website's front page until all evidence was seen and all state is reached.
+        says: the sentence that answers it; empty if nothing is asked.
+    """
+
+    ask: str
+    description: str
+    facts: tuple[Fact, ...]
+    moves: tuple[Move, ...]
+    says: str = ""
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """A task before it is written out.
+
+    Attributes:
+        name: unique on its website, part of the task's id.
+        parts: in the order in which they are asked for.
+        expects: how a faultless attempt ends.
+    """
+
+    name: str
+    parts: tuple[Part, ...]
+    expects: Expected = "success"
+
+
+@dataclass(frozen=True)
+class Place:
+    """The website a task is about, as far as a task needs to know it.
+
+    Attributes:
+        label: first part of its hostname; part of the task's id.
+        brand: how the instruction calls it.
+        host: evidence counts on it alone.
+        start: URL of the front page.
+        domain, subdomain: of the Mind2Web-2 taxonomy.
+        split: of all its tasks: a website is never in both.
+    """
+
+    label: str
+    brand: str
+    host: str
+    start: str
+    domain: str
+    subdomain: str
+    split: Literal["train", "test"] | None = None
+
+
+def write(place: Place, assignment: Assignment) -> list[Task]:
+    """The assignment as a task, followed by the tasks that are decomposed from it."""
+    rubric = Rubric(
+        tuple(
+            FactGroup(number, part.description, tuple(fact.text for fact in part.facts))
+            for number, part in enumerate(assignment.parts, start=1)
+        )
+    )
+    return [_compose(place, assignment, chosen) for chosen in (rubric, *rubric.decompositions())]
+
+
+def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
+    parts = [(group.id, assignment.parts[group.id - 1]) for group in rubric.groups]
+    root = f"offline/{place.label}/{assignment.name}"
+    is_whole = len(parts) == len(assignment.parts)
+    answer = _answer([part for _, part in parts])
+    moves: list[Move] = []
+    for _, part in parts:
+        moves += [Home(), *part.moves]
+    says = " ".join(part.says for _, part in parts if part.says) or "Done."
+    return Task(
+        id=root if is_whole else f"{root}/{'+'.join(str(number) for number, _ in parts)}",
+        instruction=_instruction(place.brand, [part.ask for _, part in parts]),
+        website=place.start,
+        domain=place.domain,
+        subdomain=place.subdomain,
+        rubric=rubric,
+        source="offline",
+        reference_answer="; ".join(options[0] for options in answer.required) or None,
+        parent_id=None if is_whole else root,
+        split=place.split,
+        truth=Truth(
+            host=place.host,
+            facts=tuple(
+                FactTruth(group=number, index=index, evidence=fact.evidence, state=fact.state)
+                for number, part in parts
+                for index, fact in enumerate(part.facts)
+            ),
+            answer=answer,
+            moves=(*moves, Give(says)),
+            expects=assignment.expects,
+        ),
+    )
+
+
+def _answer(parts: list[Part]) -> AnswerTruth:
+    facts = [fact for part in parts for fact in part.facts]
+    required = tuple(dict.fromkeys(fact.answer for fact in facts if fact.answer))
+    said = {option.casefold() for options in required for option in options}
+    # What is wrong for one part may be right, or part of what is right, for another.
+    wrong = dict.fromkeys(w for fact in facts for w in fact.wrong)
+    forbidden = tuple(w for w in wrong if not any(w.casefold() in option for option in said))
+    return AnswerTruth(required, forbidden)
+
+
+def _instruction(brand: str, asks: list[str]) -> str:
+    first, *others = asks
+    sentences = [f"On {brand}, {first}."]
+    sentences += [f"{lead} {ask}." for lead, ask in zip(("Also", "Finally,"), others[:2], strict=False)]
+    sentences += [f"And {ask}." for ask in others[2:]]
+    return " ".join(sentences)

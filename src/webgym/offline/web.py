@@ -1,0 +1,108 @@
+"""All websites of a seed, their tasks, and the split between training and testing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, TypeAlias
+
+from webgym.core.task import Task
+from webgym.offline import names
+from webgym.offline.families import FAMILIES
+from webgym.offline.look import look
+from webgym.offline.parts import Place, write
+from webgym.offline.seeds import number, stream
+from webgym.offline.website import Behaviour, Website
+
+Split: TypeAlias = Literal["train", "test"]
+
+DEFAULT_SEED = 7
+WEBSITES_PER_FAMILY = 50
+TEST_SHARE = 0.2
+MISBEHAVING: tuple[Behaviour, ...] = ("blocks", "down", "slow", "nags", "forgets")
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A website that may not have been built yet."""
+
+    family: type[Website]
+    seed: int
+    brand: str
+    label: str
+    split: Split
+    behaviour: Behaviour
+
+
+class OfflineWeb:
+    """The offline web of one seed.
+
+    Websites are built when first asked for. The same seed gives the same websites, pages and tasks.
+
+    Args:
+        seed: of everything.
+        per_family: well-behaved websites in every family.
+    """
+
+    def __init__(self, seed: int = DEFAULT_SEED, *, per_family: int = WEBSITES_PER_FAMILY) -> None:
+        self.seed = seed
+        self.per_family = per_family
+        self._built: dict[str, Website] = {}
+
+    @cached_property
+    def specs(self) -> dict[str, Spec]:
+        """All websites by hostname."""
+        stems = iter(names.stems(self.seed))
+        found: dict[str, Spec] = {}
+
+        def add(family: type[Website], index: int, split: Split, behaviour: Behaviour) -> None:
+            seed = number(self.seed, family.family, index)
+            brand, label = family.christen(next(stems), seed)
+            spec = Spec(family, seed, brand, label, split, behaviour)
+            found[family.host_of(label)] = spec
+
+        for family in FAMILIES:
+            held_out = round(self.per_family * TEST_SHARE)
+            order = list(range(self.per_family))
+            stream(self.seed, "split", family.family).shuffle(order)
+            test = set(order[:held_out])
+            for index in range(self.per_family):
+                add(family, index, "test" if index in test else "train", "good")
+        for nth, behaviour in enumerate(MISBEHAVING):
+            add(FAMILIES[nth % len(FAMILIES)], self.per_family + nth, "test", behaviour)
+        return found
+
+    def website(self, host: str) -> Website | None:
+        """The website with this hostname, if there is one."""
+        spec = self.specs.get(host)
+        if spec is None:
+            return None
+        if host not in self._built:
+            self._built[host] = spec.family(
+                seed=spec.seed,
+                brand=spec.brand,
+                label=spec.label,
+                look=look(spec.seed),
+                behaviour=spec.behaviour,
+            )
+        return self._built[host]
+
+    def tasks(self, split: Split | None = None) -> Iterator[Task]:
+        """All tasks, those derived by decomposition behind the task they come from."""
+        for host, spec in self.specs.items():
+            if split not in (None, spec.split):
+                continue
+            site = self.website(host)
+            assert site is not None
+            place = Place(site.label, site.brand, host, site.start, site.domain, site.subdomain, spec.split)
+            for assignment in site.expected_assignments():
+                yield from write(place, assignment)
+
+    def host_rules(self, address: str) -> list[str]:
+        """Chromium's ``--host-resolver-rules`` that lead to the server at ``address`` (``host:port``).
+
+        A website that is down has a name that does not resolve.
+        """
+        down = [f"MAP {host} ~NOTFOUND" for host, spec in self.specs.items() if spec.behaviour == "down"]
+        return [*down, f"MAP *.webgym.test {address}"]

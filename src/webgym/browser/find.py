@@ -1,0 +1,214 @@
+"""Find a Chromium on this machine.
+
+Looked for in this order; the first one that tells its version is taken:
+
+1. an explicit setting: the argument, else the environment variable ``WEBGYM_BROWSER``;
+2. Playwright's own headless shell, in its browsers folder;
+3. the system's ``chromium-headless-shell``;
+4. the system's ``chromium`` (or ``chromium-browser``);
+5. Chrome.
+
+The headless shell comes before the full browser because it needs about half the CPU per screenshot and
+half the memory. For start-up only: it blocks on the file system and on short-lived processes.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.util
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat
+
+from webgym.core.errors import BrowserNotFound
+
+Kind: TypeAlias = Literal["headless-shell", "chromium", "chrome"]
+Origin: TypeAlias = Literal["setting", "playwright", "system"]
+
+ENVIRONMENT_VARIABLE = "WEBGYM_BROWSER"
+"""Names the browser's executable; wins over everything but an argument."""
+
+INSTALL_HINT = (
+    "run `make setup`, or `playwright install chromium-headless-shell`, or "
+    f"`apt-get install chromium-headless-shell`, or set {ENVIRONMENT_VARIABLE} to an executable"
+)
+
+_SYSTEM_NAMES: tuple[str, ...] = (
+    "chromium-headless-shell",
+    "chromium",
+    "chromium-browser",
+    "google-chrome-stable",
+    "google-chrome",
+    "chrome",
+)
+
+
+class FindLimits(BaseModel):
+    """How long looking for a browser may take."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    version_seconds: PositiveFloat = Field(
+        default=15.0, description="for one browser to print its version; a cold disk takes a few seconds"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FoundBrowser:
+    """A Chromium that starts.
+
+    Attributes:
+        path: its executable, absolute; symbolic links and wrapper scripts are left as they are.
+        kind: a headless shell, or a full browser that wants ``--headless=new``.
+        version: four numbers with dots, e.g. ``"156.0.8078.79"``.
+        origin: which of the places it was found in.
+    """
+
+    path: Path
+    kind: Kind
+    version: str
+    origin: Origin
+
+
+DEFAULT_LIMITS = FindLimits()
+
+
+def find_browser(explicit: Path | None = None, *, limits: FindLimits = DEFAULT_LIMITS) -> FoundBrowser:
+    """The browser to start.
+
+    Args:
+        explicit: path of an executable. It is this one or none: what is asked for by name and cannot
+            be used is an error, never a reason to take another.
+        limits: how long looking may take.
+
+    Raises:
+        BrowserNotFound: there is none, or the explicit one cannot be used. The hint says what to do.
+    """
+    setting = explicit or os.environ.get(ENVIRONMENT_VARIABLE)
+    if setting:
+        return _examine(Path(setting).expanduser().absolute(), "setting", limits)
+    unusable: list[str] = []
+    for path, origin in _candidates():
+        try:
+            return _examine(path, origin, limits)
+        except BrowserNotFound as error:
+            unusable.append(error.message)
+    raise BrowserNotFound("; ".join(["no Chromium on this machine", *unusable]), hint=INSTALL_HINT)
+
+
+def playwright_browsers_folder() -> Path | None:
+    """Where Playwright keeps its browsers, whether or not the folder is there.
+
+    ``PLAYWRIGHT_BROWSERS_PATH`` decides; ``0`` means inside the package. ``None`` only if that is
+    asked for and the package is not installed.
+    """
+    setting = os.environ.get("PLAYWRIGHT_BROWSERS_PATH")
+    if setting == "0":
+        spec = importlib.util.find_spec("playwright")
+        if spec is None or spec.origin is None:
+            return None
+        return Path(spec.origin).parent / "driver" / "package" / ".local-browsers"
+    if setting:
+        return Path(setting).expanduser().absolute()
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "ms-playwright"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ms-playwright"
+
+
+def run_bounded(command: Sequence[str | Path], seconds: float) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end, or end it and all its children after ``seconds``.
+
+    Raises:
+        subprocess.TimeoutExpired: it was ended.
+        OSError: it could not be started.
+    """
+    with subprocess.Popen(
+        command,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+        start_new_session=True,
+    ) as process:
+        try:
+            output, errors = process.communicate(timeout=seconds)
+        except BaseException:
+            os.killpg(process.pid, signal.SIGKILL)
+            raise
+    return subprocess.CompletedProcess(process.args, process.returncode, output, errors)
+
+
+def _candidates() -> Iterator[tuple[Path, Origin]]:
+    folder = playwright_browsers_folder()
+    if folder is not None:
+        for path in _playwright_shells(folder):
+            yield path, "playwright"
+    for name in _SYSTEM_NAMES:
+        found = shutil.which(name)
+        if found:
+            yield Path(found).absolute(), "system"
+
+
+def _playwright_shells(folder: Path) -> list[Path]:
+    """Executables of the headless shells that were downloaded whole, newest first."""
+
+    def revision(installation: Path) -> int:
+        digits = installation.name.rpartition("-")[2]
+        return int(digits) if digits.isdigit() else -1
+
+    # Playwright writes the marker last: a folder without it is a download that broke off.
+    whole = [marker.parent for marker in folder.glob("chromium_headless_shell-*/INSTALLATION_COMPLETE")]
+    names = ("chrome-headless-shell", "headless_shell")  # newer and older builds
+    return [
+        path
+        for installation in sorted(whole, key=revision, reverse=True)
+        for name in names
+        for path in installation.glob(f"*/{name}")
+    ]
+
+
+def _examine(path: Path, origin: Origin, limits: FindLimits) -> FoundBrowser:
+    if not path.exists():
+        raise BrowserNotFound(f"there is no browser at {path}", hint=_mend(origin))
+    if not path.is_file() or not os.access(path, os.X_OK):
+        raise BrowserNotFound(f"{path} is not an executable file", hint=_mend(origin))
+    product, version = _product_and_version(path, path.stat().st_mtime_ns, origin, limits)
+    if "headless" in path.name:
+        kind: Kind = "headless-shell"
+    else:
+        kind = "chrome" if "Chrome" in product else "chromium"
+    return FoundBrowser(path=path, kind=kind, version=version, origin=origin)
+
+
+@functools.lru_cache(maxsize=64)
+def _product_and_version(path: Path, _changed: int, origin: Origin, limits: FindLimits) -> tuple[str, str]:
+    """What ``--version`` prints. Asked once per process and file, since it costs a process start."""
+    try:
+        answer = run_bounded([path, "--version"], limits.version_seconds)
+    except subprocess.TimeoutExpired:
+        reason = f"{path} did not tell its version within {limits.version_seconds:g} s"
+        raise BrowserNotFound(reason, hint=_mend(origin)) from None
+    except OSError as error:
+        raise BrowserNotFound(f"{path} does not start: {error.strerror}", hint=_mend(origin)) from error
+    match = re.search(r"^(.*?)\s*(\d+\.\d+\.\d+\.\d+)", answer.stdout, re.MULTILINE)
+    if answer.returncode != 0 or match is None:
+        # The last line of what a wrapper, a loader or a snap stub says is the one with the reason.
+        said = (answer.stderr.strip() or answer.stdout.strip() or "nothing").splitlines()[-1]
+        raise BrowserNotFound(f"{path} is no working Chromium, it says: {said}", hint=_mend(origin))
+    return match[1], match[2]
+
+
+def _mend(origin: Origin) -> str:
+    if origin == "setting":
+        return f"correct the setting or {ENVIRONMENT_VARIABLE}, or leave it away to have one found"
+    return INSTALL_HINT

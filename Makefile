@@ -1,0 +1,46 @@
+# Two commands on a fresh machine with Python >= 3.11, git and make: `make demo` and `make test`.
+SHELL := bash
+BIN := .venv/bin
+WORKERS ?= 2
+# Anything to add to a command: make test ARGS="tests/judge -k answer", make demo ARGS="--tasks 20".
+ARGS ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test test-all lint format bench docs lock clean
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: ## Make .venv, install the locked packages, a browser and fonts; quick when nothing changed
+	@scripts/setup
+
+demo: setup ## Collect, judge and report 200 trajectories on the offline web
+	@$(BIN)/webgym demo $(ARGS)
+
+test: setup ## Run the tests with real Chromium, with coverage
+	@$(BIN)/pytest -n $(WORKERS) -m "not slow" --cov --cov-report=term $(ARGS)
+
+test-all: setup ## Run the slow tests too
+	@$(BIN)/pytest -n $(WORKERS) --cov --cov-report=term $(ARGS)
+
+lint: setup ## Check format, style, types, the rooms' imports and the tree
+	@scripts/lint
+
+format: setup ## Rewrite the code in the house's format
+	@$(BIN)/ruff format .
+	@$(BIN)/ruff check --fix .
+
+bench: setup ## Measure, and print figures
+	@$(BIN)/webgym bench $(ARGS)
+
+docs: ## Build the documentation into build/docs, warnings are errors
+	@scripts/setup --docs
+	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs build/docs
+	@echo "build/docs/index.html"
+
+lock: ## Renew requirements/*.txt from pyproject.toml
+	@scripts/lock
+
+clean: ## Remove what was built; runs are kept
+	@rm -rf .venv build dist htmlcov .coverage .coverage.* .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@find src tests -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,79 @@
+"""What no tracked file may hold: a path of somebody's machine, or the place packages come from.
+
+A checkout must work anywhere, so nothing in it may name this checkout's folder or the user's home; and who
+installs the locked packages decides from where, so no file names a package index or its settings.
+
+    python scripts/check_tree.py        exits with 1 and one line per finding: file, line, what
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+
+LARGEST_FILE_MIB = 2
+LOCK_LINE = re.compile(r"(#.*|[A-Za-z0-9._-]+==[A-Za-z0-9.!+_-]+( ; [^@/]+)?)?")
+
+FORBIDDEN = {
+    "a home directory": re.compile(r"(?<![\w.])/(?:root|Users/\w+)/"),
+    "a file URL": re.compile(r"\bfile:///(?=\w+/)"),
+    "a package index": re.compile(r"\b(?:pypi|pythonhosted|npmjs|debian|ubuntu)\.(?:org|com|net)\b"),
+    "a package index setting": re.compile(r"(?:extra-)?index-url\b|\bfind-links\b"),
+}
+
+
+def tracked_files(root: Path) -> list[Path]:
+    """Every file that git would commit: tracked, or new and not ignored."""
+    listing = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=root,
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    names = (root / name for name in listing.stdout.split("\0") if name)
+    return [path for path in names if path.is_file()]
+
+
+def this_machine(root: Path) -> dict[str, re.Pattern[str]]:
+    """The folders of the machine that the check runs on."""
+    folders = {str(root), *(str(home) for home in [Path.home()] if len(home.parts) > 2)}
+    return {"a folder of this machine": re.compile("|".join(re.escape(folder) + r"\b" for folder in folders))}
+
+
+def findings(root: Path) -> Iterator[str]:
+    """One line for each thing that must not be there."""
+    forbidden = FORBIDDEN | this_machine(root)
+    for path in tracked_files(root):
+        name = path.relative_to(root)
+        if path.stat().st_size > LARGEST_FILE_MIB * 2**20:
+            yield f"{name}: larger than {LARGEST_FILE_MIB} MiB"
+            continue
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines()
+        except UnicodeDecodeError:
+            continue  # a picture or a font
+        is_lock = name.parts[0] == "requirements"
+        for number, line in enumerate(lines, start=1):
+            if is_lock and not LOCK_LINE.fullmatch(line):
+                yield f"{name}:{number}: a lock line is name==version, nothing else"
+            for what, pattern in forbidden.items():
+                if path != Path(__file__).resolve() and pattern.search(line):
+                    yield f"{name}:{number}: holds {what}: {line.strip()[:80]}"
+
+
+def main() -> int:
+    """Print the findings; 1 if there are any."""
+    found = list(findings(ROOT))
+    for line in found:
+        print(line)
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -22,6 +22,10 @@ def _frame(body: str, background: str, width: int = 480, height: int = 360) -> s
     )
 
 
+def _dot(x: float, y: float, radius: int, color: str) -> str:
+    return f'<circle cx="{x:.0f}" cy="{y:.0f}" r="{radius}" fill="{color}"/>'
+
+
 def _thing(rng: random.Random) -> str:
     """An object on a table: stacked rounded shapes with a shadow."""
     hue = rng.random()
@@ -49,13 +53,14 @@ def _scene(rng: random.Random) -> str:
     """A landscape: sky, sun and hills."""
     hue = rng.random()
     sun = _color(hue + 0.5, 0.7, 0.72)
-    body = f'<circle cx="{rng.randint(80, 400)}" cy="{rng.randint(60, 150)}" r="{rng.randint(24, 52)}" fill="{sun}"/>'
+    body = _dot(rng.randint(80, 400), rng.randint(60, 150), rng.randint(24, 52), sun)
     for layer in range(4):
         base = 170 + layer * 48
         points = [f"0,{base + rng.randint(-20, 20)}"]
         points += [f"{x},{base + rng.randint(-42, 32)}" for x in range(60, 480, 60)]
         points += [f"480,{base}", "480,360", "0,360"]
-        body += f'<polygon points="{" ".join(points)}" fill="{_color(hue + 0.04 * layer, 0.38, 0.66 - 0.13 * layer)}"/>'
+        color = _color(hue + 0.04 * layer, 0.38, 0.66 - 0.13 * layer)
+        body += f'<polygon points="{" ".join(points)}" fill="{color}"/>'
     return _frame(body, _color(hue + 0.08, 0.5, 0.88))
 
 
@@ -67,7 +72,7 @@ def _dish(rng: random.Random) -> str:
     )
     for _ in range(rng.randint(14, 26)):
         x, y, size = rng.gauss(240, 46), rng.gauss(180, 42), rng.randint(9, 30)
-        body += f'<circle cx="{x:.0f}" cy="{y:.0f}" r="{size}" fill="{_color(rng.uniform(0, 0.36), 0.6, rng.uniform(0.35, 0.7))}"/>'
+        body += _dot(x, y, size, _color(rng.uniform(0, 0.36), 0.6, rng.uniform(0.35, 0.7)))
     return _frame(body, _color(hue, 0.35, 0.78))
 
 
@@ -78,9 +83,12 @@ def _face(rng: random.Random) -> str:
     shirt = _color(rng.random(), 0.5, 0.5)
     body = (
         f'<path d="M90 360 C110 260 370 260 390 360 Z" fill="{shirt}"/>'
-        f'<circle cx="240" cy="170" r="88" fill="{hair}"/><ellipse cx="240" cy="188" rx="68" ry="80" fill="{skin}"/>'
-        '<circle cx="214" cy="180" r="7" fill="#222"/><circle cx="266" cy="180" r="7" fill="#222"/>'
-        f'<path d="M212 224 Q240 {rng.randint(226, 252)} 268 224" stroke="#222" stroke-width="5" fill="none"/>'
+        + _dot(240, 170, 88, hair)
+        + f'<ellipse cx="240" cy="188" rx="68" ry="80" fill="{skin}"/>'
+        + _dot(214, 180, 7, "#222222")
+        + _dot(266, 180, 7, "#222222")
+        + f'<path d="M212 224 Q240 {rng.randint(226, 252)} 268 224" stroke="#222" stroke-width="5" '
+        + 'fill="none"/>'
     )
     return _frame(body, _color(rng.random(), 0.4, 0.85))
 
@@ -92,10 +100,13 @@ def _pattern(rng: random.Random) -> str:
         color = _color(hue + rng.choice((0, 0.1, 0.5)), 0.6, rng.uniform(0.35, 0.75))
         x, y, size = rng.randint(0, 480), rng.randint(0, 360), rng.randint(40, 150)
         if rng.random() < 0.5:
-            body += f'<circle cx="{x}" cy="{y}" r="{size}" fill="{color}" opacity=".75"/>'
+            body += _dot(x, y, size, color)
         else:
             turn = rng.randint(0, 90)
-            body += f'<rect x="{x - size}" y="{y - size}" width="{2 * size}" height="{size}" transform="rotate({turn} {x} {y})" fill="{color}" opacity=".75"/>'
+            body += (
+                f'<rect x="{x - size}" y="{y - size}" width="{2 * size}" height="{size}" '
+                f'transform="rotate({turn} {x} {y})" fill="{color}" opacity=".75"/>'
+            )
     return _frame(body, _color(hue, 0.4, 0.9))
 
 

@@ -35,10 +35,10 @@ TOWN_SECOND = (
 ).split()
 
 
-def stems(seed: int) -> list[str]:
-    """All stems for brands ("Fernhill"), each once, in an order that belongs to the seed."""
+def stems(*names: object) -> list[str]:
+    """All stems for brands ("Fernhill"), each once, in an order that belongs to ``names``."""
     made = [first + second for first in FIRST for second in SECOND]
-    stream(seed, "stems").shuffle(made)
+    stream("stems", *names).shuffle(made)
     return made
 
 

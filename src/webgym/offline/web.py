@@ -53,12 +53,13 @@ class OfflineWeb:
     @cached_property
     def specs(self) -> dict[str, Spec]:
         """All websites by hostname."""
-        stems = iter(names.stems(self.seed))
+        # Each family has its own names, so that a new family does not rename the others' websites.
+        stems = {family: names.stems(self.seed, family.family) for family in FAMILIES}
         found: dict[str, Spec] = {}
 
         def add(family: type[Website], index: int, split: Split, behaviour: Behaviour) -> None:
             seed = number(self.seed, family.family, index)
-            brand, label = family.christen(next(stems), seed)
+            brand, label = family.christen(stems[family][index], seed)
             spec = Spec(family, seed, brand, label, split, behaviour)
             found[family.host_of(label)] = spec
 

@@ -1,0 +1,177 @@
+"""The judge of the offline web: it knows each task's truth, and judges what the trajectory shows.
+
+It reads the text that was visible in each screenshot, recorded with it, and the state that the website's
+server held at the end. It never looks at what the policy says it did.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urlsplit
+
+from webgym.core.errors import JudgeError
+from webgym.core.task import Task
+from webgym.core.trajectory import Episode
+from webgym.core.truth import AnswerTruth, Evidence, FactTruth, StateCheck, Truth
+from webgym.core.verdict import FactJudgement, Judgement, Verdict
+from webgym.judge.base import Pictures
+from webgym.judge.blocking import find_block
+from webgym.judge.text import fold, numbers, says
+
+COUNTED_NOT_READ = 10
+"""Whole numbers below this need not be visible: they number a list or count what was seen."""
+
+
+@dataclass(frozen=True)
+class _View:
+    """One look at the task's website, ready to be searched."""
+
+    index: int
+    path: str
+    text: str
+
+
+class OfflineJudge:
+    """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
+
+    name = "offline/1"
+
+    async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
+        """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
+
+        Raises:
+            JudgeError: the task has no truth, visible text was not recorded, or the website's state is
+                needed and not known.
+        """
+        del pictures  # what they show was recorded as text when they were taken
+        truth = task.truth
+        if truth is None:
+            raise JudgeError(
+                f"task {task.id} has no hidden truth", hint="the offline judge is for the offline web's tasks"
+            )
+        views = _views(truth, episode)
+        facts = tuple(
+            FactJudgement(
+                group.id, index, text, self._fact(truth, group.id, index, views, episode.final_state)
+            )
+            for group, index, text in task.rubric.facts()
+        )
+        response = reference = None
+        if episode.answer is not None:
+            response = _response(task, truth, views, episode)
+            reference = _reference(truth.answer, episode.answer)
+        passed = all(fact.judgement.passed for fact in facts)
+        passed = passed and response is not None and response.passed
+        passed = passed and (reference is None or reference.passed)
+        blocked = find_block(episode.observations) if not passed else Judgement(False, "the task was done")
+        return Verdict(
+            judge=self.name,
+            reward=None if blocked.passed else int(passed),
+            facts=facts,
+            response=response,
+            reference=reference,
+            blocked=blocked,
+        )
+
+    def _fact(
+        self, truth: Truth, group: int, index: int, views: list[_View], state: dict[str, Any] | None
+    ) -> Judgement:
+        """Criterion A."""
+        known = next((fact for fact in truth.facts if (fact.group, fact.index) == (group, index)), None)
+        if known is None or not (known.evidence or known.state):
+            raise JudgeError(
+                f"nothing is known about fact {group}.{index}", hint="the task's truth is incomplete"
+            )
+        steps: tuple[int, ...] = ()
+        reasons = []
+        if known.evidence:
+            steps = _shown(known, views)
+            if not steps:
+                wanted = " or ".join(_words(evidence) for evidence in known.evidence[:3])
+                return Judgement(False, f"no screenshot shows {wanted}")
+            reasons.append(f"shown at step {steps[0] + 1}")
+        for check in known.state:
+            found = _look_up(check, state)
+            if found != check.value:
+                name = " / ".join(check.key)
+                return Judgement(False, f"the server holds {name} = {found!r}, not {check.value!r}", steps)
+            reasons.append(f"the server holds {' / '.join(check.key)} = {found!r}")
+        return Judgement(True, "; ".join(reasons), steps)
+
+
+def _views(truth: Truth, episode: Episode) -> list[_View]:
+    views = []
+    for index, seen in enumerate(episode.observations):
+        if seen.text is None:
+            raise JudgeError(
+                "the visible text was not recorded", hint="open sessions with text recording for this judge"
+            )
+        address = urlsplit(seen.url)
+        if (address.hostname or "") == truth.host:
+            path = f"{address.path}?{address.query}" if address.query else address.path
+            views.append(_View(index, path, fold(seen.text)))
+    return views
+
+
+def _shown(fact: FactTruth, views: list[_View]) -> tuple[int, ...]:
+    """Indices of the views that confirm the fact."""
+    return tuple(
+        view.index
+        for view in views
+        if any(
+            re.match(evidence.path, view.path) and all(says(view.text, text) for text in evidence.texts)
+            for evidence in fact.evidence
+        )
+    )
+
+
+def _words(evidence: Evidence) -> str:
+    quoted = ", ".join(f'"{text}"' for text in evidence.texts)
+    return f"{quoted} together" if len(evidence.texts) > 1 else quoted
+
+
+def _look_up(check: StateCheck, state: dict[str, Any] | None) -> Any:
+    if state is None:
+        raise JudgeError(
+            "the state of the website's server is not known", hint="the offline web lost it or was not asked"
+        )
+    found: Any = state
+    for key in check.key:
+        found = found.get(key) if isinstance(found, dict) else None
+    return found
+
+
+def _reference(truth: AnswerTruth, answer: str) -> Judgement | None:
+    """The answer against what a right answer says; ``None`` if the task asks for no answer."""
+    if not truth.required:
+        return None
+    folded = fold(answer)
+    for options in truth.required:
+        if not any(says(folded, option) for option in options):
+            return Judgement(False, f'the answer does not say "{options[0]}"')
+    for wrong in truth.forbidden:
+        if says(folded, wrong):
+            return Judgement(False, f'the answer also says "{wrong}"')
+    return Judgement(True, "the answer says all that it must")
+
+
+def _response(task: Task, truth: Truth, views: list[_View], episode: Episode) -> Judgement:
+    """Criterion B: every number in the answer stands in a screenshot, the task or the reference."""
+    assert episode.answer is not None
+    if not episode.answer.strip():
+        return Judgement(False, "the answer is empty")
+    grounded = numbers(task.instruction)
+    for options in truth.answer.required:
+        grounded.update(*(numbers(option) for option in options))
+    for view in views:
+        grounded |= numbers(view.text)
+    invented = {
+        number
+        for number in numbers(episode.answer) - grounded
+        if number >= COUNTED_NOT_READ or number != number.to_integral_value()
+    }
+    if invented:
+        return Judgement(False, f"no screenshot shows {', '.join(str(n) for n in sorted(invented))}")
+    return Judgement(True, "every number in the answer is visible", tuple(view.index for view in views[-1:]))

@@ -1,0 +1,503 @@
+"""The run store: a run is a folder of plain files, written once and never lost.
+
+    RUN/
+      config.yaml               everything resolved; its presence makes the folder a run
+      tasks.jsonl               the tasks, hidden truth included: a run can be judged again from itself
+      trajectories/00000.jsonl  one checksummed line per trajectory (see `records`), rotated by size
+      screenshots/ab/<name>.png named by content, so that equal pictures are stored once
+      metrics.jsonl             figures over time
+      summary.json, report.html made from the above
+
+Only the end of a file is ever written to, so kill -9 leaves at most one torn line, which the next
+writer cuts off. Readers need no lock and may follow a run that is being written.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+import msgspec
+import yaml
+from pydantic import BaseModel, ByteSize, ConfigDict, Field
+
+from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError
+from webgym.core.task import Task
+from webgym.core.trajectory import ImageRef, Trajectory
+from webgym.rollout.files import (
+    CONFIG,
+    LOCK,
+    METRICS,
+    REPORT,
+    SCREENSHOTS,
+    SUMMARY,
+    TASKS,
+    TORN,
+    TRAJECTORIES,
+    Log,
+    check_run,
+    disk_errors,
+    image_path,
+    last_line_end,
+    sync_folder,
+    take_lock,
+    write_whole,
+)
+from webgym.rollout.records import CorruptLine, Entry, Index, complain, read_at, seal
+
+_OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, SUMMARY, REPORT, LOCK}
+
+T = TypeVar("T")
+
+
+class StoreLimits(BaseModel):
+    """What a writer may use."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    shard_bytes: ByteSize = Field(default=ByteSize(64 * 2**20), gt=0)
+    """A file of trajectories that has reached this size is followed by the next."""
+    image_threads: int = Field(default=4, gt=0)
+    """Pictures written at the same time. They wait for the disk, not for a processor."""
+
+
+def _pictures(trajectory: Trajectory) -> set[str]:
+    """The names of all pictures that a trajectory shows or sent."""
+    names = {seen.screenshot for seen in trajectory.episode.observations}
+    for step in trajectory.episode.steps:
+        for message in step.messages:
+            names |= {part.screenshot for part in message.content if isinstance(part, ImageRef)}
+    return names
+
+
+# --- writing ----------------------------------------------------------------------------------------
+
+
+class RunWriter:
+    """The one writer of a run. Make it with :meth:`create` or :meth:`reopen`; close it when done.
+
+        async with await RunWriter.create(path, config, tasks) as writer:
+            await writer.put_image(name, png)
+            await writer.append(trajectory)  # on disk, with its pictures, when this returns
+
+    Safe to use from many tasks of one event loop; files are touched in threads. A call that is
+    cancelled while it writes is carried through: look into :attr:`attempts` to see what is on disk.
+
+    Attributes:
+        path: the run folder.
+        attempts: an entry for every trajectory on disk, by attempt id.
+        skipped: the corrupt lines that :meth:`reopen` was told to go on without.
+        torn_bytes: how much of an unfinished, never counted line :meth:`reopen` cut off.
+    """
+
+    def __init__(self, path: Path, limits: StoreLimits, lock: int) -> None:
+        self.path = path
+        self.torn_bytes = 0
+        self._limits = limits
+        self._lock = lock
+        self._index = Index(path / TRAJECTORIES)
+        self._images: set[str] = set()
+        self._unsynced: set[str] = set()
+        self._shard: Log | None = None
+        self._metrics: Log | None = None
+        self._journal = ThreadPoolExecutor(1, thread_name_prefix="store-journal")
+        self._painters = ThreadPoolExecutor(limits.image_threads, thread_name_prefix="store-image")
+        self._closed = False
+
+    @property
+    def attempts(self) -> Mapping[str, Entry]:
+        """An entry for every trajectory on disk, by attempt id."""
+        return self._index.entries
+
+    @property
+    def skipped(self) -> list[CorruptLine]:
+        """The corrupt lines that were found when the run was opened again."""
+        return self._index.corrupt
+
+    @classmethod
+    async def create(
+        cls,
+        path: Path,
+        config: Mapping[str, Any],
+        tasks: list[Task],
+        *,
+        limits: StoreLimits | None = None,
+    ) -> Self:
+        """Make a run folder.
+
+        Args:
+            path: does not exist yet, or is empty.
+            config: everything resolved, as plain data; no secrets.
+            tasks: all the tasks of the run.
+
+        Raises:
+            RunFolderError: the folder holds a run or something else already, or cannot be made.
+            StoreLocked: another process is making it.
+            StoreFull: there is no space.
+        """
+        return await asyncio.to_thread(cls._create, path, config, tasks, limits or StoreLimits())
+
+    @classmethod
+    def _create(cls, path: Path, config: Mapping[str, Any], tasks: list[Task], limits: StoreLimits) -> Self:
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            held = {entry.name for entry in path.iterdir()}
+        except OSError as error:
+            raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
+        if foreign := sorted(name for name in held - _OURS if not name.endswith(TORN)):
+            raise RunFolderError(
+                f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder"
+            )
+        with disk_errors(f"making {path}"):
+            writer = cls(path, limits, take_lock(path))
+            try:
+                if (path / CONFIG).exists():
+                    raise RunFolderError(
+                        f"{path} holds a run already", hint="go on with --resume, or choose another folder"
+                    )
+                writer._make_folders()
+                write_whole(path / TASKS, b"".join(msgspec.json.encode(task) + b"\n" for task in tasks))
+                text = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
+                write_whole(path / CONFIG, text.encode())
+                sync_folder(path)
+                writer._begin()
+            except BaseException:
+                os.close(writer._lock)
+                raise
+        return writer
+
+    @classmethod
+    async def reopen(
+        cls, path: Path, *, skip_corrupt: bool = False, limits: StoreLimits | None = None
+    ) -> Self:
+        """Go on with a run, after a clean end or a dead writer.
+
+        Every record is verified. A torn last line is cut off, temporary files are swept.
+
+        Args:
+            skip_corrupt: go on without records whose checksum does not match; they stay in the file
+                and are listed in :attr:`skipped`.
+
+        Raises:
+            RunFolderError: the folder is no run.
+            StoreLocked: another process writes to it.
+            StoreCorrupt: records do not match their checksums; names file and line.
+        """
+        return await asyncio.to_thread(cls._reopen, path, skip_corrupt, limits or StoreLimits())
+
+    @classmethod
+    def _reopen(cls, path: Path, skip_corrupt: bool, limits: StoreLimits) -> Self:
+        check_run(path)
+        with disk_errors(f"opening {path}"):
+            writer = cls(path, limits, take_lock(path))
+            try:
+                writer._recover(skip_corrupt)
+                writer._begin()
+            except BaseException:
+                os.close(writer._lock)
+                raise
+        return writer
+
+    def _recover(self, skip_corrupt: bool) -> None:
+        for pattern in (f".*{TORN}", f"{SCREENSHOTS}/*/.*{TORN}"):
+            for torn in self.path.glob(pattern):
+                torn.unlink()
+        self._make_folders()
+        self._images = {file.stem for file in (self.path / SCREENSHOTS).glob("*/*.png")}
+        self._index.refresh()
+        if self._index.corrupt and not skip_corrupt:
+            raise complain(self._index.corrupt)
+        for shard in self._index.shards():
+            self.torn_bytes += self._cut(shard, self._index.end(shard))
+        if (metrics := self.path / METRICS).exists():
+            self._cut(metrics, last_line_end(metrics))
+
+    def _make_folders(self) -> None:
+        for byte in range(256):
+            (self.path / SCREENSHOTS / f"{byte:02x}").mkdir(parents=True, exist_ok=True)
+        self._folder.mkdir(exist_ok=True)
+        sync_folder(self.path / SCREENSHOTS)
+
+    @staticmethod
+    def _cut(path: Path, end: int) -> int:
+        torn = path.stat().st_size - end
+        if torn:
+            with path.open("r+b") as file:
+                file.truncate(end)
+                os.fsync(file.fileno())
+        return torn
+
+    def _begin(self) -> None:
+        shards = self._index.shards()
+        self._shard = Log(shards[-1] if shards else self.path / TRAJECTORIES / "00000.jsonl")
+        self._metrics = Log(self.path / METRICS)
+
+    async def _in(self, threads: ThreadPoolExecutor, call: Callable[..., T], *args: Any) -> T:
+        if self._closed:
+            raise StoreError(f"the writer of {self.path} is closed")
+        return await asyncio.get_running_loop().run_in_executor(threads, call, *args)
+
+    async def put_image(self, name: str, data: bytes) -> None:
+        """Keep a picture. One that is there already is not written again.
+
+        Args:
+            name: the SHA-256 of ``data``, hex.
+            data: the encoded picture.
+
+        Raises:
+            StoreCorrupt: the name does not fit the data.
+            StoreFull: there is no space.
+        """
+        if name not in self._images:
+            await self._in(self._painters, self._put_image, name, data)
+
+    def _put_image(self, name: str, data: bytes) -> None:
+        if hashlib.sha256(data).hexdigest() != name:
+            raise StoreCorrupt(f"a picture of {len(data)} bytes is not the one that {name[:80]} names")
+        path = image_path(self.path, name)
+        with disk_errors("writing a screenshot"):
+            write_whole(path, data)
+        self._unsynced.add(path.parent.name)
+        self._images.add(name)
+
+    async def append(self, trajectory: Trajectory) -> None:
+        """Record a trajectory: whole, checksummed and synced, with its pictures, when this returns.
+
+        The very same trajectory may be appended again: it is on disk once.
+
+        Raises:
+            StoreFull: there is no space; the files are as they were.
+            StoreError: a picture was not put before, the attempt is recorded already with another
+                content, or the trajectory would not read back.
+        """
+        await self._in(self._journal, self._append, trajectory)
+
+    def _append(self, trajectory: Trajectory) -> None:
+        episode = trajectory.episode
+        names = _pictures(trajectory)
+        if missing := names - self._images:
+            raise StoreError(f"{episode.attempt_id} shows {len(missing)} pictures that were never stored")
+        line = seal(trajectory)
+        assert self._shard is not None
+        if known := self.attempts.get(episode.attempt_id):
+            if seal(read_at(self._folder / known.shard, known)) != line:
+                raise StoreError(f"{episode.attempt_id} is recorded already, and was another")
+            return
+        with disk_errors("writing a trajectory"):
+            for prefix in {name[:2] for name in names} & self._unsynced:
+                self._sync_pictures(prefix)
+            if self._shard.size >= self._limits.shard_bytes:
+                full = self._shard
+                self._shard = Log(self._folder / f"{int(full.path.stem) + 1:05d}.jsonl")
+                full.close()
+            offset = self._shard.size
+            self._shard.append(line, durable=True)
+        self._index.entries[episode.attempt_id] = Entry(
+            episode.attempt_id,
+            episode.task_id,
+            episode.sample,
+            episode.retry,
+            trajectory.outcome,
+            self._shard.path.name,
+            offset,
+            len(line),
+        )
+
+    def _sync_pictures(self, prefix: str) -> None:
+        self._unsynced.discard(prefix)  # before the sync: what is put meanwhile needs another
+        try:
+            sync_folder(self.path / SCREENSHOTS / prefix)
+        except OSError:
+            self._unsynced.add(prefix)
+            raise
+
+    @property
+    def _folder(self) -> Path:
+        return self.path / TRAJECTORIES
+
+    async def metric(self, values: Mapping[str, Any]) -> None:
+        """Add a line to ``metrics.jsonl``. Not synced: figures may be lost with the machine's power.
+
+        Raises:
+            StoreFull: there is no space.
+        """
+        await self._in(self._journal, self._metric, msgspec.json.encode(values) + b"\n")
+
+    def _metric(self, line: bytes) -> None:
+        assert self._metrics is not None
+        with disk_errors("writing metrics"):
+            self._metrics.append(line, durable=False)
+
+    async def write_summary(self, summary: Mapping[str, Any]) -> None:
+        """Write ``summary.json``, whole or not at all.
+
+        Raises:
+            StoreFull: there is no space.
+        """
+        data = msgspec.json.format(msgspec.json.encode(summary), indent=2) + b"\n"
+        await self._in(self._journal, self._write_summary, data)
+
+    def _write_summary(self, data: bytes) -> None:
+        with disk_errors("writing the summary"):
+            write_whole(self.path / SUMMARY, data)
+            sync_folder(self.path)
+
+    async def aclose(self) -> None:
+        """Finish what is being written and let the run go. May be called twice."""
+        if not self._closed:
+            self._closed = True
+            await asyncio.to_thread(self._close)
+
+    def _close(self) -> None:
+        self._painters.shutdown()
+        self._journal.shutdown()
+        for log in (self._shard, self._metrics):
+            if log is not None:
+                log.close()
+        os.close(self._lock)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.aclose()
+
+
+# --- reading ----------------------------------------------------------------------------------------
+
+
+class RunReader:
+    """Reads a run, also one that is being written.
+
+    Args:
+        path: the run folder.
+        skip_corrupt: go on without records that cannot be trusted; :attr:`skipped` lists them.
+
+    Raises:
+        RunFolderError: the folder is no run.
+    """
+
+    def __init__(self, path: Path, *, skip_corrupt: bool = False) -> None:
+        check_run(path)
+        self.path = path
+        self._skip_corrupt = skip_corrupt
+        self._index = Index(path / TRAJECTORIES)
+        self._tasks: dict[str, Task] | None = None
+
+    @property
+    def config(self) -> dict[str, Any]:
+        """What the run was started with.
+
+        Raises:
+            StoreCorrupt: the file is not a YAML mapping.
+        """
+        try:
+            config = yaml.safe_load((self.path / CONFIG).read_bytes())
+        except yaml.YAMLError as error:
+            raise StoreCorrupt(f"{self.path / CONFIG} is not YAML: {error}") from error
+        if not isinstance(config, dict):
+            raise StoreCorrupt(f"{self.path / CONFIG} is not a mapping")
+        return config
+
+    @property
+    def tasks(self) -> dict[str, Task]:
+        """The tasks of the run by id, hidden truth included.
+
+        Raises:
+            StoreCorrupt: a line is not a task; names file, line and reason.
+        """
+        if self._tasks is None:
+            decoder = msgspec.json.Decoder(Task)
+            found: dict[str, Task] = {}
+            with disk_errors(f"reading {self.path}"), (self.path / TASKS).open("rb") as file:
+                for number, line in enumerate(file, 1):
+                    try:
+                        task = decoder.decode(line)
+                    except ValueError as error:
+                        raise StoreCorrupt(str(CorruptLine(TASKS, number, str(error)))) from error
+                    found[task.id] = task
+            self._tasks = found
+        return self._tasks
+
+    def refresh(self) -> Mapping[str, Entry]:
+        """Take note of what was written since, and return :attr:`attempts`.
+
+        Raises:
+            StoreCorrupt: records do not match their checksums, unless they may be skipped.
+        """
+        with disk_errors(f"reading {self.path}"):
+            self._index.refresh()
+        if self._index.corrupt and not self._skip_corrupt:
+            raise complain(self._index.corrupt)
+        return self._index.entries
+
+    @property
+    def attempts(self) -> Mapping[str, Entry]:
+        """An entry for every trajectory on disk, by attempt id, in the order in which they ended."""
+        return self.refresh()
+
+    @property
+    def skipped(self) -> list[CorruptLine]:
+        """The records that cannot be trusted, as of the last look."""
+        return self._index.corrupt
+
+    def trajectory(self, attempt_id: str) -> Trajectory:
+        """One trajectory.
+
+        Raises:
+            KeyError: there is none of this id.
+            StoreCorrupt: its record changed since it was indexed.
+        """
+        entry = self._index.entries.get(attempt_id) or self.attempts[attempt_id]
+        with disk_errors(f"reading {self.path}"):
+            return read_at(self.path / TRAJECTORIES / entry.shard, entry)
+
+    def trajectories(self) -> Iterator[Trajectory]:
+        """All trajectories in the order in which they ended, one in memory at a time.
+
+        Raises:
+            StoreCorrupt: as for :meth:`refresh`.
+        """
+        for attempt_id in list(self.attempts):
+            yield self.trajectory(attempt_id)
+
+    def image_path(self, name: str) -> Path:
+        """Where the picture of this name lies, whether it is there or not.
+
+        Raises:
+            StoreError: the name is not a SHA-256 in hex.
+        """
+        return image_path(self.path, name)
+
+    def image(self, name: str) -> bytes:
+        """The picture of this name.
+
+        Raises:
+            StoreCorrupt: the run does not hold it.
+        """
+        try:
+            return self.image_path(name).read_bytes()
+        except FileNotFoundError as error:
+            raise StoreCorrupt(f"{self.path} does not hold the picture {name}") from error
+
+    @property
+    def summary(self) -> dict[str, Any] | None:
+        """``summary.json``, or ``None`` while it has not been written.
+
+        Raises:
+            StoreCorrupt: it is not a JSON object.
+        """
+        try:
+            return msgspec.json.decode((self.path / SUMMARY).read_bytes(), type=dict[str, Any])
+        except FileNotFoundError:
+            return None
+        except ValueError as error:
+            raise StoreCorrupt(f"{self.path / SUMMARY} is not a JSON object: {error}") from error

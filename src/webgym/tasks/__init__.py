@@ -1,1 +1,8 @@
-"""."""
+"""Task sets: reading and writing them, and choosing from them."""
+
+from __future__ import annotations
+
+from webgym.tasks.files import BrokenRecord, TaskFile, read_tasks, write_tasks
+from webgym.tasks.sampling import draw
+
+__all__ = ["BrokenRecord", "TaskFile", "draw", "read_tasks", "write_tasks"]

@@ -1,0 +1,250 @@
+"""One attempt at one task: observe, ask, act, until it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import time
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import msgspec
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.agent.agent import Agent
+from webgym.core.action import Answer, Navigate
+from webgym.core.errors import NavigationFailed, StoreError, WebGymError
+from webgym.core.observation import Observation
+from webgym.core.outcome import Ending, ending_of
+from webgym.core.task import StepBudget
+from webgym.core.trajectory import Episode, Failure, Step
+from webgym.rollout.plan import Planned
+from webgym.rollout.progress import Progress, State
+from webgym.rollout.store import RunWriter
+from webgym.server.client import BrowserClient, Session, View
+from webgym.server.protocol import Cookie, SessionOptions
+
+
+class Backstage(Protocol):
+    """What the offline web tells a collector behind the agent's back."""
+
+    def cookies(self, visitor: str) -> tuple[Cookie, ...]:
+        """Cookies that make a browser this visitor."""
+        ...
+
+    async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
+        """What a website's server holds for this visitor; ``None`` if it does not know it.
+
+        Raises:
+            SitesError: the offline web does not answer.
+        """
+        ...
+
+
+class AttemptConfig(BaseModel):
+    """How an attempt is made."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    viewport: tuple[int, int] = (1280, 768)
+    """Width and height, CSS pixels (paper §4)."""
+
+    budget_easy: int = Field(default=15, ge=1)
+    """Steps for a task of 1 to 3 facts (paper §5: 15, better 10, in training; 30 in testing)."""
+
+    budget_medium: int = Field(default=30, ge=1)
+    """Steps for a task of 4 to 6 facts (paper §5: 30, better 20, in training; 50 in testing)."""
+
+    budget_hard: int = Field(default=45, ge=1)
+    """Steps for a task of 7 facts and more (paper §5: 45, better 30, in training; 70 in testing)."""
+
+    start_tries: int = Field(default=2, ge=1)
+    """How often the start page is tried before the attempt counts as the environment's failure."""
+
+    longest_seconds: float = Field(default=900.0, gt=0)
+    """Wall time after which the collector ends an attempt as truncated."""
+
+    record_text: bool = True
+    """Record the text that is visible in each screenshot; the offline judge reads it."""
+
+    @property
+    def budget(self) -> StepBudget:
+        """The three budgets as one value."""
+        return StepBudget(self.budget_easy, self.budget_medium, self.budget_hard)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What an attempt is made with.
+
+    Attributes:
+        client: of the browser server.
+        agent: decides.
+        store: keeps the pictures.
+        config: limits.
+        progress: is told what goes on.
+        backstage: the offline web, if the tasks are its.
+        run_id: makes visitors of different runs different.
+        seed: of the run.
+    """
+
+    client: BrowserClient
+    agent: Agent
+    store: RunWriter
+    config: AttemptConfig
+    progress: Progress
+    backstage: Backstage | None
+    run_id: str
+    seed: int
+
+
+class Attempt:
+    """An attempt in progress. Whatever happens, :meth:`episode` tells all that was seen and said.
+
+    Args:
+        stage: what it is made with.
+        planned: what it is.
+        session: an open browser session; the attempt closes it.
+    """
+
+    def __init__(self, stage: Stage, planned: Planned) -> None:
+        self.planned = planned
+        self._stage = stage
+        self._started_at = time.time()
+        self._started = time.monotonic()
+        self._longest = stage.config.longest_seconds
+        self._seconds = 0.0
+        self._steps: list[Step] = []
+        self._final: Observation | None = None
+        self._final_state: dict[str, Any] | None = None
+        self._answer: str | None = None
+        self._ending = Ending.CANCELLED
+        self._failure: Failure | None = None
+        self._session = ""
+        self._state: State | None = None
+        self._clock: asyncio.Timeout | None = None
+        digest = hashlib.sha256(f"{stage.run_id}\x1f{planned.attempt_id}".encode()).hexdigest()
+        self._visitor = digest[:32]
+        # Not of the retry: an attempt that is made again is made under the same seed.
+        sample = f"{stage.seed}\x1f{planned.task.id}\x1f{planned.sample}"
+        self._seed = int(hashlib.sha256(sample.encode()).hexdigest()[:15], 16)
+
+    def options(self) -> SessionOptions:
+        """The browser session that this attempt needs."""
+        stage = self._stage
+        return SessionOptions(
+            mode=stage.agent.config.mode,
+            viewport=stage.config.viewport,
+            text=stage.config.record_text,
+            elements=stage.agent.wants_elements,
+            cookies=stage.backstage.cookies(self._visitor) if stage.backstage else (),
+        )
+
+    def truncate(self, after: float) -> None:
+        """End the attempt in so many seconds at the latest."""
+        self._longest = min(self._longest, time.monotonic() - self._started + after)
+        if self._clock is not None and not self._clock.expired():
+            at = asyncio.get_running_loop().time() + after
+            self._clock.reschedule(min(at, self._clock.when() or at))
+
+    async def run(self, session: Session) -> None:
+        """Make the attempt; its end, good or bad, is data.
+
+        Raises:
+            StoreError: a picture cannot be kept. The run cannot go on.
+            asyncio.CancelledError: the run is being stopped.
+        """
+        self._session = session.id
+        try:
+            async with asyncio.timeout(self._longest) as self._clock:
+                self._ending = await self._play(session)
+        except StoreError:
+            raise
+        except Exception as error:
+            if isinstance(error, TimeoutError) and self._clock is not None and self._clock.expired():
+                self._ending = Ending.STRAGGLER
+            else:
+                self._fail(error)
+        finally:
+            self._move(None)
+            self._seconds = time.monotonic() - self._started
+        await self._look_backstage()
+
+    async def _play(self, session: Session) -> Ending:
+        stage, task = self._stage, self.planned.task
+        budget = stage.config.budget.for_task(task)
+        conversation = stage.agent.begin(task, self._seed, budget)
+        view = await self._arrive(session, task.website)
+        for _ in range(budget):
+            await stage.store.put_image(view.observation.screenshot, view.image)
+            self._move("thinking")
+            at = time.monotonic() - self._started
+            step = await conversation.turn(view.observation, view.image, at)
+            self._steps.append(step)
+            stage.progress.stepped()
+            if isinstance(step.action, Answer):
+                self._answer = step.action.text
+                return Ending.ANSWERED
+            self._move("acting")
+            view = await session.step(step.action)
+            changed = view.observation.screenshot != step.observation.screenshot
+            self._steps[-1] = msgspec.structs.replace(step, changed=changed)
+        await stage.store.put_image(view.observation.screenshot, view.image)
+        self._final = view.observation
+        return Ending.BUDGET_SPENT
+
+    async def _arrive(self, session: Session, website: str) -> View:
+        """The start page. A website that cannot be opened at all is the environment's failure."""
+        url = website if "://" in website else f"https://{website}"
+        refused = ""
+        for _ in range(self._stage.config.start_tries):
+            self._move("acting")
+            view = await session.step(Navigate(url))
+            notices = view.observation.notices
+            refused = next((notice.text for notice in notices if notice.kind == "navigation_failed"), "")
+            if not refused or view.observation.status is not None:
+                return view
+        raise NavigationFailed(f"{url} cannot be opened: {refused}")
+
+    async def _look_backstage(self) -> None:
+        truth = self.planned.task.truth
+        if self._stage.backstage is None or truth is None or self._ending is Ending.ENVIRONMENT_FAILED:
+            return
+        if any(fact.state for fact in truth.facts):
+            try:
+                self._final_state = await self._stage.backstage.state(self._visitor, truth.host)
+            except WebGymError as error:
+                self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self._ending = ending_of(error)
+        if isinstance(error, WebGymError):
+            self._failure = Failure(error.code, error.message)
+        else:
+            self._failure = Failure("internal_error", f"{type(error).__name__}: {error}")
+
+    def _move(self, state: State | None) -> None:
+        if state != self._state:
+            self._stage.progress.move(self._state, state)
+            self._state = state
+
+    def episode(self) -> Episode:
+        """All that was seen and said so far."""
+        planned = self.planned
+        return Episode(
+            attempt_id=planned.attempt_id,
+            task_id=planned.task.id,
+            sample=planned.sample,
+            retry=planned.retry,
+            seed=self._seed,
+            policy=self._stage.agent.policy.name,
+            started_at=self._started_at,
+            seconds=self._seconds or time.monotonic() - self._started,
+            steps=tuple(self._steps),
+            ending=self._ending,
+            final=self._final,
+            answer=self._answer,
+            final_state=self._final_state,
+            failure=self._failure,
+            session=self._session,
+        )

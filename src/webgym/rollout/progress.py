@@ -1,0 +1,99 @@
+"""What a collector is doing right now: written by it, read by whoever shows it."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from typing import Any, Literal, TypeAlias
+
+from webgym.core.outcome import Outcome
+from webgym.core.trajectory import Trajectory
+
+State: TypeAlias = Literal["opening", "acting", "thinking", "judging"]
+STATES: tuple[State, ...] = ("opening", "acting", "thinking", "judging")
+
+RECENT_SECONDS = 20.0
+"""The span over which current throughput is measured."""
+
+
+@dataclass
+class Progress:
+    """Counts of a running collector.
+
+    Attributes:
+        total: samples wanted.
+        done: samples done, those of an earlier session included.
+        earlier: samples done before this session.
+        states: how many attempts are in which state.
+        outcomes: of the attempts that ended in this session.
+        steps: taken in this session.
+        last: the attempts that ended last, newest first: (outcome, task id, steps).
+    """
+
+    total: int
+    done: int = 0
+    earlier: int = 0
+    states: Counter[State] = field(default_factory=Counter)
+    outcomes: Counter[Outcome] = field(default_factory=Counter)
+    steps: int = 0
+    last: deque[tuple[Outcome, str, int]] = field(default_factory=lambda: deque(maxlen=6))
+    started: float = field(default_factory=time.monotonic)
+    _recent: deque[float] = field(default_factory=deque)
+
+    def move(self, before: State | None, after: State | None) -> None:
+        """An attempt went from one state to another; ``None`` is outside."""
+        if before is not None:
+            self.states[before] -= 1
+        if after is not None:
+            self.states[after] += 1
+
+    def stepped(self) -> None:
+        """An attempt took a step."""
+        self.steps += 1
+        now = time.monotonic()
+        self._recent.append(now)
+        while self._recent and now - self._recent[0] > RECENT_SECONDS:
+            self._recent.popleft()
+
+    def ended(self, trajectory: Trajectory) -> None:
+        """An attempt was recorded."""
+        episode = trajectory.episode
+        self.outcomes[trajectory.outcome] += 1
+        self.last.appendleft((trajectory.outcome, episode.task_id, len(episode.steps)))
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of this session."""
+        return time.monotonic() - self.started
+
+    @property
+    def steps_per_second(self) -> float:
+        """Over the last seconds."""
+        span = min(self.seconds, RECENT_SECONDS)
+        newest = time.monotonic() - RECENT_SECONDS
+        return sum(1 for at in self._recent if at > newest) / span if span > 0 else 0.0
+
+    @property
+    def seconds_left(self) -> float | None:
+        """How long the rest takes at this session's pace; ``None`` before anything is done."""
+        here = self.done - self.earlier
+        return (self.total - self.done) * self.seconds / here if here else None
+
+    @property
+    def success_rate(self) -> float | None:
+        """Of this session's rewarded attempts."""
+        rewarded = sum(count for outcome, count in self.outcomes.items() if outcome.is_rewarded)
+        return self.outcomes[Outcome.SUCCESS] / rewarded if rewarded else None
+
+    def metric(self) -> dict[str, Any]:
+        """A line for ``metrics.jsonl``."""
+        return {
+            "at": time.time(),
+            "done": self.done,
+            "total": self.total,
+            "steps": self.steps,
+            "steps_per_second": round(self.steps_per_second, 3),
+            "states": {state: self.states[state] for state in STATES},
+            "outcomes": {outcome.value: self.outcomes[outcome] for outcome in Outcome},
+        }

@@ -1,0 +1,188 @@
+"""The agent: one policy, one way to ask it, many attempts at once."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any, Self
+
+import msgspec
+
+from webgym.agent.config import AgentConfig
+from webgym.agent.context import Now, Round, build_messages, picture_names
+from webgym.agent.images import fit
+from webgym.agent.memory import Revision, merge
+from webgym.agent.parser import ParsedReply, ParseError, parse_reply
+from webgym.agent.policy import Policy, Turn
+from webgym.core.errors import PolicyBadReply, PolicyError
+from webgym.core.observation import Observation
+from webgym.core.task import Task
+from webgym.core.trajectory import Reply, Step
+
+
+class Agent:
+    """A policy and how it is asked. Entering it enters the policy.
+
+    Args:
+        policy: who replies.
+        config: mode, prompt format, window, pictures.
+    """
+
+    def __init__(self, policy: Policy, config: AgentConfig | None = None) -> None:
+        self.policy = policy
+        self.config = config or AgentConfig()
+
+    @property
+    def wants_elements(self) -> bool:
+        """Whether observations must carry ``elements`` and ``text``."""
+        return self.policy.wants_elements or self.config.mode == "marks"
+
+    def begin(self, task: Task, seed: int, budget: int) -> Conversation:
+        """A new attempt.
+
+        Args:
+            task: what to do.
+            seed: of everything random in the policy's play.
+            budget: how many turns the attempt may take; the agent is told, the caller keeps to it.
+
+        Raises:
+            PolicyError: the policy cannot play this task.
+        """
+        return Conversation(self, task, seed, budget)
+
+    async def __aenter__(self) -> Self:
+        await self.policy.__aenter__()
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        await self.policy.__aexit__(kind, error, trace)
+
+
+class Conversation:
+    """One attempt, seen from the agent: observations go in, steps come out, one after the other.
+
+    Keeps the records of all steps, but pictures of the last rounds only.
+
+    Attributes:
+        memory: what the agent has remembered.
+        progress: its latest statement of progress.
+        revisions: by step index, where a reply's memory broke the append-only rule.
+    """
+
+    def __init__(self, agent: Agent, task: Task, seed: int, budget: int) -> None:
+        self._agent = agent
+        self._task = task
+        self._budget = budget
+        self._rounds: list[Round] = []
+        self._images: dict[str, bytes] = {}
+        with _policy_errors(agent.policy.name):
+            self._player = agent.policy.begin(task, seed)
+        self.memory: dict[str, Any] = {}
+        self.progress: dict[str, Any] = {}
+        self.revisions: dict[int, Revision] = {}
+
+    @property
+    def steps(self) -> Sequence[Step]:
+        """All steps so far; ``changed`` is known for all but the last."""
+        return [past.step for past in self._rounds]
+
+    async def turn(self, observation: Observation, image: bytes, at: float) -> Step:
+        """Ask the policy what to do about this observation.
+
+        Args:
+            observation: what there is to see.
+            image: its picture, encoded.
+            at: seconds from the start of the attempt to the observation.
+
+        Returns:
+            The step, with the exact request and reply, and the action or why there is none. ``changed``
+            is ``None``: only the next observation tells.
+
+        Raises:
+            PolicyError: the policy gave no reply. The conversation stands as it did before the call,
+                so the same observation may be tried again.
+        """
+        config = self._agent.config
+        past = _with_effect(self._rounds, observation)
+        index = len(past)
+        now = Now(observation, index, self._budget, self.memory, self.revisions.get(index - 1, Revision()))
+        messages = build_messages(self._task, past, now, config)
+        if observation.screenshot not in self._images and config.image_max_side is not None:
+            image = await asyncio.to_thread(fit, image, config.image_max_side)
+        held = {observation.screenshot: image} | self._images
+        images = {name: held[name] for name in picture_names(messages)}
+        turn = Turn(
+            task=self._task,
+            observation=observation,
+            messages=messages,
+            images=images,
+            steps=tuple(earlier.step for earlier in past),
+            index=index,
+            budget=self._budget,
+            mode=config.mode,
+            prompt_format=config.prompt_format,
+        )
+        reply = await self._ask(turn)
+        parsed = parse_reply(reply.text, config.mode, config.prompt_format)
+        step = Step(index, observation, messages, reply, at=at, **_meaning(parsed))
+        self._rounds = [*past, Round(step, parsed)]
+        self._images = images
+        self._remember(index, parsed)
+        return step
+
+    async def _ask(self, turn: Turn) -> Reply:
+        name = self._agent.policy.name
+        with _policy_errors(name):
+            reply = await self._player.reply(turn)
+        try:
+            reply.text.encode()
+        except UnicodeEncodeError as error:
+            raise PolicyBadReply(f"{name} replied with text that is no Unicode") from error
+        return reply
+
+    def _remember(self, index: int, parsed: ParsedReply | ParseError) -> None:
+        if isinstance(parsed, ParseError):
+            return
+        if parsed.memory is not None:
+            limit = self._agent.config.memory_max_chars
+            self.memory, revision = merge(self.memory, parsed.memory, max_chars=limit)
+            if revision:
+                self.revisions[index] = revision
+        if parsed.progress is not None:
+            self.progress = parsed.progress
+
+
+def _with_effect(rounds: list[Round], observation: Observation) -> list[Round]:
+    """The rounds, the last one now knowing whether it changed the screen."""
+    if not rounds:
+        return []
+    last = rounds[-1]
+    changed = last.step.observation.screenshot != observation.screenshot
+    step = msgspec.structs.replace(last.step, changed=changed)
+    return [*rounds[:-1], Round(step, last.parsed)]
+
+
+def _meaning(parsed: ParsedReply | ParseError) -> dict[str, Any]:
+    if isinstance(parsed, ParseError):
+        return {"parse_error": str(parsed)}
+    return {"action": parsed.action}
+
+
+@contextmanager
+def _policy_errors(name: str) -> Iterator[None]:
+    """Whatever a policy raises is the policy's error; what it raised stays the cause."""
+    try:
+        yield
+    except PolicyError:
+        raise
+    except Exception as error:
+        said = " ".join(str(error).split())[:300]
+        message = f"the policy {name} failed: {type(error).__name__}: {said}"
+        raise PolicyError(message, hint="this is a fault in the policy's own code") from error

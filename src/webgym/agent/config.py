@@ -1,0 +1,43 @@
+"""What an agent is told about how to look, talk and remember."""
+
+from __future__ import annotations
+
+import datetime
+from typing import Literal, TypeAlias
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.core.action import Mode
+
+PromptFormat: TypeAlias = Literal["memory", "official"]
+"""``memory``: Memory, Progress, Intention, Action, tool call. ``official``: the last two (paper §5)."""
+
+
+class AgentConfig(BaseModel):
+    """How observations become requests and replies become actions (paper §5, appendix C)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    mode: Mode = "coordinates"
+    """Points on a 0-1000 grid, or numbers of marked elements (Set-of-Marks)."""
+
+    prompt_format: PromptFormat = "memory"
+    """What a reply consists of. The memory prompt is worth three points of success in the paper (§5)."""
+
+    rounds: int = Field(default=4, ge=0, le=50)
+    """Past rounds that are shown whole, as screenshot and reply, before the current screenshot. The paper
+    has 3, its authors' code 4. What is older is known from the memory and a list of actions alone."""
+
+    today: datetime.date | None = None
+    """The date that the agent is told; none is named by default, so that a run can be repeated."""
+
+    image_max_side: int | None = Field(default=None, ge=64)
+    """Longest side, in pixels, of the pictures that are sent; larger ones are scaled down. By default a
+    picture is sent as it was taken."""
+
+    memory_max_chars: int = Field(default=8000, ge=0)
+    """How much memory, as JSON text, is carried forward. What would go beyond is not taken in, and the
+    agent is told."""
+
+    summary_line_max_chars: int = Field(default=200, ge=20)
+    """Longest description of one older action in the list of actions."""

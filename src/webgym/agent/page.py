@@ -1,0 +1,117 @@
+"""Reading a page by its elements and its visible text, as scripts do. Models see the picture alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Final
+from urllib.parse import unquote, urlsplit
+
+from webgym.core.action import GRID, Mode, Target
+from webgym.core.observation import Element, Observation
+from webgym.core.truth import Click
+
+TEXT_ROLES: Final = frozenset({"textbox", "searchbox", "combobox", "spinbutton", "textarea"})
+LIST_ROLES: Final = frozenset({"combobox", "listbox"})
+
+_SLIVER_PX: Final = 8
+"""An element cut off by the viewport's edge needs this much of its height visible to be hit safely."""
+
+
+def fold(text: str) -> str:
+    """Case and white space folded, for comparison."""
+    return " ".join(text.casefold().split())
+
+
+def holds(text: str, wanted: str) -> bool:
+    """Whether the folded text contains ``wanted`` as whole words."""
+    inner = re.escape(fold(wanted))
+    return bool(inner) and re.search(rf"(?<!\w){inner}(?!\w)", fold(text)) is not None
+
+
+def shows_all(observation: Observation, texts: Iterable[str]) -> bool:
+    """Whether all these texts are visible at once."""
+    visible = observation.text or ""
+    return all(holds(visible, text) for text in texts)
+
+
+def path_of(url: str) -> str:
+    """Path and query of a URL, ``"/"`` for an empty path."""
+    parts = urlsplit(url)
+    path = unquote(parts.path) or "/"
+    return f"{path}?{unquote(parts.query)}" if parts.query else path
+
+
+def same_host(url: str, other: str) -> bool:
+    """Whether two URLs lead to the same host."""
+    return urlsplit(url).hostname == urlsplit(other).hostname
+
+
+def usable(observation: Observation) -> list[Element]:
+    """The elements that can be hit: not those of which an edge of the viewport leaves a sliver."""
+    height = observation.viewport[1]
+    return [
+        element
+        for element in observation.elements or ()
+        if min(element.box[2:]) >= 1 and not _is_sliver(element, height)
+    ]
+
+
+def _is_sliver(element: Element, viewport_height: int) -> bool:
+    _, top, _, height = element.box
+    at_edge = top <= 0 or top + height >= viewport_height
+    return at_edge and height < _SLIVER_PX
+
+
+def find_click(observation: Observation, move: Click) -> Element | None:
+    """The element that the move means: one to click before one to type into, then the first."""
+    found = [element for element in usable(observation) if _matches(element, move)]
+    return min(found, key=lambda element: element.role in TEXT_ROLES, default=None)
+
+
+def _matches(element: Element, move: Click) -> bool:
+    if move.role is not None and element.role != move.role:
+        return False
+    if move.name is not None and fold(element.name) != fold(move.name):
+        return False
+    return move.path is None or (element.href is not None and path_of(element.href) == unquote(move.path))
+
+
+def find_named(observation: Observation, name: str, roles: Iterable[str]) -> Element | None:
+    """The first element with this accessible name and one of these roles."""
+    wanted, allowed = fold(name), frozenset(roles)
+    named = (element for element in usable(observation) if element.role in allowed)
+    return next((element for element in named if fold(element.name) == wanted), None)
+
+
+def find_home(observation: Observation, website: str) -> Element | None:
+    """A link to the website's front page."""
+    links = (element for element in usable(observation) if element.href is not None)
+    return next((link for link in links if is_home(link.href or "", website)), None)
+
+
+def is_home(url: str, website: str) -> bool:
+    """Whether a URL is the front page of the website, without a query."""
+    return same_host(url, website) and path_of(url) == "/"
+
+
+def target_of(
+    element: Element, observation: Observation, mode: Mode, *, at: Sequence[float] = (0.5, 0.5)
+) -> Target:
+    """How an action names this element.
+
+    Args:
+        at: the point of its visible part to hit, as shares of width and height. The second try at an
+            element takes another point than its middle: the middle of a link that runs over two lines
+            may belong to its neighbour.
+    """
+    if mode == "marks":
+        return Target(element=element.number)
+    left, top, width, height = element.box
+    x = (left + width * at[0]) / observation.viewport[0] * GRID
+    y = (top + height * at[1]) / observation.viewport[1] * GRID
+    return Target(coordinate=(float(_on_grid(x)), float(_on_grid(y))))
+
+
+def _on_grid(value: float) -> int:
+    return min(GRID - 1, max(0, round(value)))

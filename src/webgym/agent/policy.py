@@ -1,0 +1,87 @@
+"""What a policy is: something that is shown a turn and replies.
+
+A policy serves many attempts at once; each attempt has a player of its own, which may remember what it
+did. A model behind an endpoint needs no memory of its own, because the request holds everything; a
+script does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Protocol, Self
+
+import msgspec
+
+from webgym.agent.config import PromptFormat
+from webgym.core.action import Mode
+from webgym.core.observation import Observation
+from webgym.core.task import Task
+from webgym.core.trajectory import Message, Reply, Step
+
+
+class Turn(msgspec.Struct, frozen=True):
+    """Everything that is known when a reply is asked for.
+
+    Attributes:
+        task: the task. Its ``truth`` is there for scripts; no model is ever shown it.
+        observation: what is to be acted on.
+        messages: the request, for policies that speak the language of chat.
+        images: the pictures in ``messages``, encoded, by name.
+        steps: the earlier steps, oldest first, with ``changed`` filled in.
+        index: number of this turn, from 0.
+        budget: how many turns the attempt may take in all.
+        mode: how a target is named.
+        prompt_format: what the reply must consist of.
+    """
+
+    task: Task
+    observation: Observation
+    messages: tuple[Message, ...]
+    images: Mapping[str, bytes]
+    steps: tuple[Step, ...]
+    index: int
+    budget: int
+    mode: Mode
+    prompt_format: PromptFormat
+
+
+class Player(Protocol):
+    """A policy's part in one attempt."""
+
+    async def reply(self, turn: Turn) -> Reply:
+        """The policy's reply, whole.
+
+        Raises:
+            PolicyError: there is none.
+        """
+        ...
+
+
+class Policy(Protocol):
+    """Something that can play many attempts at once. Entered before the first and left after the last.
+
+    Attributes:
+        name: what records and reports call it.
+        wants_elements: whether it reads ``elements`` and ``text`` of an observation, which a server then
+            has to collect.
+    """
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def wants_elements(self) -> bool: ...  # noqa: D102
+
+    def begin(self, task: Task, seed: int) -> Player:
+        """A player for one attempt; everything random in it follows from ``seed``."""
+        ...
+
+    async def __aenter__(self) -> Self: ...
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None: ...

@@ -1,0 +1,172 @@
+"""The words that a model reads before it acts, and the shape of what it writes (paper §5, appendix C).
+
+Two prompt formats, each in two modes. Wording and examples are ours; the tool's name, screen and
+arguments follow the computer-use convention of Qwen3-VL.
+"""
+
+from __future__ import annotations
+
+import datetime
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from webgym.agent.config import AgentConfig, PromptFormat
+from webgym.agent.wire import ARGUMENTS, TOOL_NAME, to_arguments
+from webgym.core.action import GRID, MAX_WAIT_SECONDS, Action, Mode
+
+_ACTIONS: dict[str, str] = {
+    "left_click": "click {target}.",
+    "type": "click {target}, clear the field, type `text` into it and press Enter.",
+    "scroll": "scroll the page `direction`, which is up or down, by most of a screen.",
+    "wait": f"wait `time` seconds for the page to change, at most {MAX_WAIT_SECONDS:g}.",
+    "go_back": "go back to the previous page.",
+    "navigate": "open `url` in the tab.",
+    "answer": "end the task and give the user `text`, the final answer.",
+}
+
+_SCREEN: dict[Mode, str] = {
+    "coordinates": f"The screen is {GRID}x{GRID}, from (0, 0) at the top left to ({GRID}, {GRID}) at the "
+    "bottom right.",
+    "marks": f"The screen is {GRID}x{GRID}. Every element that can be used carries a number on the "
+    "screenshot; name an element by that number.",
+}
+
+_ARGUMENT_SCHEMA: dict[str, dict[str, Any]] = {
+    "coordinate": {
+        "type": "array",
+        "items": {"type": "number", "minimum": 0, "maximum": GRID},
+        "minItems": 2,
+        "maxItems": 2,
+        "description": "[x, y], the point to use: for left_click and type.",
+    },
+    "element": {
+        "type": "integer",
+        "minimum": 0,
+        "description": "The number on the element to use: for left_click and type.",
+    },
+    "text": {"type": "string", "description": "What to type, or the final answer: for type and answer."},
+    "direction": {"type": "string", "enum": ["up", "down"], "description": "For scroll."},
+    "time": {"type": "number", "minimum": 0, "description": "Seconds: for wait."},
+    "url": {"type": "string", "description": "A full http or https address: for navigate."},
+}
+
+_ROLE = """\
+You carry out tasks on the web for a user. You see the browser as screenshots and act with one tool, one \
+action at a time. After each action you are shown the page as it then is."""
+
+_RULES = """\
+# Rules
+- One action per reply. Look at the latest screenshot before you choose it; earlier ones show the past.
+- Act only on what you can see. If what you need is not there, scroll, search or go back.
+- If the last action changed nothing, do not repeat it over and over: try another way.
+- Close or accept cookie banners and pop-ups that are in the way.
+- Do not try to solve a CAPTCHA or any other test for robots. Leave that page alone and navigate \
+elsewhere.
+- Do not log in, register or pay unless the task tells you to and gives you what you need for it.
+- The answer must rest on what you saw on the pages. Give it once everything that the task asks for is \
+done and seen. If it cannot be done, say so in the answer and why."""
+
+_MEMORY_REPLY = """\
+# Reply
+Write these five parts in this order and nothing else:
+Memory: a JSON object with what you will need later: facts seen on pages, choices made. Screenshots pass \
+out of sight after a few steps and only the memory stays. Keep every earlier entry as it is and add new \
+ones; never remove or change one.
+Progress: a JSON object that gives every subtask of the task as "finished" or "not finished". You may \
+refine the subtasks as you learn more.
+Intention: the subtask that you work on now, named as in Progress.
+Action: one sentence that says what you do now and on what.
+<tool_call>
+{{"name": "{tool}", "arguments": {{"action": ..., ...}}}}
+</tool_call>"""
+
+_OFFICIAL_REPLY = """\
+# Reply
+Write these two parts in this order and nothing else:
+Action: one sentence that says what you do now and on what.
+<tool_call>
+{{"name": "{tool}", "arguments": {{"action": ..., ...}}}}
+</tool_call>"""
+
+_REPLIES: dict[PromptFormat, str] = {"memory": _MEMORY_REPLY, "official": _OFFICIAL_REPLY}
+_TARGETS: dict[Mode, str] = {
+    "coordinates": "the point `coordinate`",
+    "marks": "the element with the number `element`",
+}
+
+
+def system_prompt(config: AgentConfig) -> str:
+    """The system message of every request under this config."""
+    parts = [
+        _ROLE if config.today is None else f"{_ROLE}\n{_date(config.today)}",
+        f"# Tool\n<tools>\n{json.dumps(tool_declaration(config.mode))}\n</tools>",
+        _REPLIES[config.prompt_format].format(tool=TOOL_NAME),
+        _RULES,
+    ]
+    return "\n\n".join(parts)
+
+
+def tool_declaration(mode: Mode) -> dict[str, Any]:
+    """The ``computer_use`` tool as a JSON schema."""
+    lines = [f"* `{name}`: {text.format(target=_TARGETS[mode])}" for name, text in _ACTIONS.items()]
+    left_out = "element" if mode == "coordinates" else "coordinate"
+    arguments = {key: schema for key, schema in _ARGUMENT_SCHEMA.items() if key != left_out}
+    return {
+        "type": "function",
+        "function": {
+            "name": TOOL_NAME,
+            "description": f"Use a web browser by mouse and keyboard. {_SCREEN[mode]}",
+            "parameters": {
+                "type": "object",
+                "properties": {
+                    "action": {
+                        "type": "string",
+                        "enum": list(ARGUMENTS),
+                        "description": "What to do:\n" + "\n".join(lines),
+                    },
+                    **arguments,
+                },
+                "required": ["action"],
+            },
+        },
+    }
+
+
+def _date(today: datetime.date) -> str:
+    return f"Today is {today:%A}, {today.day} {today:%B %Y}."
+
+
+def render_reply(
+    action: Action,
+    prompt_format: PromptFormat,
+    *,
+    description: str,
+    memory: Mapping[str, Any] | None = None,
+    progress: Mapping[str, Any] | None = None,
+    intention: str = "",
+) -> str:
+    """A reply as the prompt asks for it; the parser reads back what was put in.
+
+    ``intention`` and ``description`` become one line each. The ``official`` format has no room for
+    memory, progress and intention; they are left out.
+    """
+    lines = []
+    if prompt_format == "memory":
+        lines += [
+            f"Memory: {_json(memory or {})}",
+            f"Progress: {_json(progress or {})}",
+            f"Intention: {_line(intention)}",
+        ]
+    call = _json({"name": TOOL_NAME, "arguments": to_arguments(action)})
+    lines += [f"Action: {_line(description)}", f"<tool_call>\n{call}\n</tool_call>"]
+    return "\n".join(lines)
+
+
+def _json(value: Mapping[str, Any]) -> str:
+    """JSON that holds no tag of ours, whatever its texts say."""
+    return json.dumps(value, ensure_ascii=False).replace("<", "\\u003c")
+
+
+def _line(text: str) -> str:
+    return " ".join(text.replace("<", "‹").split())

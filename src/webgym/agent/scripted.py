@@ -1,0 +1,220 @@
+"""A policy that knows the solution: it plays the offline web's tasks, with a chosen rate of mistakes.
+
+It stands in for a model where none is to be had: in the demo, in tests, in measurements. Every reply is
+written out in the prompt format and mode that a model would use, so that parser, records and reports
+see the real thing. It acts on what the page shows, never on page state that a person could not see.
+"""
+
+from __future__ import annotations
+
+import copy
+import random
+import re
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Final, Literal, Self, TypeAlias, get_args
+
+from webgym.agent.page import holds, target_of, usable
+from webgym.agent.policy import Turn
+from webgym.agent.prompts import render_reply
+from webgym.agent.solver import Act, Solver
+from webgym.core.action import GRID, Answer, GoBack, LeftClick, Scroll, Target
+from webgym.core.errors import ConfigError, PolicyError
+from webgym.core.task import Task
+from webgym.core.trajectory import Reply
+from webgym.core.truth import Give, Home, Move, Truth
+
+Mistake: TypeAlias = Literal[
+    "wrong_answer",  # names another candidate, or another number
+    "unseen_answer",  # the right answer at once, without having looked
+    "skipped_move",  # leaves one move out and carries on
+    "misclick",  # clicks elsewhere once, then finds its way back
+    "unreadable",  # one or two replies without an action, then goes on
+    "dawdle",  # scrolls up and down until the budget is spent
+    "gives_up",  # says early that nothing was found
+    "raises",  # fails as an endpoint would
+]
+MISTAKES: Final[tuple[Mistake, ...]] = get_args(Mistake)
+
+_AFTER_TURNS: Final = 3
+"""A mistake of conduct is made within this many turns, or just before the answer if that comes first."""
+
+
+class ScriptedPolicy:
+    """Plays ``task.truth.moves``.
+
+    Args:
+        mistake_rate: share of attempts with exactly one mistake, from 0 to 1. Which attempts, and which
+            mistake, follows from the task's id and the attempt's seed; every reply names it in
+            ``sampling["mistake"]``.
+        mistakes: the kinds to draw from.
+
+    Raises:
+        ConfigError: the rate is no share, or there is no kind to draw from.
+    """
+
+    name = "scripted"
+    wants_elements = True
+
+    def __init__(self, mistake_rate: float = 0.0, *, mistakes: Sequence[Mistake] = MISTAKES) -> None:
+        if not 0 <= mistake_rate <= 1:
+            raise ConfigError(f"the mistake rate is {mistake_rate}", hint="give a share from 0 to 1")
+        if not mistakes:
+            raise ConfigError("there is no mistake to draw from", hint="name at least one kind")
+        self._mistake_rate = mistake_rate
+        self._mistakes = tuple(mistakes)
+
+    def begin(self, task: Task, seed: int) -> ScriptedPlayer:
+        """A player of this task's solution. A task without one fails at its first reply."""
+        rng = random.Random(f"{task.id}\n{seed}")
+        mistake = None
+        if rng.random() < self._mistake_rate:
+            mistake = rng.choice(self._mistakes)
+        return ScriptedPlayer(task, mistake, rng)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        return None
+
+
+class ScriptedPlayer:
+    """One attempt of the scripted policy.
+
+    Attributes:
+        mistake: the mistake that this attempt makes; ``None`` for none. A task to which the drawn kind
+            does not apply (no answer that could be wrong, no move that could be left out) gets
+            ``gives_up`` in its place.
+    """
+
+    def __init__(self, task: Task, mistake: Mistake | None, rng: random.Random) -> None:
+        self._task = task
+        self._rng = rng
+        self._moves: tuple[Move, ...] = task.truth.moves if task.truth is not None else ()
+        self.mistake = mistake
+        if task.truth is not None:
+            self._spoil(task.truth)
+        self._solver = Solver(task.website, self._moves)
+        self._due = rng.randrange(_AFTER_TURNS)
+        self._left = {"unreadable": rng.randint(1, 2), "misclick": 1, "raises": 1}.get(self.mistake or "", 0)
+        self._strayed_from: str | None = None
+        self._dawdled = 0
+
+    async def reply(self, turn: Turn) -> Reply:
+        """The next reply.
+
+        Raises:
+            PolicyError: the task has no solution, the observation lacks elements or text, or the
+                mistake of this attempt is to raise.
+        """
+        if not self._moves:
+            hint = "the scripted policy plays tasks of the offline web only"
+            raise PolicyError(f"the task {self._task.id} comes without a solution", hint=hint)
+        seen = turn.observation
+        if seen.elements is None or seen.text is None:
+            hint = "ask the server for elements and text"
+            raise PolicyError("the scripted policy cannot see what is on the page", hint=hint)
+        act = self._mistaken(turn) or self._solver.next(seen, turn.mode)
+        if isinstance(act, str):
+            return self._reply(act)
+        text = render_reply(
+            act.action,
+            turn.prompt_format,
+            description=act.description,
+            memory={f"seen {number}": list(texts) for number, texts in enumerate(self._solver.seen, 1)},
+            progress=self._solver.progress(),
+            intention=self._solver.intention(),
+        )
+        return self._reply(text)
+
+    def _reply(self, text: str) -> Reply:
+        return Reply(text, policy=ScriptedPolicy.name, sampling={"mistake": self.mistake})
+
+    # --- mistakes in the plan ---------------------------------------------------------------------
+
+    def _spoil(self, truth: Truth) -> None:
+        """Turn the mistake into other moves, where it is one of the plan."""
+        *way, last = self._moves
+        if self.mistake == "wrong_answer" and (wrong := wrong_answer(truth, self._rng)) is not None:
+            self._moves = (*way, Give(wrong))
+        elif self.mistake == "unseen_answer":
+            self._moves = (last,)
+        elif self.mistake == "skipped_move" and (skippable := _skippable(way)):
+            del way[self._rng.choice(skippable)]
+            self._moves = (*way, last)
+        elif self.mistake in ("gives_up", "wrong_answer", "skipped_move"):
+            self.mistake = "gives_up"
+            kept = way[: self._rng.randint(0, len(way) // 2)]
+            self._moves = (*kept, Give("I could not find what was asked for."))
+
+    # --- mistakes of conduct ----------------------------------------------------------------------
+
+    def _mistaken(self, turn: Turn) -> Act | str | None:
+        """What the mistake makes of this turn; ``None`` for nothing."""
+        if self._strayed_from is not None:
+            strayed_from, self._strayed_from = self._strayed_from, None
+            if turn.observation.url != strayed_from:
+                return Act(GoBack(), "Go back: that was the wrong link")
+        if self.mistake == "dawdle" and (self._dawdled or self._is_due(turn)):
+            self._dawdled += 1
+            direction: Literal["up", "down"] = "down" if self._dawdled % 2 else "up"
+            return Act(Scroll(direction), f"Scroll {direction} and look around")
+        if not self._left or not self._is_due(turn):
+            return None
+        self._left -= 1
+        if self.mistake == "raises":
+            raise PolicyError("the scripted policy failed on purpose", hint="this is a seeded mistake")
+        if self.mistake == "unreadable":
+            return self._rng.choice(_UNREADABLE)
+        self._strayed_from = turn.observation.url
+        return self._misclick(turn)
+
+    def _is_due(self, turn: Turn) -> bool:
+        if turn.index >= self._due:
+            return True
+        coming = copy.deepcopy(self._solver).next(turn.observation, turn.mode)
+        return isinstance(coming.action, Answer)
+
+    def _misclick(self, turn: Turn) -> Act:
+        seen = turn.observation
+        links = [element for element in usable(seen) if element.role == "link"]
+        if links:
+            wrong = self._rng.choice(links)
+            return Act(LeftClick(target_of(wrong, seen, turn.mode)), f'Click "{wrong.name}"')
+        if turn.mode == "marks":
+            return Act(Scroll("down"), "Scroll down to look around")
+        point = (float(self._rng.randrange(GRID)), float(self._rng.randrange(GRID)))
+        return Act(LeftClick(Target(coordinate=point)), "Click into the page")
+
+
+_UNREADABLE: Final = (
+    "I should look at the page more closely before I do anything.",
+    'Action: Click the link.\n<tool_call>\n{"name": "computer_use", "arguments": {"action": "left_cl',
+    'Action: Click the link.\n<tool_call>\n{"name": "computer_use", "arguments": {"action": "press"}}\n'
+    "</tool_call>",
+)
+
+
+def wrong_answer(truth: Truth, rng: random.Random) -> str | None:
+    """An answer that the truth does not accept; ``None`` where any answer will do."""
+    if truth.answer.forbidden:
+        return f"The answer is {rng.choice(truth.answer.forbidden)}."
+    if not truth.answer.required:
+        return None
+    last = truth.moves[-1]
+    right = last.text if isinstance(last, Give) else ""
+    shift = rng.randint(1, 9)
+    other = re.sub(r"[0-9](?![0-9])", lambda digit: str((int(digit[0]) + shift) % 10), right)
+    accepted = all(any(holds(other, text) for text in group) for group in truth.answer.required)
+    return "The website does not say." if accepted else other
+
+
+def _skippable(way: Sequence[Move]) -> list[int]:
+    """Moves that the rest of the solution may need. To be on the front page already is no loss."""
+    return [index for index, move in enumerate(way) if not isinstance(move, Home)]

@@ -1,0 +1,360 @@
+"""Carrying out a known solution in a closed loop over what the page shows.
+
+A :class:`Solver` follows the moves of a task's truth (:mod:`webgym.core.truth`) by clicking, typing and
+scrolling alone. It never trusts that a move worked: it looks. Its rules:
+
+- What is in the way (cookie banners, newsletters, modals) is cleared first.
+- A page that is still loading is waited for.
+- What is not visible is searched by scrolling to one end of the page, then to the other.
+- A move whose effect did not come, because the screen is the same, is tried once more.
+- After that, or when something cannot be found, it answers honestly that it could not be done.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Final
+
+from webgym.agent.page import (
+    LIST_ROLES,
+    TEXT_ROLES,
+    find_click,
+    find_home,
+    find_named,
+    fold,
+    is_home,
+    path_of,
+    shows_all,
+    target_of,
+    usable,
+)
+from webgym.core.action import Action, Answer, Direction, GoBack, LeftClick, Mode, Scroll, Type, Wait
+from webgym.core.observation import Element, Observation
+from webgym.core.truth import Back, Choose, Click, Fill, Give, Home, Move, See
+
+IN_THE_WAY: Final = frozenset(
+    {
+        "accept all",
+        "accept all cookies",
+        "accept cookies",
+        "allow all",
+        "allow all cookies",
+        "got it",
+        "i agree",
+        "maybe later",
+        "no thanks",
+        "no, thanks",
+        "not now",
+        "only necessary",
+        "reject all",
+    }
+)
+"""Names of buttons that clear an obstacle and do nothing else; clicked wherever they show."""
+
+IN_THE_WAY_IF_LOST: Final = frozenset({"×", "✕", "close", "close dialog", "dismiss", "skip"})
+"""Names of buttons that may be part of a page; clicked only if what is wanted is not to be seen."""
+
+LOADING_WAIT_SECONDS: Final = 1.0
+MAX_WAITS: Final = 3
+"""How many times in a row a page that is still loading is waited for."""
+
+MAX_TRIES: Final = 2
+_POINTS: Final = ((0.5, 0.5), (0.2, 0.3))
+"""Where an element is hit at the first and the second try."""
+
+_CHOOSES_ITSELF: Final = frozenset({"option", "radio", "tab"})
+"""Roles of which a click changes nothing when the element is already chosen."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Act:
+    """What to do now, and one sentence about it."""
+
+    action: Action
+    description: str
+
+
+@dataclasses.dataclass
+class _Sweep:
+    """A search by scrolling: the ends of the page still to be visited, and the last look."""
+
+    page: str
+    ends: list[Direction]
+    seen: str = ""
+
+
+@dataclasses.dataclass
+class _Effort:
+    """What has been done for the current move.
+
+    ``before`` is the look at the page just before the move was carried out, while its effect is awaited.
+    """
+
+    tries: int = 0
+    before: Observation | None = None
+    role: str = ""
+    opened: bool = False
+    waited: bool = False
+    sweep: _Sweep | None = None
+
+
+class Solver:
+    """One solution being carried out.
+
+    Args:
+        website: the URL where the task starts.
+        moves: the solution, which ends with an answer.
+    """
+
+    def __init__(self, website: str, moves: Sequence[Move]) -> None:
+        self._website = website
+        self._moves = tuple(moves)
+        self._at = 0
+        self._effort = _Effort()
+        self._waits = 0
+        self._cleared: dict[str, int] = {}
+        self._previous: Observation | None = None
+        self._redone: set[int] = set()
+        self.seen: list[tuple[str, ...]] = []
+
+    def progress(self) -> dict[str, str]:
+        """Every move in words, finished or not."""
+        return {
+            f"{index + 1}. {in_words(move)}": "finished" if index < self._at else "not finished"
+            for index, move in enumerate(self._moves)
+        }
+
+    def intention(self) -> str:
+        """The current move, by its key in :meth:`progress`."""
+        return list(self.progress())[min(self._at, len(self._moves) - 1)] if self._moves else ""
+
+    def next(self, observation: Observation, mode: Mode) -> Act:
+        """What to do about this observation."""
+        if self._waits < MAX_WAITS and _is_loading(observation):
+            self._waits += 1
+            return Act(Wait(LOADING_WAIT_SECONDS), "Wait for the page to load")
+        self._waits = 0
+        if (given_up := self._look_back(observation)) is not None:
+            return given_up
+        while self._at < len(self._moves):
+            move = self._moves[self._at]
+            if isinstance(move, Give):
+                return Act(Answer(move.text), "Give the answer")
+            if (act := self._clear(observation, move, mode)) is not None:
+                return act
+            if not self._is_satisfied(move, observation):
+                return self._work(move, observation, mode)
+            self._finish(observation)
+        return _give_up("finish the task")
+
+    # --- what became of the last act --------------------------------------------------------------
+
+    def _look_back(self, observation: Observation) -> Act | None:
+        """Finish the move that was carried out if the screen changed; give up if it never does."""
+        before = self._effort.before
+        if before is None:
+            return None
+        self._effort.before = None
+        move = self._moves[self._at]
+        if (observation.screenshot, observation.url) != (before.screenshot, before.url):
+            self._finish(before)
+        elif self._effort.tries >= MAX_TRIES:
+            if not (isinstance(move, Choose) or self._effort.role in _CHOOSES_ITSELF):
+                return _give_up(in_words(move))
+            self._finish(before)
+        return None
+
+    def _finish(self, before: Observation) -> None:
+        move = self._moves[self._at]
+        if isinstance(move, See):
+            self.seen.append(move.texts)
+        self._previous = before
+        self._at += 1
+        self._effort = _Effort()
+
+    def _is_satisfied(self, move: Move, observation: Observation) -> bool:
+        match move:
+            case Home():
+                return is_home(observation.url, self._website)
+            case See(texts=texts):
+                return shows_all(observation, texts)
+            case Fill(field=field, text=text):
+                return _holds_value(find_named(observation, field, TEXT_ROLES), text)
+            case Choose(field=field, option=option):
+                return _holds_value(find_named(observation, field, LIST_ROLES), option)
+            case Click(name=name, path=path):
+                if path is not None and path_of(observation.url) == path_of(path):
+                    return True
+                found = find_click(observation, move)
+                if found is None:
+                    cleared = name is not None and fold(name) in self._cleared
+                    return cleared or self._was_submitted(move, observation)
+                return found.role == "radio" and found.value == "true"
+            case _:
+                return False
+
+    def _was_submitted(self, move: Click, observation: Observation) -> bool:
+        """Whether the Enter that ended the typing before already did what this button would do."""
+        before = self._previous
+        if before is None or self._at == 0 or not isinstance(self._moves[self._at - 1], Fill):
+            return False
+        button = find_click(before, move)
+        return button is not None and button.role == "button" and observation.url != before.url
+
+    # --- what is in the way -----------------------------------------------------------------------
+
+    def _clear(self, observation: Observation, move: Move, mode: Mode) -> Act | None:
+        own = fold(move.name or "") if isinstance(move, Click) else ""
+        names = IN_THE_WAY if self._in_sight(move, observation) else IN_THE_WAY | IN_THE_WAY_IF_LOST
+        for element in usable(observation):
+            name = fold(element.name)
+            tries = self._cleared.get(name, 0)
+            if element.role == "button" and name in names and name != own and tries < MAX_TRIES:
+                self._cleared[name] = tries + 1
+                target = target_of(element, observation, mode, at=_POINTS[tries])
+                return Act(LeftClick(target), f'Click "{element.name}" to clear what is in the way')
+        return None
+
+    def _in_sight(self, move: Move, observation: Observation) -> bool:
+        return self._is_satisfied(move, observation) or self._find(move, observation) is not None
+
+    def _find(self, move: Move, observation: Observation) -> Element | None:
+        match move:
+            case Home():
+                return find_home(observation, self._website)
+            case Click():
+                return find_click(observation, move)
+            case Fill(field=field):
+                return find_named(observation, field, TEXT_ROLES)
+            case Choose(field=field, option=option):
+                chosen = find_named(observation, option, {"option"}) if self._effort.opened else None
+                return chosen or find_named(observation, field, LIST_ROLES)
+            case _:
+                return None
+
+    # --- carrying out a move ----------------------------------------------------------------------
+
+    def _work(self, move: Move, observation: Observation, mode: Mode) -> Act:
+        if isinstance(move, Back):
+            return self._carry_out(observation, GoBack(), "Go back to the previous page")
+        element = self._find(move, observation)
+        if element is None:
+            return self._search(move, observation, mode)
+        self._effort.sweep = None
+        target = target_of(element, observation, mode, at=_POINTS[self._effort.tries])
+        match move:
+            case Fill(text=text):
+                return self._carry_out(
+                    observation, Type(target, text), f'Type "{text}" into "{element.name}"'
+                )
+            case Choose(option=option) if element.role != "option":
+                if not self._effort.opened:
+                    self._effort.opened = True
+                    return Act(LeftClick(target), f'Open the list "{element.name}"')
+                return self._carry_out(observation, Type(target, option), f'Pick "{option}" by typing it')
+            case _:
+                self._effort.role = element.role
+                named = f'"{element.name}"' if element.name else f"the {element.role}"
+                return self._carry_out(observation, LeftClick(target), f"Click {named}")
+
+    def _carry_out(self, observation: Observation, action: Action, description: str) -> Act:
+        self._effort.tries += 1
+        self._effort.before = observation
+        return Act(action, description)
+
+    # --- searching --------------------------------------------------------------------------------
+
+    def _search(self, move: Move, observation: Observation, mode: Mode) -> Act:
+        if (direction := self._sweep_on(move, observation)) is not None:
+            return Act(Scroll(direction), f"Scroll {direction} to {in_words(move)}")
+        if not self._effort.waited:
+            self._effort.waited = True
+            self._effort.sweep = None
+            return Act(Wait(LOADING_WAIT_SECONDS), "Wait in case the page is not complete yet")
+        return self._without(move, observation, mode)
+
+    def _sweep_on(self, move: Move, observation: Observation) -> Direction | None:
+        """Where to scroll next; ``None`` once both ends of the page have been seen."""
+        page = path_of(observation.url)
+        sweep = self._effort.sweep
+        if sweep is None or sweep.page != page:
+            sweep = self._effort.sweep = _Sweep(page, _ends(move, observation))
+        elif sweep.seen == observation.screenshot and sweep.ends:
+            sweep.ends.pop(0)
+        while sweep.ends and _is_at_end(observation, sweep.ends[0]):
+            sweep.ends.pop(0)
+        sweep.seen = observation.screenshot
+        return sweep.ends[0] if sweep.ends else None
+
+    def _without(self, move: Move, observation: Observation, mode: Mode) -> Act:
+        """What the move needs is nowhere on this page: doubt the move before, then give up."""
+        before = self._previous
+        last = self._moves[self._at - 1] if self._at else None
+        if before is not None and isinstance(last, Click | Fill | Choose | Back):
+            moved_on = before.url != observation.url
+            if isinstance(last, Fill) and isinstance(move, Click) and move.path is None and moved_on:
+                self._finish(observation)
+                return self.next(observation, mode)
+            if not moved_on and self._at not in self._redone:
+                self._redone.add(self._at)
+                self._at -= 1
+                self._effort = _Effort()
+                return self.next(observation, mode)
+        return _give_up(in_words(move))
+
+
+def in_words(move: Move) -> str:
+    """The move as a subtask."""
+    match move:
+        case Home():
+            return "go to the front page"
+        case Click(name=name, role=role, path=path):
+            what = f'"{name}"' if name is not None else f"the link to {path}" if path else f"the {role}"
+            return f"click {what}"
+        case Fill(field=field, text=text):
+            return f'fill "{field}" with "{text}"'
+        case Choose(field=field, option=option):
+            return f'choose "{option}" in "{field}"'
+        case See(texts=texts):
+            return "see " + " and ".join(f'"{text}"' for text in texts)
+        case Back():
+            return "go back"
+        case Give():
+            return "give the answer"
+
+
+def _give_up(what: str) -> Act:
+    return Act(Answer(f"I could not {what}."), "Say that it could not be done")
+
+
+def _is_loading(observation: Observation) -> bool:
+    if any(notice.kind == "still_loading" for notice in observation.notices):
+        return True
+    return not observation.elements and not (observation.text or "").strip()
+
+
+def _holds_value(element: Element | None, value: str) -> bool:
+    return element is not None and element.value is not None and fold(element.value) == fold(value)
+
+
+def _ends(move: Move, observation: Observation) -> list[Direction]:
+    """Which ends of the page to visit. A way home is most often at the top.
+
+    Texts must be in view together, and the way up stops at other places than the way down, so a search
+    for them goes both ways; for anything else, what is above has been seen when it starts at the top.
+    """
+    if isinstance(move, Home):
+        return ["up", "down"]
+    if isinstance(move, See) or observation.scroll[0] > 1:
+        return ["down", "up"]
+    return ["down"]
+
+
+def _is_at_end(observation: Observation, direction: Direction) -> bool:
+    """Whether the window cannot scroll further. One that does not scroll at all may hold a box that does."""
+    offset, extent = observation.scroll
+    height = observation.viewport[1]
+    if extent <= height + 1:
+        return False
+    return offset <= 1 if direction == "up" else offset + height >= extent - 1

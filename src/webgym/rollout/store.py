@@ -25,7 +25,7 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 import yaml
-from pydantic import BaseModel, ByteSize, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError
 from webgym.core.task import Task
@@ -61,7 +61,7 @@ class StoreLimits(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    shard_bytes: ByteSize = Field(default=ByteSize(64 * 2**20), gt=0)
+    shard_bytes: int = Field(default=64 * 2**20, gt=0)
     """A file of trajectories that has reached this size is followed by the next."""
     image_threads: int = Field(default=4, gt=0)
     """Pictures written at the same time. They wait for the disk, not for a processor."""

@@ -103,12 +103,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         # Not standalone: Typer would print a usage error in its own way, over several lines. What comes
         # back is the code of a typer.Exit, or whatever the command returned.
         result = build(wanted)(args=given, prog_name="webgym", standalone_mode=False)
-    except (Exception, BaseExceptionGroup, KeyboardInterrupt) as error:
-        sys.exit(_report(error, debug=debug))
+    except SystemExit:
+        raise
+    except BaseException as error:  # a cancellation that nobody took is no success either
+        sys.exit(_report(error, wanted or "", debug=debug))
     sys.exit(result if isinstance(result, int) else 0)
 
 
-def _report(error: BaseException, *, debug: bool) -> int:
+def _report(error: BaseException, verb: str, *, debug: bool) -> int:
     """Say on stderr what went wrong; the exit code."""
     causes = list(_leaves(error))
     if any(isinstance(cause, KeyboardInterrupt) for cause in causes):
@@ -122,7 +124,7 @@ def _report(error: BaseException, *, debug: bool) -> int:
         line, code = str(cause), EXIT_USAGE if isinstance(cause, UsageError) else EXIT_FAILED
     elif isinstance(cause, typer.Abort):
         line, code = "stopped", EXIT_FAILED
-    elif usage := _usage_problem(cause):
+    elif usage := _usage_problem(cause, verb):
         line, code = usage, EXIT_USAGE
     else:
         advice = "" if debug else "; run again with --debug"
@@ -131,7 +133,7 @@ def _report(error: BaseException, *, debug: bool) -> int:
     return code
 
 
-def _usage_problem(error: BaseException) -> str:
+def _usage_problem(error: BaseException, verb: str) -> str:
     """What was wrong with the arguments, if that is what Typer says; else empty.
 
     Known by its shape: Typer's releases take these errors from different packages, none of them public.
@@ -139,7 +141,7 @@ def _usage_problem(error: BaseException) -> str:
     if not hasattr(error, "format_message"):
         return ""
     context = getattr(error, "ctx", None)
-    path = context.command_path if context else "webgym"
+    path = context.command_path if context else f"webgym {verb}".rstrip()
     return f"{error.format_message().rstrip('.')} (see `{path} --help`)"
 
 

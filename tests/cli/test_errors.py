@@ -1,0 +1,204 @@
+"""What a user sees when a command cannot go on: one line on stderr and the right exit code."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+import types
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import typer
+
+from webgym import cli
+from webgym.core.errors import ConfigError, ServerUnreachable, StoreFull
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", "from webgym.cli import main; main()", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "COLUMNS": "200", **environment},
+        check=False,
+    )
+
+
+@pytest.fixture
+def verb(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Give the command line a verb ``try`` that runs a function."""
+
+    def install(command: Callable[..., None]) -> None:
+        module = types.ModuleType("webgym.cli.try")
+        module.command = command  # type: ignore[attr-defined]
+        module.__spec__ = types.SimpleNamespace()  # type: ignore[assignment]
+        monkeypatch.setitem(sys.modules, "webgym.cli.try", module)
+        monkeypatch.setattr(cli, "VERBS", (cli.Verb("try", "A verb of the tests."),))
+
+    return install
+
+
+def outcome(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["try", *arguments])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code, capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (ConfigError("tasks must be positive", hint="give --tasks 1"), 2, "(give --tasks 1)"),
+        (ServerUnreachable("nothing answers", hint="start one"), 1, "nothing answers (start one)"),
+        (StoreFull("no space\nleft"), 1, "no space left"),
+        (
+            ZeroDivisionError("by zero"),
+            1,
+            "unexpected error ZeroDivisionError: by zero; run again with --debug",
+        ),
+        (ExceptionGroup("two", [ServerUnreachable("gone", hint="wait")]), 1, "gone (wait)"),
+        (ExceptionGroup("two", [ServerUnreachable("gone"), ValueError("a bug")]), 1, "ValueError: a bug"),
+        (KeyboardInterrupt(), 130, ""),
+        (BaseExceptionGroup("stop", [ValueError("late"), KeyboardInterrupt()]), 130, "interrupted"),
+    ],
+)
+def test_an_error_is_one_line(
+    verb: Callable[..., None],
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    code: int,
+    line: str,
+) -> None:
+    def command() -> None:
+        raise error
+
+    verb(command)
+    exit_code, said = outcome(capsys)
+    assert exit_code == code
+    assert line in said
+    assert said.count("\n") <= 1
+    assert "Traceback" not in said
+
+
+def test_debug_adds_the_traceback_wherever_it_stands(
+    verb: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command(number: int = 0) -> None:
+        raise ServerUnreachable("nothing answers")
+
+    verb(command)
+    for arguments in (["--debug"], ["--number", "3", "--debug"]):
+        code, said = outcome(capsys, *arguments)
+        assert code == 1
+        assert "Traceback" in said
+        assert said.rstrip().endswith("webgym: nothing answers")
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--numbr", "3"], ["--number", "three"], ["--number"], ["superfluous"]]
+)
+def test_wrong_arguments_are_one_line(
+    verb: Callable[..., None], capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
+    def command(number: int = 0) -> None:
+        raise AssertionError("must not run")
+
+    verb(command)
+    code, said = outcome(capsys, *arguments)
+    assert code == 2
+    assert said.count("\n") == 1
+    assert "(see `webgym try --help`)" in said
+
+
+def test_a_verb_sets_the_exit_code(verb: Callable[..., None], capsys: pytest.CaptureFixture[str]) -> None:
+    def command(fail: bool = False) -> None:
+        if fail:
+            raise typer.Exit(3)
+
+    verb(command)
+    assert outcome(capsys) == (0, "")
+    assert outcome(capsys, "--fail") == (3, "")
+
+
+def test_ctrl_c_in_a_real_process(tmp_path: Path) -> None:
+    """An asynchronous verb that is interrupted leaves no traceback and says 130 to the shell."""
+    script = tmp_path / "interrupted.py"
+    script.write_text(
+        "import asyncio, sys, types\n"
+        "from webgym import cli\n"
+        "async def work():\n"
+        "    async with asyncio.TaskGroup() as group:\n"
+        "        group.create_task(asyncio.Event().wait())\n"
+        "        print('ready', flush=True)\n"
+        "module = types.ModuleType('webgym.cli.try')\n"
+        "module.command = lambda: asyncio.run(work())\n"
+        "module.__spec__ = types.SimpleNamespace()\n"
+        "sys.modules['webgym.cli.try'] = module\n"
+        "cli.VERBS = (cli.Verb('try', 'A verb of the tests.'),)\n"
+        "cli.main(['try'])\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(signal.SIGINT)
+        _, said = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in said
+
+
+def test_help_lists_the_verbs_and_imports_none() -> None:
+    script = (
+        "import sys\n"
+        "from webgym import cli\n"
+        "try:\n    cli.main(['--help'])\n"
+        "finally:\n"
+        "    heavy = {'pydantic', 'jinja2', 'starlette', 'httpx', 'playwright', 'PIL'} & set(sys.modules)\n"
+        "    print('HEAVY', sorted(heavy), [n for n in sys.modules if n.startswith('webgym.cli.')])\n"
+    )
+    answer = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert answer.returncode == 0
+    assert "HEAVY [] []" in answer.stdout
+    for verb in cli.VERBS:
+        assert not verb.is_there or f" {verb.name} " in answer.stdout
+
+
+def test_without_arguments_the_help_is_shown() -> None:
+    answer = run()
+    assert answer.returncode == 0
+    assert "Usage: webgym" in answer.stdout
+
+
+def test_unknown_verbs_and_options() -> None:
+    for arguments in (["rolout"], ["--verbose"]):
+        answer = run(*arguments)
+        assert answer.returncode == 2
+        assert answer.stdout == ""
+        assert answer.stderr.count("\n") == 1
+        assert "(see `webgym --help`)" in answer.stderr
+
+
+def test_the_version() -> None:
+    answer = run("--version")
+    assert answer.returncode == 0
+    assert answer.stdout.startswith("webgym 0.")
+
+
+def test_asyncio_cancellation_is_no_success(
+    verb: Callable[..., None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def command() -> None:
+        raise asyncio.CancelledError
+
+    verb(command)
+    code, said = outcome(capsys)
+    assert code == 1
+    assert said.count("\n") == 1

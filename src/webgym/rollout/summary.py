@@ -1,0 +1,307 @@
+"""The figures of a run, from its trajectories alone, one in memory at a time."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import TypeAlias, TypedDict
+
+from webgym.core.outcome import Outcome
+from webgym.core.task import LEVELS, Task
+from webgym.core.trajectory import Step, Trajectory
+
+_Z = 1.959963984540054
+"""Two-sided 95 % quantile of the normal distribution."""
+
+UNKNOWN = "unknown"
+"""Domain and website of a trajectory whose task the run does not hold."""
+
+Interval: TypeAlias = tuple[float, float]
+
+
+class Quantiles(TypedDict):
+    """A distribution, in short.
+
+    Attributes:
+        count: how many values it was made from.
+        p50, p95: median and 95th percentile; ``None`` if there was no value.
+    """
+
+    count: int
+    p50: float | None
+    p95: float | None
+
+
+class Group(TypedDict):
+    """The attempts that have something in common.
+
+    Attributes:
+        attempts: all of them; the outcomes add up to it.
+        outcomes: how many ended so, for all eight outcomes.
+        success_rate: success / (success + failure + truncated); ``None`` if there is none of these.
+        success_interval: its Wilson 95 % interval; ``None`` with the rate.
+        steps: all steps taken.
+        steps_per_attempt: median and 95th percentile over the attempts that carry a reward.
+    """
+
+    attempts: int
+    outcomes: dict[str, int]
+    success_rate: float | None
+    success_interval: Interval | None
+    steps: int
+    steps_per_attempt: Quantiles
+
+
+class Loss(TypedDict):
+    """Attempts without a reward that ended for one reason.
+
+    Attributes:
+        count: how many.
+        outcomes: what became of them.
+        attempt_id, message: of the first.
+    """
+
+    count: int
+    outcomes: dict[str, int]
+    attempt_id: str
+    message: str
+
+
+class Summary(TypedDict):
+    """What ``summary.json`` holds.
+
+    Attributes:
+        attempts: trajectories on disk, those that were made again included.
+        outcomes: how many ended so, for all eight outcomes; adds up to ``attempts``.
+        success_rate: success / (success + failure + truncated), for ``overall``, ``easy``, ``medium`` and
+            ``hard``; ``None`` where nothing was rewarded.
+        success_interval: the Wilson 95 % intervals of these rates.
+        steps: all steps taken.
+        wall_seconds: while at least one attempt was in progress, or as the collector measured.
+        steps_per_second: ``steps`` / ``wall_seconds``.
+        policy, judge: names; several are joined by commas. Empty if there was none.
+        seed: of the run.
+        tasks: how many different tasks were attempted.
+        started_at: Unix time of the first attempt, seconds; ``None`` if there is none.
+        step_milliseconds: what an agent waits for between its reply and the next look at the page.
+        operation_milliseconds: per operation of the browser server, as it measured, and ``policy`` (one
+            reply) and ``judge`` (one trajectory).
+        by_level, by_domain, by_website: the same figures for a part of the attempts.
+        losses: what ended attempts that carry no reward, by error code, or by outcome where there was no
+            error (a website that blocks); most frequent first.
+    """
+
+    attempts: int
+    outcomes: dict[str, int]
+    success_rate: dict[str, float | None]
+    success_interval: dict[str, Interval | None]
+    steps: int
+    wall_seconds: float
+    steps_per_second: float
+    policy: str
+    judge: str
+    seed: int | None
+    tasks: int
+    started_at: float | None
+    step_milliseconds: Quantiles
+    operation_milliseconds: dict[str, Quantiles]
+    by_level: dict[str, Group]
+    by_domain: dict[str, Group]
+    by_website: dict[str, Group]
+    losses: dict[str, Loss]
+
+
+def wilson(successes: int, of: int) -> Interval | None:
+    """The Wilson score interval at 95 % of a proportion; ``None`` of nothing."""
+    if of == 0:
+        return None
+    share, z2 = successes / of, _Z * _Z
+    middle = (share + z2 / (2 * of)) / (1 + z2 / of)
+    half = _Z * math.sqrt(share * (1 - share) / of + z2 / (4 * of * of)) / (1 + z2 / of)
+    return max(0.0, middle - half), min(1.0, middle + half)
+
+
+def quantiles(values: Sequence[float]) -> Quantiles:
+    """Median and 95th percentile, by linear interpolation between the ranks."""
+    ranked = sorted(values)
+
+    def at(share: float) -> float | None:
+        if not ranked:
+            return None
+        place = share * (len(ranked) - 1)
+        low = math.floor(place)
+        high = min(low + 1, len(ranked) - 1)
+        return ranked[low] + (ranked[high] - ranked[low]) * (place - low)
+
+    return {"count": len(ranked), "p50": at(0.5), "p95": at(0.95)}
+
+
+def environment_milliseconds(steps: Sequence[Step]) -> list[float]:
+    """How long the agent waited after each reply for the next look at the page."""
+    return [
+        max(0.0, (after.at - before.at - before.reply.seconds) * 1000) for before, after in pairwise(steps)
+    ]
+
+
+class _Count:
+    """One :class:`Group` while it is counted."""
+
+    def __init__(self) -> None:
+        self.outcomes: Counter[Outcome] = Counter()
+        self.steps = 0
+        self.lengths = array("d")
+
+    def add(self, trajectory: Trajectory) -> None:
+        self.outcomes[trajectory.outcome] += 1
+        self.steps += len(trajectory.episode.steps)
+        if trajectory.outcome.is_rewarded:
+            self.lengths.append(len(trajectory.episode.steps))
+
+    def group(self) -> Group:
+        rewarded = sum(count for outcome, count in self.outcomes.items() if outcome.is_rewarded)
+        successes = self.outcomes[Outcome.SUCCESS]
+        return {
+            "attempts": self.outcomes.total(),
+            "outcomes": {outcome.value: self.outcomes[outcome] for outcome in Outcome},
+            "success_rate": successes / rewarded if rewarded else None,
+            "success_interval": wilson(successes, rewarded),
+            "steps": self.steps,
+            "steps_per_attempt": quantiles(self.lengths),
+        }
+
+
+def _covered(spans: Iterable[tuple[float, float]]) -> float:
+    """The length of the union of intervals: a pause between two parts of a run does not count."""
+    total, until = 0.0, -math.inf
+    for start, end in sorted(spans):
+        total += max(0.0, end - max(start, until))
+        until = max(until, end)
+    return total
+
+
+class Tally:
+    """Counts trajectories as they come; memory grows by a few numbers per step.
+
+    Args:
+        tasks: the tasks of the run, by id.
+    """
+
+    def __init__(self, tasks: Mapping[str, Task]) -> None:
+        self._tasks = tasks
+        self._all = _Count()
+        self._levels = {level: _Count() for level in LEVELS}
+        self._domains: defaultdict[str, _Count] = defaultdict(_Count)
+        self._websites: defaultdict[str, _Count] = defaultdict(_Count)
+        self._attempted: set[str] = set()
+        self._policies: dict[str, None] = {}
+        self._judges: dict[str, None] = {}
+        self._spans: list[tuple[float, float]] = []
+        self._waits = array("d")
+        self._operations: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
+        self._losses: dict[str, Loss] = {}
+
+    def add(self, trajectory: Trajectory) -> None:
+        """Count one trajectory."""
+        episode = trajectory.episode
+        task = self._tasks.get(episode.task_id)
+        self._all.add(trajectory)
+        if task is not None:
+            self._levels[task.level].add(trajectory)
+        self._domains[task.domain if task else UNKNOWN].add(trajectory)
+        self._websites[task.website if task else UNKNOWN].add(trajectory)
+        self._attempted.add(episode.task_id)
+        self._policies.setdefault(episode.policy)
+        if trajectory.verdict is not None:
+            self._judges.setdefault(trajectory.verdict.judge)
+        self._spans.append((episode.started_at, episode.started_at + episode.seconds))
+        self._time(trajectory)
+        self._lose(trajectory)
+
+    def _time(self, trajectory: Trajectory) -> None:
+        episode = trajectory.episode
+        self._waits.extend(environment_milliseconds(episode.steps))
+        for observation in episode.observations:
+            for operation, milliseconds in observation.milliseconds.items():
+                self._operations[operation].append(milliseconds)
+        self._operations["policy"].extend(step.reply.seconds * 1000 for step in episode.steps)
+        if trajectory.judge_seconds:
+            self._operations["judge"].append(trajectory.judge_seconds * 1000)
+
+    def _lose(self, trajectory: Trajectory) -> None:
+        if trajectory.outcome.is_rewarded:
+            return
+        outcome = trajectory.outcome.value
+        code, message = outcome, ""
+        if failure := trajectory.episode.failure or trajectory.judge_failure:
+            code, message = failure.code, failure.message
+        elif trajectory.verdict is not None:
+            message = trajectory.verdict.blocked.reason
+        attempt_id = trajectory.episode.attempt_id
+        loss = self._losses.setdefault(
+            code, {"count": 0, "outcomes": {}, "attempt_id": attempt_id, "message": message}
+        )
+        loss["count"] += 1
+        loss["outcomes"][outcome] = loss["outcomes"].get(outcome, 0) + 1
+
+    def summary(
+        self,
+        *,
+        seed: int | None = None,
+        policy: str | None = None,
+        judge: str | None = None,
+        wall_seconds: float | None = None,
+    ) -> Summary:
+        """The figures so far. What is given stands in place of what the trajectories tell."""
+        overall = self._all.group()
+        levels: dict[str, Group] = {level: count.group() for level, count in self._levels.items()}
+        rated = {"overall": overall, **levels}
+        wall = _covered(self._spans) if wall_seconds is None else wall_seconds
+        return {
+            "attempts": overall["attempts"],
+            "outcomes": overall["outcomes"],
+            "success_rate": {name: group["success_rate"] for name, group in rated.items()},
+            "success_interval": {name: group["success_interval"] for name, group in rated.items()},
+            "steps": overall["steps"],
+            "wall_seconds": wall,
+            "steps_per_second": overall["steps"] / wall if wall > 0 else 0.0,
+            "policy": ", ".join(self._policies) if policy is None else policy,
+            "judge": ", ".join(self._judges) if judge is None else judge,
+            "seed": seed,
+            "tasks": len(self._attempted),
+            "started_at": min((start for start, _ in self._spans), default=None),
+            "step_milliseconds": quantiles(self._waits),
+            "operation_milliseconds": {
+                name: quantiles(values) for name, values in sorted(self._operations.items()) if values
+            },
+            "by_level": levels,
+            "by_domain": {name: count.group() for name, count in sorted(self._domains.items())},
+            "by_website": {name: count.group() for name, count in sorted(self._websites.items())},
+            "losses": dict(sorted(self._losses.items(), key=lambda item: -item[1]["count"])),
+        }
+
+
+def summarise(
+    trajectories: Iterable[Trajectory],
+    tasks: Mapping[str, Task],
+    *,
+    seed: int | None = None,
+    policy: str | None = None,
+    judge: str | None = None,
+    wall_seconds: float | None = None,
+) -> Summary:
+    """The figures of a run.
+
+    Args:
+        trajectories: all of them; read once, never held.
+        tasks: by id.
+        seed: of the run.
+        policy, judge: names; taken from the trajectories where not given.
+        wall_seconds: taken from the attempts where not given; pauses between them are left out.
+    """
+    tally = Tally(tasks)
+    for trajectory in trajectories:
+        tally.add(trajectory)
+    return tally.summary(seed=seed, policy=policy, judge=judge, wall_seconds=wall_seconds)

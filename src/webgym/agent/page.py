@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Sequence
 from typing import Final
 from urllib.parse import unquote, urlsplit
 
 from webgym.core.action import GRID, Mode, Target
 from webgym.core.observation import Element, Observation
+from webgym.core.text import fold, says
 from webgym.core.truth import Click
 
 TEXT_ROLES: Final = frozenset({"textbox", "searchbox", "combobox", "spinbutton", "textarea"})
@@ -18,21 +18,10 @@ _SLIVER_PX: Final = 8
 """An element cut off by the viewport's edge needs this much of its height visible to be hit safely."""
 
 
-def fold(text: str) -> str:
-    """Case and white space folded, for comparison."""
-    return " ".join(text.casefold().split())
-
-
-def holds(text: str, wanted: str) -> bool:
-    """Whether the folded text contains ``wanted`` as whole words."""
-    inner = re.escape(fold(wanted))
-    return bool(inner) and re.search(rf"(?<!\w){inner}(?!\w)", fold(text)) is not None
-
-
 def shows_all(observation: Observation, texts: Iterable[str]) -> bool:
     """Whether all these texts are visible at once."""
-    visible = observation.text or ""
-    return all(holds(visible, text) for text in texts)
+    visible = fold(observation.text or "")
+    return all(says(visible, text) for text in texts)
 
 
 def path_of(url: str) -> str:

@@ -14,13 +14,14 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Final, Literal, Self, TypeAlias, get_args
 
-from webgym.agent.page import holds, target_of, usable
+from webgym.agent.page import target_of, usable
 from webgym.agent.policy import Turn
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Act, Solver
 from webgym.core.action import GRID, Answer, GoBack, LeftClick, Scroll, Target
 from webgym.core.errors import ConfigError, PolicyError
 from webgym.core.task import Task
+from webgym.core.text import fold, says
 from webgym.core.trajectory import Reply
 from webgym.core.truth import Give, Home, Move, Truth
 
@@ -203,15 +204,16 @@ _UNREADABLE: Final = (
 
 def wrong_answer(truth: Truth, rng: random.Random) -> str | None:
     """An answer that the truth does not accept; ``None`` where any answer will do."""
-    if truth.answer.forbidden:
-        return f"The answer is {rng.choice(truth.answer.forbidden)}."
     if not truth.answer.required:
         return None
+    if truth.answer.forbidden:
+        return f"The answer is {rng.choice(truth.answer.forbidden)}."
     last = truth.moves[-1]
     right = last.text if isinstance(last, Give) else ""
     shift = rng.randint(1, 9)
     other = re.sub(r"[0-9](?![0-9])", lambda digit: str((int(digit[0]) + shift) % 10), right)
-    accepted = all(any(holds(other, text) for text in group) for group in truth.answer.required)
+    said = fold(other)
+    accepted = all(any(says(said, text) for text in group) for group in truth.answer.required)
     return "The website does not say." if accepted else other
 
 

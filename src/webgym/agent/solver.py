@@ -22,7 +22,6 @@ from webgym.agent.page import (
     find_click,
     find_home,
     find_named,
-    fold,
     is_home,
     path_of,
     shows_all,
@@ -31,6 +30,7 @@ from webgym.agent.page import (
 )
 from webgym.core.action import Action, Answer, Direction, GoBack, LeftClick, Mode, Scroll, Type, Wait
 from webgym.core.observation import Element, Observation
+from webgym.core.text import fold
 from webgym.core.truth import Back, Choose, Click, Fill, Give, Home, Move, See
 
 IN_THE_WAY: Final = frozenset(
@@ -339,16 +339,16 @@ def _holds_value(element: Element | None, value: str) -> bool:
 
 
 def _ends(move: Move, observation: Observation) -> list[Direction]:
-    """Which ends of the page to visit. A way home is most often at the top.
+    """Which ends of the page to visit, the nearer one first.
 
-    Texts must be in view together, and the way up stops at other places than the way down, so a search
-    for them goes both ways; for anything else, what is above has been seen when it starts at the top.
+    Texts must be in view together, and the way back stops at other places than the way there, so a
+    search for them goes both ways; for anything else, what is above has been seen when it starts at the
+    top.
     """
-    if isinstance(move, Home):
-        return ["up", "down"]
-    if isinstance(move, See) or observation.scroll[0] > 1:
-        return ["down", "up"]
-    return ["down"]
+    offset, extent = observation.scroll
+    if offset <= 1 and not isinstance(move, See | Home):
+        return ["down"]
+    return ["up", "down"] if 0 < offset < extent - observation.viewport[1] - offset else ["down", "up"]
 
 
 def _is_at_end(observation: Observation, direction: Direction) -> bool:

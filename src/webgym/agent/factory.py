@@ -1,0 +1,39 @@
+"""From a policy's name, as a person gives it, to the policy."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from webgym.agent.openai_policy import OpenAIPolicy
+from webgym.agent.policy import Policy
+from webgym.agent.random_policy import RandomPolicy
+from webgym.agent.scripted import ScriptedPolicy
+from webgym.core.errors import ConfigError
+from webgym.llm.config import ChatConfig
+
+POLICY_NAMES: Final = ("scripted", "random", "openai")
+
+
+def create_policy(name: str, *, mistake_rate: float = 0.0, chat: ChatConfig | None = None) -> Policy:
+    """The policy of this name.
+
+    Args:
+        name: one of :data:`POLICY_NAMES`.
+        mistake_rate: for ``scripted``: share of attempts with a mistake.
+        chat: for ``openai``: endpoint and model.
+
+    Raises:
+        ConfigError: there is no such policy, or it lacks what it needs.
+    """
+    match name:
+        case "scripted":
+            return ScriptedPolicy(mistake_rate)
+        case "random":
+            return RandomPolicy()
+        case "openai":
+            if chat is None:
+                hint = "give a base URL and the model's name"
+                raise ConfigError("the openai policy does not know its endpoint", hint=hint)
+            return OpenAIPolicy(chat)
+        case _:
+            raise ConfigError(f"there is no policy {name!r}", hint=f"choose one of {', '.join(POLICY_NAMES)}")

@@ -1,0 +1,91 @@
+"""A policy that does anything: the floor that every other policy must beat, and a tireless tester."""
+
+from __future__ import annotations
+
+import random
+from types import TracebackType
+from typing import Final, Self
+
+from webgym.agent.context import describe
+from webgym.agent.page import TEXT_ROLES, target_of, usable
+from webgym.agent.policy import Turn
+from webgym.agent.prompts import render_reply
+from webgym.core.action import (
+    GRID,
+    Action,
+    Answer,
+    GoBack,
+    LeftClick,
+    Scroll,
+    Target,
+    Type,
+    Wait,
+)
+from webgym.core.observation import Observation
+from webgym.core.task import Task
+from webgym.core.trajectory import Reply
+
+_ANSWER_CHANCE: Final = 0.05
+"""Chance of an answer at any turn but the last one, which always answers."""
+
+_WEIGHTS: Final = {"element": 12, "point": 1, "scroll": 4, "back": 1, "wait": 1}
+
+
+class RandomPolicy:
+    """Clicks and types at random, on visible elements where it is told of them, and answers at some point."""
+
+    name = "random"
+    wants_elements = True
+
+    def begin(self, task: Task, seed: int) -> RandomPlayer:
+        """A player whose every choice follows from the task's id and the seed."""
+        return RandomPlayer(random.Random(f"{task.id}\n{seed}"))
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        return None
+
+
+class RandomPlayer:
+    """One attempt of the random policy."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self._rng = rng
+
+    async def reply(self, turn: Turn) -> Reply:
+        """Any action that the mode allows."""
+        action = self._action(turn)
+        text = render_reply(action, turn.prompt_format, description=describe(action))
+        return Reply(text, policy=RandomPolicy.name)
+
+    def _action(self, turn: Turn) -> Action:
+        seen, rng = turn.observation, self._rng
+        if turn.index >= turn.budget - 1 or rng.random() < _ANSWER_CHANCE:
+            return Answer(self._words(seen, 3))
+        match rng.choices(list(_WEIGHTS), weights=list(_WEIGHTS.values()))[0]:
+            case "element" if elements := usable(seen):
+                element = rng.choice(elements)
+                target = target_of(element, seen, turn.mode)
+                typed = element.role in TEXT_ROLES
+                return Type(target, self._words(seen, 1)) if typed else LeftClick(target)
+            case "point" if turn.mode == "coordinates":
+                return LeftClick(Target(coordinate=(float(rng.randrange(GRID)), float(rng.randrange(GRID)))))
+            case "back":
+                return GoBack()
+            case "wait":
+                return Wait(1.0)
+            case _:
+                return Scroll(rng.choice(("up", "down", "down")))
+
+    def _words(self, seen: Observation, most: int) -> str:
+        """Some words that stand on the page."""
+        words = (seen.text or seen.title).split() or ["nothing"]
+        start = self._rng.randrange(len(words))
+        return " ".join(words[start : start + most])

@@ -1,0 +1,35 @@
+"""Comparing texts as a careful reader does: case, white space and typographic forms do not count.
+
+Truths are compared by this rule wherever they are: by the judge with what was visible, by a script with
+what is visible.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from functools import lru_cache
+
+_QUOTES = str.maketrans({"’": "'", "‘": "'", "“": '"', "”": '"', "–": "-", "—": "-", "−": "-"})
+
+
+def fold(text: str) -> str:
+    """Compatibility forms, typographic quotes and dashes, case and white space made one."""
+    return " ".join(unicodedata.normalize("NFKC", text).translate(_QUOTES).casefold().split())
+
+
+@lru_cache(maxsize=20_000)
+def _whole(phrase: str) -> re.Pattern[str]:
+    before = r"(?<!\w)" if phrase[0].isalnum() else ""
+    after = r"(?!\w)" if phrase[-1].isalnum() else ""
+    if phrase[0].isdecimal():
+        before += r"(?<!\d[.,:])"  # 5 does not stand in 2.5
+    if phrase[-1].isdecimal():
+        after += r"(?![.,:]\d)"  # 12 does not stand in 12.50
+    return re.compile(before + re.escape(phrase) + after)
+
+
+def says(folded: str, phrase: str) -> bool:
+    """Whether ``phrase`` stands in the folded text as whole words and whole numbers."""
+    wanted = fold(phrase)
+    return bool(wanted) and wanted in folded and _whole(wanted).search(folded) is not None

@@ -1,0 +1,109 @@
+"""Which endpoint, which model, how patient."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import httpx
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+_OURS: Final = frozenset({"messages", "model", "stream", "n"})
+"""What a request says by itself; ``extra_body`` cannot change it."""
+
+
+class Sampling(BaseModel):
+    """Sampling parameters. What is ``None`` is not sent, and the endpoint's default holds."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    temperature: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    """0 for the likeliest tokens."""
+
+    top_p: float | None = Field(default=None, gt=0, le=1)
+    """Share of the probability mass that tokens are drawn from."""
+
+    max_tokens: int | None = Field(default=None, ge=1)
+    """Longest reply, in tokens."""
+
+    extra_body: dict[str, Any] = {}
+    """Further fields of the request, for what only some endpoints know (``top_k``, ``seed``, ...)."""
+
+    @field_validator("extra_body")
+    @classmethod
+    def _leaves_ours_alone(cls, extra: dict[str, Any]) -> dict[str, Any]:
+        if taken := _OURS & extra.keys():
+            raise ValueError(f"extra_body must not set {', '.join(sorted(taken))}")
+        return extra
+
+    def body(self) -> dict[str, Any]:
+        """The fields of the request, exactly as they are sent."""
+        return self.model_dump(exclude={"extra_body"}, exclude_none=True) | self.extra_body
+
+
+class Retry(BaseModel):
+    """What is tried again: a refused or broken connection, 408, 429 and 5xx. Never a timeout.
+
+    Before try n + 1 there is a pause of ``first_seconds * 2**(n-1)``, at most ``longest_seconds``, of which
+    a random half is left out so that clients do not come back in step. ``Retry-After`` makes it longer.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    tries: int = Field(default=5, ge=1)
+    """How often a request is sent at most."""
+
+    first_seconds: float = Field(default=0.5, ge=0)
+    """The first pause."""
+
+    longest_seconds: float = Field(default=20.0, ge=0)
+    """No pause of our own is longer."""
+
+
+class ChatConfig(BaseModel):
+    """An endpoint, a model, and how patient to be with them."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    base_url: str
+    """Up to and without ``/chat/completions``, e.g. ``http://127.0.0.1:8000/v1``."""
+
+    model: str = Field(min_length=1)
+    """The model's name at that endpoint."""
+
+    api_key_env: str = "WEBGYM_API_KEY"
+    """Environment variable that holds the key. If it is not set, none is sent. The key itself is never
+    part of a config, so that no run folder can hold it."""
+
+    sampling: Sampling = Sampling()
+    """Used where a request names none."""
+
+    concurrency: int = Field(default=32, ge=1)
+    """Requests in flight at once; the others queue here, outside of every deadline below."""
+
+    connect_seconds: float = Field(default=10.0, gt=0)
+    """Deadline for a connection."""
+
+    read_seconds: float = Field(default=300.0, gt=0)
+    """Longest silence of the endpoint. A model that thinks is silent until its reply is complete."""
+
+    total_seconds: float = Field(default=600.0, gt=0)
+    """Deadline for the complete reply, tries and pauses included."""
+
+    max_reply_bytes: int = Field(default=8 * 1024 * 1024, ge=1024)
+    """A longer reply is cut off and refused."""
+
+    retry: Retry = Retry()
+    """When to ask again."""
+
+    @field_validator("base_url")
+    @classmethod
+    def _is_plain_http(cls, value: str) -> str:
+        try:
+            url = httpx.URL(value.strip().rstrip("/"))
+        except httpx.InvalidURL as error:
+            raise ValueError(f"{value!r} is no URL") from error
+        if url.scheme not in ("http", "https") or not url.host:
+            raise ValueError("the base URL must start with http:// or https:// and name a host")
+        if url.userinfo or url.query or url.fragment:
+            raise ValueError("the base URL must hold no credentials, query or fragment")
+        return str(url)

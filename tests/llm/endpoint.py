@@ -1,0 +1,184 @@
+"""A real HTTP server that speaks the chat API, or misbehaves: the first part of the path says how."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import socket
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
+from typing import Any
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+Answer = Callable[[Request], Coroutine[Any, Any, Response]]
+
+HTML = "<!doctype html><html><body><h1>It works!</h1></body></html>"
+
+
+class Endpoint:
+    """The server's address, and what it was asked."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+        self.text = "Hello."
+        self.requests: list[dict[str, Any]] = []
+        self.headers: list[dict[str, str]] = []
+        self.peers: set[int] = set()
+        self.in_flight = 0
+        self.most_in_flight = 0
+        self.asked = asyncio.Event()
+        self.hung_up = asyncio.Event()
+        self.retry_after = "0"
+        self.fails_left = 0
+
+    def url(self, behaviour: str = "fine") -> str:
+        return f"http://127.0.0.1:{self.port}/{behaviour}/v1"
+
+    async def answer(self, request: Request) -> Response:
+        self.requests.append(await request.json())
+        self.headers.append(dict(request.headers))
+        assert request.client is not None
+        self.peers.add(request.client.port)
+        self.in_flight += 1
+        self.most_in_flight = max(self.most_in_flight, self.in_flight)
+        self.asked.set()
+        try:
+            behaviour: Answer = getattr(self, f"do_{request.path_params['behaviour']}")
+            return await behaviour(request)
+        finally:
+            self.in_flight -= 1
+
+    def completion(self, **choice: Any) -> dict[str, Any]:
+        return {
+            "id": "chatcmpl-1",
+            "object": "chat.completion",
+            "model": "tiny-1",
+            "choices": [
+                {
+                    "index": 0,
+                    "finish_reason": "stop",
+                    "message": {"role": "assistant", "content": self.text},
+                    **choice,
+                }
+            ],
+            "usage": {"prompt_tokens": 12, "completion_tokens": 3, "total_tokens": 15},
+        }
+
+    async def do_fine(self, request: Request) -> Response:
+        return JSONResponse(self.completion())
+
+    async def do_slow(self, request: Request) -> Response:
+        await asyncio.sleep(0.05)
+        return JSONResponse(self.completion())
+
+    async def do_silent(self, request: Request) -> Response:
+        while (await request.receive())["type"] != "http.disconnect":
+            pass
+        self.hung_up.set()
+        return Response()
+
+    async def do_silent_once(self, request: Request) -> Response:
+        return await self.do_fine(request) if self.hung_up.is_set() else await self.do_silent(request)
+
+    async def do_bare(self, request: Request) -> Response:
+        return JSONResponse({"choices": [{"message": {"content": None}}]})
+
+    async def do_flaky(self, request: Request) -> Response:
+        if self.fails_left > 0:
+            self.fails_left -= 1
+            error = {"error": {"message": "slow down", "type": "rate_limit"}}
+            return JSONResponse(error, 429, headers={"Retry-After": self.retry_after})
+        return JSONResponse(self.completion())
+
+    async def do_500(self, request: Request) -> Response:
+        return Response("Internal Server Error", 500)
+
+    async def do_400(self, request: Request) -> Response:
+        return JSONResponse({"error": {"message": "context length exceeded\nby a lot"}}, 400)
+
+    async def do_401(self, request: Request) -> Response:
+        return JSONResponse({"error": {"message": "no key"}}, 401)
+
+    async def do_redirect(self, request: Request) -> Response:
+        return Response(status_code=307, headers={"Location": self.url("fine")})
+
+    async def do_html(self, request: Request) -> Response:
+        return HTMLResponse(HTML)
+
+    async def do_nothing(self, request: Request) -> Response:
+        return Response(b"", 200)
+
+    async def do_truncated(self, request: Request) -> Response:
+        whole = json.dumps(self.completion())
+        return Response(whole[: len(whole) // 2], 200, media_type="application/json")
+
+    async def do_list(self, request: Request) -> Response:
+        return JSONResponse([1, 2, 3])
+
+    async def do_nested(self, request: Request) -> Response:
+        return Response('{"choices": ' + "[" * 200_000, 200, media_type="application/json")
+
+    async def do_empty(self, request: Request) -> Response:
+        return JSONResponse({"choices": [], "error": {"message": "model is loading"}})
+
+    async def do_number(self, request: Request) -> Response:
+        return JSONResponse(self.completion(message={"content": 5}))
+
+    async def do_surrogate(self, request: Request) -> Response:
+        body = '{"choices": [{"message": {"content": "\\ud800"}}]}'
+        return Response(body, 200, media_type="application/json")
+
+    async def do_stream(self, request: Request) -> Response:
+        return StreamingResponse(self._forever(b"data: {}\n\n"), media_type="text/event-stream")
+
+    async def do_flood(self, request: Request) -> Response:
+        return StreamingResponse(self._forever(b" " * 65536, pause=0), media_type="application/json")
+
+    async def do_trickle(self, request: Request) -> Response:
+        return StreamingResponse(self._forever(b" "), media_type="application/json")
+
+    async def _forever(self, chunk: bytes, pause: float = 0.01) -> AsyncIterator[bytes]:
+        while True:
+            yield chunk
+            await asyncio.sleep(pause)
+
+
+@asynccontextmanager
+async def serve() -> AsyncIterator[Endpoint]:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        endpoint = Endpoint(listener.getsockname()[1])
+        route = Route("/{behaviour}/v1/chat/completions", endpoint.answer, methods=["POST"])
+        config = uvicorn.Config(
+            Starlette(routes=[route]), log_config=None, lifespan="off", timeout_graceful_shutdown=1
+        )
+        server = uvicorn.Server(config)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(server.serve(sockets=[listener]))
+            while not server.started:  # noqa: ASYNC110 - uvicorn has no event for it
+                await asyncio.sleep(0.005)
+            try:
+                yield endpoint
+            finally:
+                server.should_exit = True
+
+
+@asynccontextmanager
+async def serve_raw(answer: bytes) -> AsyncIterator[str]:
+    """A server that sends these bytes to everybody who connects and hangs up."""
+
+    async def handle(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(answer)
+        await writer.drain()
+        writer.close()
+        await writer.wait_closed()
+
+    server = await asyncio.start_server(handle, "127.0.0.1", 0)
+    async with server:
+        yield f"http://127.0.0.1:{server.sockets[0].getsockname()[1]}/v1"

@@ -1,0 +1,247 @@
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pydantic import SecretStr, ValidationError
+from tests.llm.endpoint import Endpoint, serve_raw
+
+from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
+from webgym.llm import ChatClient, ChatConfig, Retry, Sampling
+
+MESSAGES = [{"role": "user", "content": "Hello?"}]
+QUICK = Retry(tries=3, first_seconds=0.01, longest_seconds=0.02)
+
+
+def config(base_url: str, **changes: Any) -> ChatConfig:
+    settings: dict[str, Any] = {"base_url": base_url, "model": "tiny", "retry": QUICK}
+    return ChatConfig(**(settings | changes))
+
+
+async def ask(base_url: str, **changes: Any) -> str:
+    async with ChatClient(config(base_url, **changes)) as client:
+        return (await client.complete(MESSAGES)).text
+
+
+async def test_completion(endpoint: Endpoint) -> None:
+    async with ChatClient(config(endpoint.url())) as client:
+        reply = await client.complete(MESSAGES, Sampling(temperature=0, extra_body={"top_k": 2}))
+    assert (reply.text, reply.finish_reason, reply.model) == ("Hello.", "stop", "tiny-1")
+    assert (reply.prompt_tokens, reply.completion_tokens) == (12, 3)
+    assert 0 < reply.seconds < 10
+    assert endpoint.requests == [
+        {"model": "tiny", "messages": MESSAGES, "stream": False, "temperature": 0.0, "top_k": 2}
+    ]
+    assert "authorization" not in endpoint.headers[0]
+
+
+async def test_a_reply_without_usage_model_or_content_is_a_reply(endpoint: Endpoint) -> None:
+    async with ChatClient(config(endpoint.url("bare"))) as client:
+        reply = await client.complete(MESSAGES)
+    assert (reply.text, reply.finish_reason, reply.model) == ("", "", "tiny")
+    assert (reply.prompt_tokens, reply.completion_tokens) == (0, 0)
+
+
+async def test_connections_are_kept(endpoint: Endpoint) -> None:
+    async with ChatClient(config(endpoint.url())) as client:
+        for _ in range(5):
+            await client.complete(MESSAGES)
+    assert len(endpoint.peers) == 1
+
+
+async def test_concurrency_is_limited(endpoint: Endpoint) -> None:
+    async with (
+        ChatClient(config(endpoint.url("slow"), concurrency=3, total_seconds=5)) as client,
+        asyncio.TaskGroup() as group,
+    ):
+        for _ in range(9):
+            group.create_task(client.complete(MESSAGES))
+    assert endpoint.most_in_flight == 3
+    assert len(endpoint.requests) == 9
+
+
+async def test_the_queue_does_not_count_towards_the_deadline(endpoint: Endpoint) -> None:
+    limits = {"concurrency": 1, "total_seconds": 0.4}
+    async with ChatClient(config(endpoint.url("slow"), **limits)) as client, asyncio.TaskGroup() as group:
+        for _ in range(12):  # 0.6 s of work in all
+            group.create_task(client.complete(MESSAGES))
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "error", "words"),
+    [
+        ("500", LLMBadReply, "500 Internal Server Error"),
+        ("400", LLMBadReply, "context length exceeded"),
+        ("401", LLMBadReply, "WEBGYM_API_KEY"),
+        ("redirect", LLMBadReply, "redirects are not followed"),
+        ("html", LLMBadReply, "a web page"),
+        ("nothing", LLMBadReply, "an empty reply"),
+        ("truncated", LLMBadReply, "no completion"),
+        ("list", LLMBadReply, "no completion"),
+        ("nested", LLMBadReply, "no completion"),
+        ("empty", LLMBadReply, "model is loading"),
+        ("number", LLMBadReply, "no completion"),
+        ("surrogate", LLMBadReply, "no completion"),
+        ("stream", LLMBadReply, "a stream"),
+        ("flood", LLMBadReply, "sent more than"),
+    ],
+)
+async def test_misbehaviour_is_one_clear_line(
+    endpoint: Endpoint, behaviour: str, error: type[LLMError], words: str
+) -> None:
+    with pytest.raises(error) as caught:
+        await ask(endpoint.url(behaviour), total_seconds=20)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert caught.value.hint
+    assert endpoint.url(behaviour) in caught.value.message
+
+
+async def test_what_cannot_pass_is_not_tried_again(endpoint: Endpoint) -> None:
+    for behaviour in ("400", "401", "html", "nothing", "truncated"):
+        with pytest.raises(LLMBadReply):
+            await ask(endpoint.url(behaviour))
+    assert len(endpoint.requests) == 5
+
+
+async def test_a_failing_server_is_tried_as_often_as_agreed(endpoint: Endpoint) -> None:
+    with pytest.raises(LLMBadReply):
+        await ask(endpoint.url("500"))
+    assert len(endpoint.requests) == QUICK.tries
+
+
+async def test_too_many_requests_then_fine(endpoint: Endpoint) -> None:
+    endpoint.fails_left = 2
+    assert await ask(endpoint.url("flaky")) == "Hello."
+    assert len(endpoint.requests) == 3
+
+
+async def test_retry_after_is_respected(endpoint: Endpoint) -> None:
+    endpoint.fails_left, endpoint.retry_after = 1, "1"
+    started = time.monotonic()
+    assert await ask(endpoint.url("flaky")) == "Hello."
+    assert time.monotonic() - started >= 1
+
+
+async def test_a_retry_after_beyond_the_deadline_fails_at_once(endpoint: Endpoint) -> None:
+    endpoint.fails_left, endpoint.retry_after = 1, "Fri, 31 Dec 2199 23:59:59 GMT"
+    with pytest.raises(LLMBadReply, match="429 Too Many Requests: slow down"):
+        await ask(endpoint.url("flaky"), total_seconds=5)
+    assert len(endpoint.requests) == 1
+
+
+async def test_pauses_grow_and_are_spread(endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[float] = []
+    sleep: Callable[[float], Any] = asyncio.sleep
+
+    async def note(seconds: float) -> None:
+        pauses.append(seconds)
+        await sleep(0)
+
+    monkeypatch.setattr("webgym.llm.client.asyncio.sleep", note)
+    retry = Retry(tries=5, first_seconds=1, longest_seconds=4)
+    with pytest.raises(LLMUnreachable):
+        await ask("http://127.0.0.1:1/v1", retry=retry)
+    assert [low <= pause <= 2 * low for low, pause in zip((0.5, 1, 2, 2), pauses, strict=True)] == [True] * 4
+
+
+async def test_nobody_listens() -> None:
+    with pytest.raises(LLMUnreachable, match="is the endpoint running"):
+        await ask("http://127.0.0.1:1/v1")
+
+
+async def test_an_unknown_host() -> None:
+    with pytest.raises(LLMUnreachable):
+        await ask("http://nowhere.invalid/v1", connect_seconds=2)
+
+
+async def test_silence(endpoint: Endpoint) -> None:
+    with pytest.raises(LLMTimeout, match=r"was silent for 0\.1 s"):
+        await ask(endpoint.url("silent"), read_seconds=0.1)
+    with pytest.raises(LLMTimeout, match=r"no reply within 0\.1 s"):
+        await ask(endpoint.url("silent"), total_seconds=0.1)
+    assert len(endpoint.requests) == 2
+
+
+async def test_an_endless_body_ends_at_the_deadline(endpoint: Endpoint) -> None:
+    with pytest.raises(LLMBadReply, match=r"was still sending after 0\.2 s"):
+        await ask(endpoint.url("trickle"), total_seconds=0.2)
+
+
+@pytest.mark.parametrize(
+    ("answer", "error"),
+    [
+        (b"", LLMUnreachable),
+        (b"SSH-2.0-OpenSSH_9.2\r\n", LLMUnreachable),
+        (b"HTTP/1.1 200 OK\r\nContent-Length: 500\r\n\r\n{", LLMBadReply),
+        (b"HTTP/1.1 200 OK\r\nContent-Encoding: gzip\r\nContent-Length: 4\r\n\r\nabcd", LLMBadReply),
+    ],
+)
+async def test_what_is_hardly_http(answer: bytes, error: type[LLMError]) -> None:
+    async with serve_raw(answer) as base_url:
+        with pytest.raises(error) as caught:
+            await ask(base_url)
+    assert "\n" not in str(caught.value)
+
+
+async def test_cancelling_frees_the_place_and_hangs_up(endpoint: Endpoint) -> None:
+    async with ChatClient(config(endpoint.url("silent_once"), concurrency=1)) as client:
+        asking = asyncio.create_task(client.complete(MESSAGES))
+        await endpoint.asked.wait()
+        asking.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await asking
+        async with asyncio.timeout(10):
+            await endpoint.hung_up.wait()
+            assert (await client.complete(MESSAGES)).text == "Hello."
+
+
+async def test_the_key_is_sent_and_never_told(endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MY_KEY", "sk-very-secret\n")
+    with pytest.raises(LLMBadReply) as caught:
+        await ask(endpoint.url("401"), api_key_env="MY_KEY")
+    assert endpoint.headers[0]["authorization"] == "Bearer sk-very-secret"
+    assert "secret" not in str(caught.value)
+    settings = config(endpoint.url(), api_key_env="MY_KEY")
+    async with ChatClient(settings, api_key=SecretStr("sk-other-secret")) as client:
+        await client.complete(MESSAGES)
+        assert "secret" not in f"{client.config!r} {client.__dict__!r} {settings.model_dump_json()}"
+    assert endpoint.headers[1]["authorization"] == "Bearer sk-other-secret"
+
+
+def test_a_key_that_is_no_header(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("WEBGYM_API_KEY", "sk-…")
+    with pytest.raises(ConfigError, match="WEBGYM_API_KEY"):
+        ChatClient(config("http://127.0.0.1:1/v1"))
+
+
+async def test_a_client_must_be_opened() -> None:
+    with pytest.raises(RuntimeError, match="async with"):
+        await ChatClient(config("http://127.0.0.1:1/v1")).complete(MESSAGES)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"base_url": "ftp://host/v1"},
+        {"base_url": "host:8000/v1"},
+        {"base_url": "http://user:pass@host/v1"},
+        {"base_url": "http://host/v1?key=1"},
+        {"base_url": "http://"},
+        {"model": ""},
+        {"concurrency": 0},
+        {"unknown": 1},
+        {"sampling": {"extra_body": {"messages": []}}},
+        {"sampling": {"temperature": float("inf")}},
+    ],
+)
+def test_settings_out_of_range(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        config(**({"base_url": "http://host/v1"} | changes))
+
+
+def test_a_trailing_slash_does_no_harm() -> None:
+    assert config("http://host:8000/v1/").base_url == "http://host:8000/v1"

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from webgym.core.observation import Observation
+from webgym.core.text import fold
 from webgym.core.verdict import Judgement
-from webgym.judge.text import fold
 
 REFUSALS = frozenset({401, 403, 407, 429, 503})
 """HTTP statuses with which challenge pages are served."""

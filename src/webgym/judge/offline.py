@@ -13,12 +13,13 @@ from urllib.parse import urlsplit
 
 from webgym.core.errors import JudgeError
 from webgym.core.task import Task
+from webgym.core.text import fold, says
 from webgym.core.trajectory import Episode
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, StateCheck, Truth
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.text import fold, numbers, says
+from webgym.judge.numbers import numbers
 
 COUNTED_NOT_READ = 10
 """Whole numbers below this need not be visible: they number a list or count what was seen."""

@@ -1,0 +1,175 @@
+"""The offline judge: what passes, what does not, and what has no verdict."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from webgym.core.errors import JudgeError
+from webgym.core.observation import Observation
+from webgym.core.outcome import Ending
+from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.trajectory import Episode, Reply, Step
+from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck, Truth
+from webgym.core.verdict import Verdict
+from webgym.judge import OfflineJudge
+
+HOST = "fernhill-mugs.webgym.test"
+
+TASK = Task(
+    id="offline/fernhill-mugs/price",
+    instruction="Find the price of the Blue Mug and put one into the cart.",
+    website=f"http://{HOST}/",
+    domain="Lifestyle & Leisure",
+    subdomain="Shopping",
+    rubric=Rubric((FactGroup(1, "The Blue Mug", ("the price is found", "one is in the cart")),)),
+    source="offline",
+    reference_answer="$12.50",
+    truth=Truth(
+        host=HOST,
+        facts=(
+            FactTruth(1, 0, evidence=(Evidence(("Blue Mug", "$12.50"), r"/p/"),)),
+            FactTruth(1, 1, state=(StateCheck(("cart", "Blue Mug"), 1),)),
+        ),
+        answer=AnswerTruth(required=(("$12.50", "12.50 dollars"),), forbidden=("$9.00",)),
+        moves=(Give("It costs $12.50."),),
+    ),
+)
+
+FRONT = Observation(
+    "a" * 64, f"http://{HOST}/", "Mugs", (1280, 768), status=200, text="Welcome. Red Mug $9.00"
+)
+PRODUCT = Observation(
+    "b" * 64,
+    f"http://{HOST}/p/1",
+    "Blue Mug",
+    (1280, 768),
+    status=200,
+    text="Blue Mug\nPrice $12.50\nRated 4.7",
+)
+CHALLENGE = Observation(
+    "c" * 64, f"http://{HOST}/", "Just a moment", (1280, 768), status=403, text="Verify you are human"
+)
+RIGHT = "The Blue Mug costs $12.50."
+CART = {"cart": {"Blue Mug": 1}}
+
+
+def episode(*seen: Observation, answer: str | None = RIGHT, state: dict[str, Any] | None = CART) -> Episode:
+    steps = tuple(Step(i, observation, (), Reply("…", "test")) for i, observation in enumerate(seen))
+    ending = Ending.BUDGET_SPENT if answer is None else Ending.ANSWERED
+    return Episode(
+        "x#0.0", TASK.id, 0, 0, 1, "test", 0.0, 1.0, steps, ending, answer=answer, final_state=state
+    )
+
+
+async def judged(of: Episode, task: Task = TASK) -> Verdict:
+    async def pictures(name: str) -> bytes:
+        raise AssertionError(f"the offline judge asked for {name}")
+
+    return await OfflineJudge().judge(task, of, pictures)
+
+
+async def test_everything_shown_done_and_said_is_a_success() -> None:
+    verdict = await judged(episode(FRONT, PRODUCT))
+    assert verdict.reward == 1
+    assert [fact.judgement.passed for fact in verdict.facts] == [True, True]
+    assert verdict.facts[0].judgement.steps == (1,)
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        "It costs $9.00.",
+        "It costs $12.",
+        "It costs $112.50.",
+        "It costs $12.50 or $9.00.",
+        "I could not find it.",
+        "",
+        "   ",
+    ],
+)
+async def test_a_wrong_answer_fails(answer: str) -> None:
+    assert (await judged(episode(FRONT, PRODUCT, answer=answer))).reward == 0
+
+
+async def test_a_right_answer_without_the_evidence_fails() -> None:
+    verdict = await judged(episode(FRONT))
+    assert verdict.reward == 0
+    assert verdict.reference is not None
+    assert verdict.reference.passed
+    assert not verdict.facts[0].judgement.passed
+
+
+async def test_an_empty_trajectory_fails() -> None:
+    assert (await judged(episode(answer=None, state={}))).reward == 0
+    assert (await judged(episode(state=CART))).reward == 0
+
+
+async def test_evidence_on_another_website_or_path_does_not_count() -> None:
+    elsewhere = msgspec.structs.replace(PRODUCT, url="http://other.webgym.test/p/1")
+    wrong_path = msgspec.structs.replace(PRODUCT, url=f"http://{HOST}/list")
+    assert (await judged(episode(elsewhere, wrong_path))).reward == 0
+
+
+async def test_evidence_must_stand_in_one_screenshot() -> None:
+    name = msgspec.structs.replace(PRODUCT, text="Blue Mug")
+    price = msgspec.structs.replace(PRODUCT, text="Price $12.50")
+    assert (await judged(episode(name, price))).reward == 0
+
+
+@pytest.mark.parametrize("state", [{}, {"cart": {}}, {"cart": {"Blue Mug": 2}}, {"cart": "Blue Mug"}])
+async def test_a_server_that_holds_something_else_fails(state: dict[str, Any]) -> None:
+    assert (await judged(episode(FRONT, PRODUCT, state=state))).reward == 0
+
+
+async def test_an_invented_number_fails_though_the_reference_is_met() -> None:
+    verdict = await judged(episode(FRONT, PRODUCT, answer="It costs $12.50 and 381 people bought it."))
+    assert verdict.reward == 0
+    assert verdict.response is not None
+    assert "381" in verdict.response.reason
+
+
+async def test_a_visible_number_and_a_small_count_are_no_inventions() -> None:
+    assert (await judged(episode(PRODUCT, answer="1 mug for $12.50, rated 4.7."))).reward == 1
+
+
+async def test_what_happens_after_the_budget_is_no_success() -> None:
+    assert (await judged(episode(FRONT, PRODUCT, answer=None))).reward == 0
+
+
+async def test_a_challenge_that_stays_is_blocking_and_one_left_behind_is_not() -> None:
+    verdict = await judged(episode(FRONT, CHALLENGE, answer="I was blocked."))
+    assert verdict.blocked.passed
+    assert verdict.reward is None
+    assert not (await judged(episode(CHALLENGE, FRONT, PRODUCT))).blocked.passed
+
+
+@pytest.mark.parametrize(
+    ("status", "text"), [(404, "Page not found"), (200, "No results"), (500, "Oops"), (200, "About captchas")]
+)
+async def test_other_trouble_is_not_blocking(status: int, text: str) -> None:
+    seen = msgspec.structs.replace(FRONT, status=status, text=text)
+    verdict = await judged(episode(seen, seen, answer="nothing"))
+    assert not verdict.blocked.passed
+    assert verdict.reward == 0
+
+
+async def test_a_refusal_that_persists_is_blocking() -> None:
+    seen = msgspec.structs.replace(FRONT, status=403, text="Forbidden")
+    assert (await judged(episode(seen, seen, answer="nothing"))).blocked.passed
+    assert not (await judged(episode(seen, answer="nothing"))).blocked.passed
+
+
+async def test_no_verdict_without_what_it_needs() -> None:
+    with pytest.raises(JudgeError, match="state"):
+        await judged(episode(FRONT, PRODUCT, state=None))
+    with pytest.raises(JudgeError, match="visible text"):
+        await judged(episode(msgspec.structs.replace(FRONT, text=None)))
+    with pytest.raises(JudgeError, match="no hidden truth"):
+        await judged(episode(FRONT), msgspec.structs.replace(TASK, truth=None))
+    assert TASK.truth is not None
+    gap = msgspec.structs.replace(TASK.truth, facts=TASK.truth.facts[:1])
+    with pytest.raises(JudgeError, match=r"fact 1\.1"):
+        await judged(episode(FRONT, PRODUCT), msgspec.structs.replace(TASK, truth=gap))

@@ -1,0 +1,129 @@
+"""The plan: every sample once, errors again, nothing twice."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections import Counter
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from webgym.core.outcome import Outcome
+from webgym.core.task import FactGroup, Rubric, Task
+from webgym.rollout.plan import Plan, Planned
+from webgym.rollout.records import Entry
+
+
+def task(number: int) -> Task:
+    rubric = Rubric((FactGroup(1, "group", ("fact",)),))
+    return Task(f"t{number}", "do it", "http://x.test/", "Misc.", "News", rubric, "offline")
+
+
+TASKS = [task(number) for number in range(5)]
+
+
+def entry(planned: Planned, outcome: Outcome) -> Entry:
+    place = ("00000.jsonl", 0, 1)
+    return Entry(planned.attempt_id, planned.task.id, planned.sample, planned.retry, outcome, *place)
+
+
+class Killed(Exception):
+    """The collector is gone."""
+
+
+async def carry_out(plan: Plan, rng: random.Random, *, stop_after: int | None = None) -> list[Entry]:
+    """Play the plan with three workers and random outcomes, perhaps dying on the way."""
+    recorded: list[Entry] = []
+
+    async def work() -> None:
+        while (planned := await plan.take()) is not None:
+            await asyncio.sleep(0)
+            if stop_after is not None and len(recorded) >= stop_after:
+                raise Killed
+            outcome = rng.choice(list(Outcome))
+            recorded.append(entry(planned, outcome))
+            await plan.settle(planned, outcome)
+
+    with suppress(ExceptionGroup):
+        async with asyncio.TaskGroup() as group:
+            for _ in range(3):
+                group.create_task(work())
+    return recorded
+
+
+def test_a_plan_and_its_resumption_add_up() -> None:
+    @given(st.integers(0, 2**32), st.integers(1, 3), st.integers(0, 3), st.integers(0, 20))
+    def check(seed: int, samples: int, retries: int, stop_after: int) -> None:
+        rng = random.Random(seed)
+
+        async def both() -> list[Entry]:
+            first = await carry_out(Plan(TASKS, samples=samples, retries=retries), rng, stop_after=stop_after)
+            resumed = Plan(TASKS, samples=samples, retries=retries, recorded=first)
+            second = await carry_out(resumed, rng)
+            assert resumed.done == resumed.total == samples * len(TASKS)
+            return first + second
+
+        entries = asyncio.run(both())
+        assert len({each.attempt_id for each in entries}) == len(entries)
+        by_sample: dict[tuple[str, int], list[Outcome]] = {}
+        for each in sorted(entries, key=lambda each: each.retry):
+            by_sample.setdefault((each.task_id, each.sample), []).append(each.outcome)
+        assert len(by_sample) == samples * len(TASKS)
+        for outcomes in by_sample.values():
+            *before, last = outcomes
+            assert all(outcome.is_retried for outcome in before)
+            failures = Counter(outcome is not Outcome.CANCELLED for outcome in outcomes if outcome.is_retried)
+            assert failures[True] <= retries + 1
+            assert not last.is_retried or failures[True] == retries + 1
+
+    check()
+
+
+async def test_an_error_is_attempted_again_under_a_new_name() -> None:
+    plan = Plan(TASKS[:1], samples=1, retries=1)
+    first = await plan.take()
+    assert first is not None
+    await plan.settle(first, Outcome.ENVIRONMENT_ERROR)
+    again = await plan.take()
+    assert again is not None
+    assert (first.attempt_id, again.attempt_id) == ("t0#0.0", "t0#0.1")
+    await plan.settle(again, Outcome.ENVIRONMENT_ERROR)
+    assert await plan.take() is None
+    assert plan.done == 1
+
+
+@pytest.mark.parametrize("outcome", [Outcome.SUCCESS, Outcome.BLOCKED, Outcome.JUDGE_ERROR])
+async def test_what_would_end_the_same_is_not_attempted_again(outcome: Outcome) -> None:
+    plan = Plan(TASKS[:1], samples=1, retries=3)
+    planned = await plan.take()
+    assert planned is not None
+    await plan.settle(planned, outcome)
+    assert await plan.take() is None
+
+
+async def test_a_worker_waits_while_another_may_have_to_repeat() -> None:
+    plan = Plan(TASKS[:1], samples=1, retries=1)
+    planned = await plan.take()
+    assert planned is not None
+    waiting = asyncio.create_task(plan.take())
+    await asyncio.sleep(0)
+    assert not waiting.done()
+    await plan.settle(planned, Outcome.POLICY_ERROR)
+    again = await waiting
+    assert again is not None
+    assert again.retry == 1
+    await plan.settle(again, Outcome.SUCCESS)
+
+
+async def test_reaching_a_share_is_announced() -> None:
+    plan = Plan(TASKS, samples=1, retries=0)
+    reached = asyncio.create_task(plan.reach(0.4))
+    for _ in range(2):
+        assert not reached.done()
+        planned = await plan.take()
+        assert planned is not None
+        await plan.settle(planned, Outcome.FAILURE)
+    await asyncio.wait_for(reached, 1)

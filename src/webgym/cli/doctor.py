@@ -1,0 +1,329 @@
+"""``webgym doctor``: what this machine has, what is missing, and the command that mends it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import importlib.metadata
+import importlib.util
+import json
+import logging
+import os
+import platform
+import re
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+import msgspec
+import psutil
+import typer
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from webgym.browser.find import FoundBrowser, find_browser, run_bounded
+from webgym.cli._trial import Trial, try_browser
+from webgym.core.errors import BrowserError, BrowserNotFound
+
+Status: TypeAlias = Literal["ok", "note", "missing"]
+
+DISTRIBUTION = "webgym-rl"
+FONT_PACKAGES = {
+    "Latin": "fonts-liberation",
+    "CJK": "fonts-wqy-zenhei",
+    "emoji": "fonts-noto-color-emoji",
+}
+"""Writing system, as the trial page draws it, to the Debian and Ubuntu package that has it."""
+
+_SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - looked at, never written to
+_MIB = 2**20
+_GIB = 2**30
+_MARKS: dict[Status, tuple[str, str]] = {
+    "ok": ("✓", "green"),
+    "note": ("!", "yellow"),
+    "missing": ("✗", "red"),
+}
+
+
+class DoctorLimits(BaseModel):
+    """From where on doctor has something to say."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    memory_gib: NonNegativeFloat = Field(
+        default=2.0, description="free memory; eight sessions and Python need about one"
+    )
+    disk_gib: NonNegativeFloat = Field(
+        default=2.0, description="free disk; a thousand trajectories need about one"
+    )
+    shared_memory_mib: NonNegativeFloat = Field(default=256.0, description="a container's usual 64 is little")
+    open_files: PositiveInt = Field(
+        default=4096, description="file descriptors of one process; a slot needs some ten"
+    )
+    program_seconds: PositiveFloat = Field(
+        default=10.0, description="for a program such as nvidia-smi to answer"
+    )
+    browser_seconds: PositiveFloat = Field(
+        default=60.0, description="to start the browser, render a page and end it"
+    )
+
+
+class Check(msgspec.Struct, frozen=True):
+    """One line of the table.
+
+    Attributes:
+        name: what was looked at.
+        status: ``missing`` is essential and makes doctor exit with 1; ``note`` works but could be better.
+        found: what is there.
+        mend: a command or an advice; empty if there is nothing to mend.
+    """
+
+    name: str
+    status: Status
+    found: str
+    mend: str = ""
+
+
+def command(
+    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    browser: Annotated[
+        Path | None, typer.Option(help="Examine this executable instead of looking for one.")
+    ] = None,
+) -> None:
+    """Say what this machine has, what is missing and how to mend it.
+
+    Really starts the browser and renders a page. Exits with 1 if something essential is missing.
+    """
+    # The table says it, and says what to do about it.
+    logging.getLogger("webgym.browser").setLevel(logging.ERROR)
+    console = Console(highlight=False)
+    busy = contextlib.nullcontext() if as_json else console.status("starting the browser")
+    with busy:
+        checks = list(examine(browser))
+    missing = [check.name for check in checks if check.status == "missing"]
+    if as_json:
+        print(json.dumps({"ready": not missing, "checks": msgspec.to_builtins(checks)}, indent=2))
+    else:
+        console.print(table(checks))
+        verdict = f"missing: {', '.join(missing)}" if missing else "everything that is needed is there"
+        console.print(f"[bold {'red' if missing else 'green'}]{verdict}[/]")
+    if missing:
+        raise typer.Exit(1)
+
+
+def table(checks: list[Check]) -> Table:
+    """The checks for a terminal; what mends a finding stands under it."""
+    made = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    made.add_column(no_wrap=True)
+    made.add_column(style="bold", no_wrap=True)
+    made.add_column(overflow="fold")
+    for check in checks:
+        mark, colour = _MARKS[check.status]
+        found = Text(check.found)
+        if check.mend:
+            found.append(f"\n→ {check.mend}", style=colour)
+        made.add_row(Text(mark, style=colour), check.name, found)
+    return made
+
+
+def examine(browser: Path | None = None, limits: DoctorLimits | None = None) -> Iterator[Check]:
+    """All checks, in the order in which a person would mend things."""
+    limits = limits or DoctorLimits()
+    yield check_python()
+    yield check_packages()
+    yield check_uvloop()
+    yield from check_browser(browser, limits)
+    yield check_shared_memory(limits)
+    yield check_cores()
+    yield check_memory(limits)
+    yield check_open_files(limits)
+    yield check_disk(limits)
+    yield check_gpu(limits)
+
+
+# --- Python ------------------------------------------------------------------------------------------
+
+
+def check_python() -> Check:
+    """The interpreter. One that is too old has not come this far."""
+    return Check("Python", "ok", f"{platform.python_version()} ({sys.executable})")
+
+
+def check_packages() -> Check:
+    """What :mod:`webgym` needs, by its own metadata."""
+    there, absent = [], []
+    for requirement in importlib.metadata.requires(DISTRIBUTION) or ():
+        match = re.match(r"[A-Za-z0-9._-]+", requirement)
+        if match is None or "extra ==" in requirement or match[0] == "uvloop":
+            continue
+        try:
+            there.append(f"{match[0]} {importlib.metadata.version(match[0])}")
+        except importlib.metadata.PackageNotFoundError:
+            absent.append(match[0])
+    if absent:
+        return Check("Packages", "missing", f"without {', '.join(absent)}", "make setup")
+    own = importlib.metadata.version(DISTRIBUTION)
+    return Check("Packages", "ok", f"webgym {own}, {', '.join(there)}")
+
+
+def check_uvloop() -> Check:
+    """The faster event loop."""
+    if importlib.util.find_spec("uvloop") is None:
+        return Check("uvloop", "note", "not installed: the slower event loop is used", "pip install uvloop")
+    return Check("uvloop", "ok", importlib.metadata.version("uvloop"))
+
+
+# --- browser -----------------------------------------------------------------------------------------
+
+
+def check_browser(explicit: Path | None, limits: DoctorLimits) -> Iterator[Check]:
+    """The browser: where it is, whether it starts and renders, its sandbox, its fonts."""
+    try:
+        found = find_browser(explicit)
+    except BrowserNotFound as error:
+        yield Check("Browser", "missing", error.message, error.hint)
+        return
+    yield Check("Browser", "ok", f"{found.kind} {found.version} ({found.path}, {_ORIGINS[found.origin]})")
+    try:
+        trial = asyncio.run(try_browser(found.path, limits.browser_seconds))
+    except BrowserError as error:
+        yield Check("Rendering", "missing", error.message, _mend_launch(found, error))
+        return
+    width, height = trial.size
+    yield Check("Rendering", "ok", f"{width}×{height} picture {trial.seconds:.1f} s after the start")
+    yield _sandbox(trial)
+    yield _fonts(trial)
+
+
+_ORIGINS = {"setting": "set by you", "playwright": "Playwright's", "system": "the system's"}
+
+
+def _mend_launch(found: FoundBrowser, error: BrowserError) -> str:
+    if "shared librar" in error.message:
+        return f"{sys.executable} -m playwright install-deps chromium-headless-shell"
+    return f"see what it says: {found.path} --headless --no-sandbox --screenshot about:blank"
+
+
+def _sandbox(trial: Trial) -> Check:
+    if trial.sandbox:
+        return Check("Sandbox", "ok", "on")
+    if os.geteuid() == 0:
+        mend = "run as an ordinary user, at least where pages are not your own"
+    else:
+        mend = "; ".join(_namespace_settings()) or "allow unprivileged user namespaces"
+    return Check("Sandbox", "note", f"OFF, pages are not contained: {trial.sandbox_reason}", mend)
+
+
+def _namespace_settings() -> Iterator[str]:
+    """The kernel settings of this machine that keep Chromium from building its sandbox."""
+    for name, wanted in (
+        ("kernel.apparmor_restrict_unprivileged_userns", "0"),
+        ("kernel.unprivileged_userns_clone", "1"),
+    ):
+        path = Path("/proc/sys", *name.split("."))
+        if path.exists() and path.read_text().strip() != wanted:
+            yield f"sudo sysctl -w {name}={wanted}"
+
+
+def _fonts(trial: Trial) -> Check:
+    absent = [name for name, renders in trial.fonts.items() if not renders]
+    if not absent:
+        return Check("Fonts", "ok", ", ".join(trial.fonts))
+    packages = " ".join(FONT_PACKAGES[name] for name in absent)
+    status: Status = "missing" if "Latin" in absent else "note"
+    found = f"nothing to draw {' and '.join(absent)} with"
+    return Check("Fonts", status, found, f"{_sudo()}apt-get install {packages}")
+
+
+# --- machine -----------------------------------------------------------------------------------------
+
+
+def check_shared_memory(limits: DoctorLimits) -> Check:
+    """What processes share memory through. Without enough of it Chromium takes files instead."""
+    name = "Shared memory"
+    if not _SHARED_MEMORY.is_dir():
+        return Check(name, "note", f"no {_SHARED_MEMORY}", f"{_sudo()}mount -t tmpfs tmpfs {_SHARED_MEMORY}")
+    size = shutil.disk_usage(_SHARED_MEMORY).total
+    found = f"{_size(size)} in {_SHARED_MEMORY}"
+    if size < limits.shared_memory_mib * _MIB:
+        return Check(name, "note", found, "start the container with --shm-size=1g")
+    return Check(name, "ok", found)
+
+
+def check_cores() -> Check:
+    """The cores that this process may use."""
+    usable, all_of_them = len(os.sched_getaffinity(0)), os.cpu_count() or 1
+    found = f"{usable}" if usable == all_of_them else f"{usable} of {all_of_them}"
+    quota = _cgroup_cores()
+    return Check("Cores", "ok", found if quota is None else f"{found}, limited to {quota:g} by the container")
+
+
+def _cgroup_cores() -> float | None:
+    """A container's share of the processors, in cores; ``None`` if it is not limited."""
+    try:
+        quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
+    except (OSError, ValueError):
+        return None
+    return None if quota == "max" else int(quota) / int(period)
+
+
+def check_memory(limits: DoctorLimits) -> Check:
+    """Memory that is free."""
+    memory = psutil.virtual_memory()
+    found = f"{_size(memory.available)} free of {_size(memory.total)}"
+    if memory.available < limits.memory_gib * _GIB:
+        return Check("Memory", "note", found, "use fewer sessions, e.g. --sessions 4")
+    return Check("Memory", "ok", found)
+
+
+def check_open_files(limits: DoctorLimits) -> Check:
+    """How many files a process may have open."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    found = "unlimited" if soft == resource.RLIM_INFINITY else f"{soft}"
+    if soft != resource.RLIM_INFINITY and soft < limits.open_files:
+        reachable = limits.open_files if hard == resource.RLIM_INFINITY else min(limits.open_files, hard)
+        return Check("Open files", "note", found, f"ulimit -n {reachable}")
+    return Check("Open files", "ok", found)
+
+
+def check_disk(limits: DoctorLimits) -> Check:
+    """Free space where runs and where browser profiles are written."""
+    here, temporary = Path.cwd(), Path(tempfile.gettempdir())
+    free = {path: shutil.disk_usage(path).free for path in (here, temporary)}
+    found = f"{_size(free[here])} free here, {_size(free[temporary])} in {temporary}"
+    if min(free.values()) < limits.disk_gib * _GIB:
+        fullest = min(free, key=lambda path: free[path])
+        return Check("Disk", "note", found, f"make room in {fullest}")
+    return Check("Disk", "ok", found)
+
+
+def check_gpu(limits: DoctorLimits) -> Check:
+    """Graphics cards, which only serving or training a model wants."""
+    program = shutil.which("nvidia-smi")
+    if program is None:
+        return Check("GPU", "ok", "none; only serving or training a model wants one")
+    query = [program, "--query-gpu=name,memory.total", "--format=csv,noheader"]
+    try:
+        answer = run_bounded(query, limits.program_seconds)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return Check("GPU", "note", f"nvidia-smi does not answer: {error}", "see what `nvidia-smi` says")
+    cards = [line.strip() for line in answer.stdout.splitlines() if line.strip()]
+    if answer.returncode != 0 or not cards:
+        said = " ".join((answer.stderr or answer.stdout).split()) or "nothing"
+        return Check("GPU", "note", f"nvidia-smi says: {said}", "see what `nvidia-smi` says")
+    return Check("GPU", "ok", "; ".join(cards))
+
+
+def _sudo() -> str:
+    return "" if os.geteuid() == 0 else "sudo "
+
+
+def _size(count: float) -> str:
+    return f"{count / _GIB:.1f} GiB" if count >= _GIB else f"{count / _MIB:.0f} MiB"

@@ -1,0 +1,185 @@
+"""``webgym doctor`` on this machine, and on machines that lack something."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from webgym.browser.find import find_browser
+from webgym.cli import doctor
+from webgym.cli._trial import SAMPLES, SIZE, Trial, try_browser
+from webgym.cli.doctor import Check, DoctorLimits
+from webgym.core.errors import BrowserError
+
+
+def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-c", "from webgym.cli import main; main()", "doctor", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        env={**os.environ, "COLUMNS": "160", **environment},
+        check=False,
+    )
+
+
+def program(path: Path, script: str) -> Path:
+    path.write_text(f"#!/bin/sh\n{script}\n")
+    path.chmod(0o755)
+    return path
+
+
+@pytest.mark.browser
+def test_this_machine_is_ready() -> None:
+    answer = run("--json")
+    assert answer.returncode == 0, answer.stdout + answer.stderr
+    report = json.loads(answer.stdout)
+    assert report["ready"] is True
+    checks = {check["name"]: check for check in report["checks"]}
+    assert str(find_browser().path) in checks["Browser"]["found"]
+    assert checks["Rendering"]["status"] == "ok"
+    assert "pydantic 2." in checks["Packages"]["found"]
+    if os.geteuid() == 0:
+        assert checks["Sandbox"]["status"] == "note"
+        assert "root" in checks["Sandbox"]["found"]
+
+
+@pytest.mark.browser
+async def test_the_trial_draws_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    trial = await try_browser(find_browser().path, 60)
+    assert trial.size == SIZE
+    assert set(trial.fonts) == set(SAMPLES)
+    assert trial.fonts["Latin"]
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+async def test_a_browser_that_does_not_come_up(tmp_path: Path) -> None:
+    dies = program(tmp_path / "dies", "echo 'error while loading shared libraries: libnss3.so' >&2; exit 127")
+    with pytest.raises(BrowserError, match="libnss3"):
+        await try_browser(dies, 20)
+    hangs = program(tmp_path / "hangs", "exec sleep 60")
+    with pytest.raises(BrowserError, match=r"within 0\.5 s"):
+        await try_browser(hangs, 0.5)
+
+
+def test_a_missing_browser_is_said_with_what_mends_it(tmp_path: Path) -> None:
+    absent = str(tmp_path / "absent")
+    answer = run(WEBGYM_BROWSER=absent)
+    assert answer.returncode == 1
+    assert f"there is no browser at {absent}" in " ".join(answer.stdout.split())
+    assert "→ correct the setting or WEBGYM_BROWSER" in answer.stdout
+    assert "missing: Browser" in answer.stdout
+    assert answer.stderr == ""
+
+
+def test_no_browser_anywhere(tmp_path: Path) -> None:
+    answer = run("--json", PATH=str(tmp_path), HOME=str(tmp_path), PLAYWRIGHT_BROWSERS_PATH=str(tmp_path))
+    assert answer.returncode == 1
+    report = json.loads(answer.stdout)
+    assert report["ready"] is False
+    [missing] = [check for check in report["checks"] if check["status"] == "missing"]
+    assert missing["name"] == "Browser"
+    assert "playwright install chromium-headless-shell" in missing["mend"]
+
+
+def test_a_browser_that_tells_its_version_and_cannot_start(tmp_path: Path) -> None:
+    path = program(
+        tmp_path / "half",
+        '[ "$1" = --version ] && echo "Chromium 156.0.1.2" && exit\n'
+        "echo 'error while loading shared libraries: libnss3.so' >&2; exit 127",
+    )
+    checks = {check.name: check for check in doctor.check_browser(path, DoctorLimits())}
+    assert checks["Browser"].status == "ok"
+    assert checks["Rendering"].status == "missing"
+    assert "install-deps" in checks["Rendering"].mend
+
+
+def trial(**changes: object) -> Trial:
+    whole = {"Latin": True, "CJK": True, "emoji": True}
+    values = {"seconds": 1.0, "size": SIZE, "sandbox": True, "sandbox_reason": "", "fonts": whole}
+    return Trial(**(values | changes))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("fonts", "status", "packages"),
+    [
+        ({"Latin": True, "CJK": True, "emoji": True}, "ok", ""),
+        ({"Latin": True, "CJK": False, "emoji": False}, "note", "fonts-wqy-zenhei fonts-noto-color-emoji"),
+        ({"Latin": False, "CJK": True, "emoji": True}, "missing", "fonts-liberation"),
+    ],
+)
+def test_fonts(fonts: dict[str, bool], status: str, packages: str) -> None:
+    check = doctor._fonts(trial(fonts=fonts))
+    assert check.status == status
+    assert check.mend.endswith(packages)
+    assert set(doctor.FONT_PACKAGES) == set(SAMPLES), "every script that is drawn has a package"
+
+
+def test_running_without_a_sandbox_is_said_aloud(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert doctor._sandbox(trial()).status == "ok"
+    without = trial(sandbox=False, sandbox_reason="this machine does not let it")
+    for user, advice in ((0, "ordinary user"), (1000, "namespace")):
+        monkeypatch.setattr(os, "geteuid", lambda user=user: user)
+        monkeypatch.setattr(doctor, "_namespace_settings", lambda: iter(()))
+        check = doctor._sandbox(without)
+        assert check.status == "note"
+        assert "OFF" in check.found
+        assert advice in check.mend
+
+
+def test_limits_decide_what_is_worth_a_note() -> None:
+    lavish = DoctorLimits(memory_gib=1e9, disk_gib=1e9, shared_memory_mib=1e12, open_files=2**40)
+    modest = DoctorLimits(memory_gib=0, disk_gib=0, shared_memory_mib=0, open_files=1)
+    examinations = [doctor.check_memory, doctor.check_disk, doctor.check_shared_memory]
+    if resource.getrlimit(resource.RLIMIT_NOFILE)[0] != resource.RLIM_INFINITY:
+        examinations.append(doctor.check_open_files)
+    for examine in examinations:
+        assert examine(modest).status == "ok"
+        assert examine(modest).mend == ""
+        assert examine(lavish).status == "note"
+        assert examine(lavish).mend
+
+
+def test_graphics_cards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    limits = DoctorLimits(program_seconds=5)
+    assert doctor.check_gpu(limits) == Check("GPU", "ok", "none; only serving or training a model wants one")
+    program(tmp_path / "nvidia-smi", "echo 'NVIDIA H100, 81559 MiB'; echo 'NVIDIA H100, 81559 MiB'")
+    assert doctor.check_gpu(limits).found == "NVIDIA H100, 81559 MiB; NVIDIA H100, 81559 MiB"
+    program(tmp_path / "nvidia-smi", "echo 'Driver/library version mismatch'; exit 18")
+    check = doctor.check_gpu(limits)
+    assert check.status == "note"
+    assert "mismatch" in check.found
+
+
+def test_a_missing_package_is_essential(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert doctor.check_packages().status == "ok"
+    monkeypatch.setattr(
+        "importlib.metadata.requires", lambda _: ["no-such-package>=1", "httpx<1", "x; extra == 'y'"]
+    )
+    check = doctor.check_packages()
+    assert (check.status, check.found, check.mend) == ("missing", "without no-such-package", "make setup")
+
+
+def test_the_table_fits_a_narrow_terminal() -> None:
+    checks = [
+        Check(
+            "Browser", "ok", "headless-shell 156.0.8078.79 (/usr/bin/chromium-headless-shell, the system's)"
+        ),
+        Check("Memory", "note", "1.0 GiB free of 2.0 GiB", "use fewer sessions"),
+    ]
+    console = Console(width=60, record=True, file=io.StringIO())
+    console.print(doctor.table(checks))
+    lines = console.export_text().splitlines()
+    assert all(len(line.rstrip()) <= 60 for line in lines)
+    assert any(line.startswith("!  Memory") for line in lines)
+    assert any("→ use fewer sessions" in line for line in lines)

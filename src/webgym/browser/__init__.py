@@ -1,1 +1,23 @@
-"""."""
+"""One browser slot: launch, act, observe, settle, marks. Raw CDP over a pipe; no open port.
+
+slot.py      Slot: one browser process group, one fresh context and page per episode
+page.py      Page: the one tab of an episode, and everything that happens to it
+actions.py   from an Action to mouse, keyboard and history
+observe.py   from the page to an Observation and the bytes of its picture
+settle.py    when is a page quiet, and why do we say so
+traffic.py   what the tab is loading at this moment
+process.py   a Chromium in its own process group, and the proof that nothing of it is left
+profiles.py  temporary profiles that a dead server cannot leave behind
+cdp.py       the protocol: commands with deadlines, events to subscribers
+wire.py      the parts of the protocol's messages that we read
+config.py    every limit, with its unit and its reason
+"""
+
+from __future__ import annotations
+
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.observe import Look
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
+
+__all__ = ["BrowserConfig", "Look", "PageOptions", "ProfileRoot", "Slot"]

@@ -1,0 +1,243 @@
+"""A small client of the DevTools protocol over a pipe: no port is opened, and when one end dies the
+other notices.
+
+Messages are JSON, each ended by a NUL byte. One connection carries many flat sessions; a session
+belongs to one target (a page), the connection itself speaks to the browser.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import msgspec
+
+from webgym.browser.wire import Nothing
+from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+Handler = Callable[[msgspec.Raw], None]
+Unsubscribe = Callable[[], None]
+
+_BROWSER = ""
+"""The session id of the browser itself."""
+
+
+class CommandFailed(BrowserError):
+    """The browser understood a command and refused it; the message is the browser's own."""
+
+    code = "browser_command_failed"
+
+
+class TargetGone(BrowserError):
+    """The page that a command was meant for is gone or crashed."""
+
+    code = "browser_target_gone"
+
+
+class _Refusal(msgspec.Struct, frozen=True):
+    code: int
+    message: str
+    data: str = ""
+
+
+class _Incoming(msgspec.Struct, frozen=True, rename="camel"):
+    id: int | None = None
+    method: str | None = None
+    params: msgspec.Raw = msgspec.Raw(b"{}")
+    result: msgspec.Raw = msgspec.Raw(b"{}")
+    error: _Refusal | None = None
+    session_id: str = _BROWSER
+
+
+class _Command(msgspec.Struct, frozen=True, rename="camel", omit_defaults=True):
+    id: int
+    method: str
+    params: dict[str, Any] = {}
+    session_id: str = _BROWSER
+
+
+class _Pending(msgspec.Struct, frozen=True):
+    method: str
+    session_id: str
+    reply: asyncio.Future[msgspec.Raw]
+
+
+_decode = msgspec.json.Decoder(_Incoming).decode
+_encode = msgspec.json.Encoder().encode
+
+
+class Connection(asyncio.Protocol):
+    """One browser's end of the protocol. Use it as the protocol of a stream transport."""
+
+    def __init__(self) -> None:
+        self._transport: asyncio.Transport | None = None
+        self._parts: list[bytes] = []
+        self._pending: dict[int, _Pending] = {}
+        self._handlers: dict[tuple[str, str], list[Handler]] = {}
+        self._last_id = 0
+        self._lost: BrowserCrashed | None = None
+
+    # --- transport ----------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The transport is up."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+
+    def data_received(self, data: bytes) -> None:
+        """Bytes came in: a part of a message, or several."""
+        end = data.find(b"\0")
+        if end < 0:
+            self._parts.append(data)
+            return
+        start = 0
+        while end >= 0:
+            self._parts.append(data[start:end])
+            message = b"".join(self._parts)
+            self._parts.clear()
+            self._dispatch(message)
+            start = end + 1
+            end = data.find(b"\0", start)
+        if start < len(data):
+            self._parts.append(data[start:])
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The browser's end is gone: everything that waits for it fails."""
+        self.abandon(BrowserCrashed(f"the browser's pipe closed{f': {exc}' if exc else ''}"))
+
+    def abandon(self, error: BrowserCrashed) -> None:
+        """Fail every waiting and every later command with ``error``, and close."""
+        if self._lost is None:
+            self._lost = error
+        for pending in self._pending.values():
+            if not pending.reply.done():
+                pending.reply.set_exception(error)
+        self._pending.clear()
+        self._handlers.clear()
+        if self._transport is not None:
+            self._transport.abort()
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the browser can no longer be reached."""
+        return self._lost is not None
+
+    def _dispatch(self, message: bytes) -> None:
+        incoming = _decode(message)
+        if incoming.id is not None:
+            pending = self._pending.pop(incoming.id, None)
+            if pending is None or pending.reply.done():
+                return
+            if incoming.error is None:
+                pending.reply.set_result(incoming.result)
+            else:
+                detail = f" {incoming.error.data}" if incoming.error.data else ""
+                pending.reply.set_exception(
+                    CommandFailed(f"{pending.method}: {incoming.error.message}{detail}")
+                )
+        elif incoming.method is not None:
+            for handler in tuple(self._handlers.get((incoming.session_id, incoming.method), ())):
+                handler(incoming.params)
+
+    # --- commands -----------------------------------------------------------------------------------
+
+    def send(self, method: str, params: dict[str, Any] | None = None, session_id: str = _BROWSER) -> int:
+        """Send a command and do not wait. Returns its number; a refusal is not heard of."""
+        if self._lost is not None:
+            raise self._lost
+        assert self._transport is not None, "the connection is not up yet"
+        self._last_id += 1
+        command = _Command(self._last_id, method, params or {}, session_id)
+        self._transport.write(_encode(command) + b"\0")
+        return self._last_id
+
+    async def call(
+        self,
+        method: str,
+        params: dict[str, Any] | None = None,
+        *,
+        reply: type[T],
+        seconds: float,
+        session_id: str = _BROWSER,
+    ) -> T:
+        """Send a command and wait for its reply.
+
+        Raises:
+            CommandFailed: the browser refused it.
+            TargetGone: the session's page went away before it answered.
+            BrowserTimeout: no answer within ``seconds``.
+            BrowserCrashed: the browser is gone.
+        """
+        number = self.send(method, params, session_id)
+        future: asyncio.Future[msgspec.Raw] = asyncio.get_running_loop().create_future()
+        self._pending[number] = _Pending(method, session_id, future)
+        try:
+            async with asyncio.timeout(seconds):
+                raw = await future
+        except TimeoutError:
+            raise BrowserTimeout(f"{method} gave no answer within {seconds:g} s") from None
+        finally:
+            self._pending.pop(number, None)
+        return msgspec.json.decode(raw, type=reply)
+
+    # --- events -------------------------------------------------------------------------------------
+
+    def on(
+        self, method: str, shape: type[T], handler: Callable[[T], None], session_id: str = _BROWSER
+    ) -> Unsubscribe:
+        """Call ``handler`` with every event of this name, until unsubscribed."""
+
+        def handle(params: msgspec.Raw) -> None:
+            handler(msgspec.json.decode(params, type=shape))
+
+        handlers = self._handlers.setdefault((session_id, method), [])
+        handlers.append(handle)
+
+        def unsubscribe() -> None:
+            if handle in handlers:
+                handlers.remove(handle)
+
+        return unsubscribe
+
+    def drop_session(self, session_id: str, error: BrowserError) -> None:
+        """Forget a session's handlers and fail what waits in it."""
+        for key in [key for key in self._handlers if key[0] == session_id]:
+            del self._handlers[key]
+        self.fail_session(session_id, error)
+
+    def fail_session(self, session_id: str, error: BrowserError) -> None:
+        """Fail what waits in a session; its handlers stay."""
+        for pending in self._pending.values():
+            if pending.session_id == session_id and not pending.reply.done():
+                pending.reply.set_exception(error)
+
+
+class Session:
+    """A connection narrowed to one target."""
+
+    def __init__(self, connection: Connection, session_id: str) -> None:
+        self.connection = connection
+        self.id = session_id
+
+    async def call(
+        self, method: str, params: dict[str, Any] | None = None, *, reply: type[T], seconds: float
+    ) -> T:
+        """See :meth:`Connection.call`."""
+        return await self.connection.call(method, params, reply=reply, seconds=seconds, session_id=self.id)
+
+    async def do(self, method: str, params: dict[str, Any] | None = None, *, seconds: float) -> None:
+        """A command whose reply says nothing."""
+        await self.call(method, params, reply=Nothing, seconds=seconds)
+
+    def send(self, method: str, params: dict[str, Any] | None = None) -> None:
+        """See :meth:`Connection.send`."""
+        self.connection.send(method, params, self.id)
+
+    def on(self, method: str, shape: type[T], handler: Callable[[T], None]) -> Unsubscribe:
+        """See :meth:`Connection.on`."""
+        return self.connection.on(method, shape, handler, self.id)

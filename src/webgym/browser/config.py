@@ -1,0 +1,130 @@
+"""Every limit of a browser slot, with its unit and its reason."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import msgspec
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.core.action import Mode
+
+SandboxSetting: TypeAlias = Literal["auto", "on", "off"]
+
+
+class Cookie(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A cookie that a session starts with.
+
+    Attributes:
+        domain: host that it is sent to; a leading dot includes subdomains.
+    """
+
+    name: str
+    value: str
+    domain: str
+    path: str = "/"
+
+
+class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What an episode's page is like.
+
+    Attributes:
+        mode: ``marks`` numbers the interactive elements in the picture.
+        viewport: ``(width, height)``, CSS pixels; also the picture's size.
+        text: whether observations carry the visible text.
+        elements: whether observations carry the interactive elements (always in marks mode).
+        cookies: set before the first page is opened.
+    """
+
+    mode: Mode = "coordinates"
+    viewport: tuple[int, int] = (1280, 768)
+    text: bool = False
+    elements: bool = False
+    cookies: tuple[Cookie, ...] = ()
+
+
+class BrowserConfig(BaseModel):
+    """How a slot's browser is started, how long it may take, and when it is replaced."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    executable: Path | None = None
+    """The Chromium to run; ``None`` looks for one."""
+
+    host_rules: tuple[str, ...] = ()
+    """Chromium's host resolver rules, such as ``"MAP *.webgym.test 127.0.0.1:8123"``."""
+
+    sandbox: SandboxSetting = "auto"
+    """``auto``: on wherever the machine allows it, off with a warning elsewhere (always as root, where
+    Chromium refuses to run with it). ``on``: a browser that cannot have it does not start."""
+
+    temporary_root: Path | None = None
+    """Where profiles live; ``None`` is the system's temporary folder."""
+
+    # --- deadlines, seconds -----------------------------------------------------------------------
+
+    launch_seconds: float = Field(default=30.0, gt=0)
+    """Start to first answer. A launch costs 1 s of CPU, and many slots may launch at once."""
+
+    open_seconds: float = Field(default=20.0, gt=0)
+    """A fresh context with its page. Takes 0.1 s on an idle machine."""
+
+    close_seconds: float = Field(default=5.0, gt=0)
+    """Throwing a context away. A page that hangs past it costs the slot its browser."""
+
+    kill_seconds: float = Field(default=10.0, gt=0)
+    """From SIGKILL until every process of the group must be gone."""
+
+    navigate_seconds: float = Field(default=15.0, gt=0)
+    """From asking for a URL to the first byte that replaces the page."""
+
+    execute_seconds: float = Field(default=10.0, gt=0)
+    """One input event or script until the page has taken it. A page that takes longer runs a loop,
+    which is then ended."""
+
+    screenshot_seconds: float = Field(default=15.0, gt=0)
+    """One picture, retries included."""
+
+    screenshot_retry_seconds: float = Field(default=0.05, gt=0)
+    """Pause after "Unable to capture screenshot", which Chromium says while a page comes or goes."""
+
+    # --- settling -----------------------------------------------------------------------------------
+
+    settle_seconds: float = Field(default=10.0, gt=0)
+    """Hard deadline of the wait for a quiet page after an action."""
+
+    reaction_seconds: float = Field(default=0.04, gt=0)
+    """How long a page that did nothing at all after an action is given to start something."""
+
+    quiet_seconds: float = Field(default=0.1, gt=0)
+    """How long a page that did something must show no change to be called quiet."""
+
+    busy_seconds: float = Field(default=1.5, gt=0)
+    """How long changes on a loaded page are waited for: a ticking clock never ends."""
+
+    long_poll_seconds: float = Field(default=1.5, gt=0)
+    """A background request in flight for longer is taken for a long poll or a stream and ignored."""
+
+    load_seconds: float = Field(default=4.0, gt=0)
+    """How long after its document is complete a page's images and frames are waited for: one slow
+    advert must not hold up every step."""
+
+    # --- actions ------------------------------------------------------------------------------------
+
+    scroll_fraction: float = Field(default=0.75, gt=0, le=2)
+    """Of the viewport's height, per scroll. A quarter stays in view, so that no line is skipped."""
+
+    dialogs_per_action: int = Field(default=20, gt=0)
+    """Dialogs that are answered within one action; then the script that opens them is ended."""
+
+    notices_per_observation: int = Field(default=12, gt=0)
+    """More notices than this are counted, not listed."""
+
+    # --- recycling ----------------------------------------------------------------------------------
+
+    recycle_episodes: int = Field(default=50, gt=0)
+    """Episodes that one browser process serves. A fresh one costs 1 s and starts without residue."""
+
+    recycle_seconds: float = Field(default=3600.0, gt=0)
+    """Age at which a browser is replaced at the next episode's end."""

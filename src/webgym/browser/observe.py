@@ -1,0 +1,122 @@
+"""From the page to an observation and the bytes of its picture."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import time
+
+import msgspec
+
+from webgym.browser.cdp import CommandFailed
+from webgym.browser.page import DocumentGone, Page
+from webgym.browser.settle import settle
+from webgym.browser.wire import Screenshot
+from webgym.core.errors import BrowserTimeout
+from webgym.core.observation import Element, Observation
+
+
+class Look(msgspec.Struct, frozen=True):
+    """An observation with its picture.
+
+    Attributes:
+        image: PNG, as many pixels as the viewport; its SHA-256 is ``observation.screenshot``.
+    """
+
+    observation: Observation
+    image: bytes
+
+
+class _Seen(msgspec.Struct, frozen=True):
+    title: str = ""
+    scroll: tuple[float, float] = (0.0, 0.0)
+    text: str | None = None
+    elements: tuple[Element, ...] | None = None
+
+
+async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look:
+    """Look at the page as it is now.
+
+    Args:
+        settled: why the wait for it ended.
+        milliseconds: wall time of the operations so far; completed here.
+
+    Raises:
+        BrowserTimeout: no picture within the deadline.
+    """
+    marks = page.options.mode == "marks"
+    page.popups.close_blank()
+    start = time.perf_counter()
+    seen = await _see(page)
+    between = time.perf_counter()
+    try:
+        image = await capture(page)
+    finally:
+        if marks:
+            page.post("unmark")
+    end = time.perf_counter()
+    milliseconds["metadata"] = (between - start) * 1000
+    milliseconds["screenshot"] = (end - between) * 1000
+    return Look(
+        Observation(
+            screenshot=hashlib.sha256(image).hexdigest(),
+            url=page.url,
+            title=seen.title,
+            viewport=page.options.viewport,
+            status=page.status,
+            scroll=seen.scroll,
+            mode=page.options.mode,
+            settled=settled,
+            notices=page.take_notices(),
+            text=seen.text,
+            elements=seen.elements,
+            milliseconds=milliseconds,
+        ),
+        image,
+    )
+
+
+async def _see(page: Page) -> _Seen:
+    """What the document says of itself. One that moves on meanwhile is asked again once it is quiet."""
+    marks = page.options.mode == "marks"
+    wanted = {"text": page.options.text, "elements": page.options.elements or marks, "marks": marks}
+    async with asyncio.timeout(page.config.screenshot_seconds):
+        while True:
+            try:
+                seen = await page.run("observe", wanted, reply=_Seen)
+            except DocumentGone:
+                await settle(page)
+                continue
+            break
+    page.points = {element.number: _middle(element.box) for element in seen.elements or ()}
+    return seen
+
+
+def _middle(box: tuple[float, float, float, float]) -> tuple[float, float]:
+    x, y, width, height = box
+    return x + width / 2, y + height / 2
+
+
+async def capture(page: Page) -> bytes:
+    """The viewport as PNG, lossless.
+
+    Raises:
+        BrowserTimeout: not within the deadline, retries included.
+    """
+    config = page.config
+    params = {"format": "png", "optimizeForSpeed": True}
+    try:
+        async with asyncio.timeout(config.screenshot_seconds):
+            while True:
+                try:
+                    shot = await page.session.call(
+                        "Page.captureScreenshot", params, reply=Screenshot, seconds=config.screenshot_seconds
+                    )
+                except CommandFailed as error:
+                    if "Unable to capture screenshot" not in error.message:
+                        raise
+                    await asyncio.sleep(config.screenshot_retry_seconds)
+                    continue
+                return shot.data
+    except TimeoutError:
+        raise BrowserTimeout(f"no screenshot within {config.screenshot_seconds:g} s") from None

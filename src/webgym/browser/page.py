@@ -1,0 +1,319 @@
+"""The one tab of an episode, and everything that happens to it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import logging
+from importlib import resources
+from typing import Any, TypeVar
+
+import msgspec
+
+from webgym.browser.cdp import CommandFailed, Session, TargetGone
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.popups import Popups
+from webgym.browser.traffic import Traffic
+from webgym.browser.wire import (
+    DialogOpening,
+    DownloadWillBegin,
+    Evaluated,
+    FrameNavigated,
+    Navigated,
+    NavigatedWithinDocument,
+    Nothing,
+    RequestFailed,
+    ResponseReceived,
+    World,
+)
+from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout, NavigationFailed
+from webgym.core.observation import Notice, NoticeKind
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+_WORLD = "webgym"
+_BLANK = "about:blank"
+_SAID_LENGTH = 300
+"""Characters of a dialog's message, or of an address, that a notice repeats."""
+
+_SCRIPTS = resources.files("webgym.browser") / "scripts"
+_PAGE_SCRIPT = (_SCRIPTS / "page.js").read_text("utf-8")
+_OBSERVE_SCRIPT = (_SCRIPTS / "observe.js").read_text("utf-8")
+
+_WORLD_IS_GONE = (
+    "Cannot find context",
+    "context was destroyed",
+    "navigated or closed",
+    "No frame for given id",
+)
+
+
+class DocumentGone(BrowserError):
+    """The page moved on to another document while a script ran in it."""
+
+    code = "browser_document_gone"
+
+
+class Page:
+    """A tab in a fresh browser context.
+
+    Args:
+        session: attached to the tab, which waits for the debugger.
+        target_id: the tab's; also the id of its main frame.
+        config, options: the slot's limits, the episode's wishes.
+    """
+
+    def __init__(self, session: Session, target_id: str, config: BrowserConfig, options: PageOptions) -> None:
+        self.session = session
+        self.target_id = target_id
+        self.config = config
+        self.options = options
+        self.url = _BLANK
+        self.status: int | None = None
+        self.changes = -1
+        """Of the document, when it was last seen quiet; -1 for a document that never was."""
+        self.points: dict[int, tuple[float, float]] = {}
+        """Where a click hits each element of the last observation, by number."""
+        self.is_crashed = False
+        self.is_gone = False
+        """The page closed itself: there is no tab any more."""
+        self.is_closed = False
+        self.traffic = Traffic(
+            session,
+            target_id,
+            long_poll_seconds=config.long_poll_seconds,
+            load_seconds=config.load_seconds,
+        )
+        self._notices: list[Notice] = []
+        self._more_notices = 0
+        self._dialogs = 0
+        self._statuses: dict[str, int] = {}
+        """HTTP status by loader, until the document is committed."""
+        self._failures: dict[str, str] = {}
+        """The browser's error word by loader, until the error page is committed."""
+        self._told_failure = ""
+        self._world: int | None = None
+        self.popups = Popups(self)
+        session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
+        session.on("Page.navigatedWithinDocument", NavigatedWithinDocument, self._on_within_document)
+        session.on("Page.javascriptDialogOpening", DialogOpening, self._on_dialog)
+        session.on("Page.downloadWillBegin", DownloadWillBegin, self._on_download)
+        session.on("Page.fileChooserOpened", Nothing, self._on_file_chooser)
+        session.on("Network.responseReceived", ResponseReceived, self._on_response)
+        session.on("Network.loadingFailed", RequestFailed, self._on_request_failed)
+        session.on("Inspector.targetCrashed", Nothing, self._on_crashed)
+
+    # --- life ---------------------------------------------------------------------------------------
+
+    async def prepare(self) -> None:
+        """Set the tab up and let it run."""
+        width, height = self.options.viewport
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        script = {"source": _PAGE_SCRIPT, "worldName": _WORLD, "runImmediately": True}
+        commands: list[tuple[str, dict[str, Any]]] = [
+            ("Page.enable", {}),
+            ("Inspector.enable", {}),
+            ("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0}),
+            ("Emulation.setDeviceMetricsOverride", metrics),
+            ("Emulation.setFocusEmulationEnabled", {"enabled": True}),
+            ("Page.addScriptToEvaluateOnNewDocument", script),
+            ("Page.setInterceptFileChooserDialog", {"enabled": True}),
+        ]
+        if self.options.cookies:
+            cookies = [msgspec.to_builtins(cookie) for cookie in self.options.cookies]
+            commands.append(("Network.setCookies", {"cookies": cookies}))
+        seconds = self.config.open_seconds
+        commands.append(("Runtime.runIfWaitingForDebugger", {}))
+        await asyncio.gather(  # sent at once, taken in order
+            *(self.session.do(method, params, seconds=seconds) for method, params in commands)
+        )
+
+    async def close(self) -> None:
+        """Stop what runs for the page here. The tab itself goes with its context."""
+        self.is_closed = True
+        await self.popups.close()
+        self.session.connection.drop_session(self.session.id, TargetGone("the page was closed"))
+
+    def begin_action(self) -> None:
+        """An action starts: what is limited per action is counted anew."""
+        self._dialogs = 0
+        self.popups.begin_action()
+        self.traffic.started.clear()
+
+    # --- notices ------------------------------------------------------------------------------------
+
+    def note(self, kind: NoticeKind, text: str) -> None:
+        """Keep something for the next observation to say."""
+        if len(self._notices) < self.config.notices_per_observation:
+            self._notices.append(Notice(kind, text))
+        else:
+            self._more_notices += 1
+
+    def take_notices(self) -> tuple[Notice, ...]:
+        """What happened since the last call."""
+        notices = self._notices
+        if self._more_notices:
+            last = notices[-1]
+            notices[-1] = Notice(last.kind, f"{last.text} (and {self._more_notices} more notices)")
+        self._notices, self._more_notices = [], 0
+        return tuple(notices)
+
+    # --- scripts ------------------------------------------------------------------------------------
+
+    async def run(self, function: str, *arguments: object, reply: type[T], seconds: float | None = None) -> T:
+        """Call ``webgym.<function>`` in the page's isolated world and wait for what it gives.
+
+        Raises:
+            DocumentGone: the page moved on to another document meanwhile.
+            BrowserTimeout: the page did not answer in time.
+        """
+        limit = self.config.execute_seconds if seconds is None else seconds
+        try:
+            world = await self._enter_world(limit)
+            call = f"webgym.{function}({','.join(json.dumps(argument) for argument in arguments)})"
+            value = await self._evaluate(call, world, limit)
+        except CommandFailed as error:
+            if not any(words in error.message for words in _WORLD_IS_GONE):
+                raise
+            self._world = None
+            raise DocumentGone(error.message) from error
+        return msgspec.json.decode(value, type=reply)
+
+    def post(self, function: str) -> None:
+        """Call ``webgym.<function>()`` before whatever comes next, and do not wait."""
+        if self._world is not None:
+            call = {"expression": f"webgym.{function}()", "contextId": self._world}
+            self.session.send("Runtime.evaluate", call)
+
+    async def _enter_world(self, seconds: float) -> int:
+        if self._world is None:
+            created = await self.session.call(
+                "Page.createIsolatedWorld",
+                {"frameId": self.target_id, "worldName": _WORLD, "grantUniveralAccess": True},
+                reply=World,
+                seconds=seconds,
+            )
+            await self._evaluate(f"{_PAGE_SCRIPT};{_OBSERVE_SCRIPT};0", created.execution_context_id, seconds)
+            self._world = created.execution_context_id
+        return self._world
+
+    async def _evaluate(self, expression: str, world: int, seconds: float) -> msgspec.Raw:
+        evaluated = await self.session.call(
+            "Runtime.evaluate",
+            {
+                "expression": expression,
+                "contextId": world,
+                "returnByValue": True,
+                "awaitPromise": True,
+                "userGesture": False,
+            },
+            reply=Evaluated,
+            seconds=seconds,
+        )
+        if evaluated.exception_details is not None:
+            thrown = evaluated.exception_details.exception
+            said = thrown.description if thrown and thrown.description else evaluated.exception_details.text
+            raise CommandFailed(f"a script failed in {self.url[:_SAID_LENGTH]}: {said[:_SAID_LENGTH]}")
+        return evaluated.result.value
+
+    def end_script(self) -> None:
+        """End the script that keeps the page from answering."""
+        self.session.send("Runtime.terminateExecution")
+
+    # --- navigation ---------------------------------------------------------------------------------
+
+    async def navigate(self, url: str, referrer: str = "") -> None:
+        """Open a URL, up to the first byte that replaces the page.
+
+        Raises:
+            NavigationFailed: with the browser's own error word.
+        """
+        params = {"url": url, "referrer": referrer} if referrer else {"url": url}
+        try:
+            navigated = await self.session.call(
+                "Page.navigate", params, reply=Navigated, seconds=self.config.navigate_seconds
+            )
+        except BrowserTimeout:
+            self.session.send("Page.stopLoading")
+            raise NavigationFailed(
+                f"{url} gave no answer within {self.config.navigate_seconds:g} s"
+            ) from None
+        except CommandFailed as error:
+            raise NavigationFailed(f"{url}: {error.message}") from error
+        if navigated.is_download or navigated.error_text == "net::ERR_ABORTED":
+            return  # a download has its own notice; an aborted navigation leaves the page as it is
+        if navigated.error_text:
+            self._told_failure = navigated.loader_id  # its error page comes later, and is no news
+            raise NavigationFailed(f"{url}: {navigated.error_text}")
+
+    async def revive(self) -> None:
+        """Bring a crashed renderer back, at the URL where it died.
+
+        Raises:
+            BrowserCrashed: it died again.
+        """
+        self.is_crashed = False
+        self.traffic.clear()
+        self.note("crashed", "the page crashed and was loaded again")
+        try:
+            await self.navigate(self.url)
+        except NavigationFailed as error:
+            self.note("navigation_failed", error.message)
+        except TargetGone as error:
+            raise BrowserCrashed("the page crashed again while it was loaded") from error
+
+    # --- what the browser tells ---------------------------------------------------------------------
+
+    def _on_navigated(self, event: FrameNavigated) -> None:
+        frame = event.frame
+        if frame.id != self.target_id:
+            return
+        self.url = (frame.unreachable_url or frame.url) + frame.url_fragment
+        self.status = self._statuses.get(frame.loader_id)
+        if frame.unreachable_url and frame.loader_id != self._told_failure:
+            why = self._failures.get(frame.loader_id, "it could not be opened")
+            self.note("navigation_failed", f"{self.url[:_SAID_LENGTH]}: {why}")
+        self._statuses.clear()
+        self._failures.clear()
+        self._world = None
+        self.changes = -1
+        self.points = {}
+
+    def _on_within_document(self, event: NavigatedWithinDocument) -> None:
+        if event.frame_id == self.target_id:
+            self.url = event.url
+
+    def _on_response(self, event: ResponseReceived) -> None:
+        if event.type == "Document" and event.frame_id == self.target_id:
+            self._statuses[event.loader_id] = event.response.status
+
+    def _on_request_failed(self, event: RequestFailed) -> None:
+        if event.type == "Document":
+            self._failures[event.request_id] = event.error_text
+
+    def _on_dialog(self, event: DialogOpening) -> None:
+        self._dialogs += 1
+        if self._dialogs > self.config.dialogs_per_action:
+            self.session.send("Runtime.terminateExecution")
+            if self._dialogs == self.config.dialogs_per_action + 1:
+                self.note("dialog", "the page would not stop opening dialogs; its script was ended")
+        else:
+            said = f'{event.type} "{event.message[:_SAID_LENGTH]}"'
+            answer = f'answered "{event.default_prompt}"' if event.type == "prompt" else "accepted"
+            self.note("dialog", f"{said}: {answer}")
+        self.session.send("Page.handleJavaScriptDialog", {"accept": True, "promptText": event.default_prompt})
+
+    def _on_download(self, event: DownloadWillBegin) -> None:
+        name = event.suggested_filename or event.url
+        self.note("download_refused", f'the download of "{name[:_SAID_LENGTH]}" was refused')
+
+    def _on_file_chooser(self, _: Nothing) -> None:
+        self.note("action_failed", "the page asked for a file; files cannot be uploaded")
+
+    def _on_crashed(self, _: Nothing) -> None:
+        self.is_crashed = True
+        self._world = None
+        self.traffic.clear()
+        self.session.connection.fail_session(self.session.id, TargetGone("the page crashed"))

@@ -1,0 +1,101 @@
+"""There is one tab: what a page wants to open in a second window is opened in this one.
+
+A new window is attached to before it runs. Its first request is held back, tells us the address, and
+is never sent: the window is closed and the tab goes there itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import TYPE_CHECKING
+
+from webgym.browser.wire import AttachedToTarget, RequestPaused
+from webgym.core.errors import BrowserError, NavigationFailed
+
+if TYPE_CHECKING:
+    from webgym.browser.page import Page
+
+_SAID_LENGTH = 300
+
+
+class Popups:
+    """The windows that one page opens."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._open: dict[str, str] = {}
+        """Session by target, of windows that have not yet said where they go."""
+        self._has_followed = False
+        self._tasks: set[asyncio.Task[None]] = set()
+
+    def begin_action(self) -> None:
+        """Each action may lead to one window."""
+        self._has_followed = False
+
+    def adopt(self, attached: AttachedToTarget) -> None:
+        """A new window is attached to and waits for us."""
+        connection = self._page.session.connection
+        session_id, target_id = attached.session_id, attached.target_info.target_id
+        if self._page.is_closed:
+            connection.send("Target.closeTarget", {"targetId": target_id})
+            return
+        self._open[target_id] = session_id
+        self._page.traffic.begin(target_id, self._page.config.long_poll_seconds)
+
+        def on_request(paused: RequestPaused) -> None:
+            self._shut(target_id)
+            self._follow(target_id, paused)
+
+        connection.on("Fetch.requestPaused", RequestPaused, on_request, session_id)
+        connection.send("Fetch.enable", {}, session_id)
+        connection.send("Runtime.runIfWaitingForDebugger", {}, session_id)
+
+    def forget(self, target_id: str) -> None:
+        """A window is gone."""
+        session_id = self._open.pop(target_id, None)
+        if session_id is not None:
+            self._page.session.connection.drop_session(session_id, BrowserError("the window was closed"))
+            self._page.traffic.end(target_id)
+
+    def close_blank(self) -> None:
+        """Close the windows that never said where they go."""
+        for target_id in tuple(self._open):
+            self._shut(target_id)
+            self._page.traffic.end(target_id)
+            self._page.note("popup", "the page opened an empty window; it was closed")
+
+    async def close(self) -> None:
+        """Stop following."""
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    def _shut(self, target_id: str) -> None:
+        session_id = self._open.pop(target_id, None)
+        if session_id is None:
+            return
+        connection = self._page.session.connection
+        connection.send("Target.closeTarget", {"targetId": target_id})
+        connection.drop_session(session_id, BrowserError("the window was closed"))
+
+    def _follow(self, target_id: str, paused: RequestPaused) -> None:
+        url = paused.request.url
+        if self._has_followed:
+            self._page.traffic.end(target_id)
+            self._page.note("popup", f"a further window was not opened: {url[:_SAID_LENGTH]}")
+            return
+        self._has_followed = True
+        self._page.note("popup", f"a new window was opened in this tab: {url[:_SAID_LENGTH]}")
+        task = asyncio.get_running_loop().create_task(self._navigate(target_id, paused))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _navigate(self, target_id: str, paused: RequestPaused) -> None:
+        try:
+            with contextlib.suppress(BrowserError):  # whoever acts next meets the same error
+                await self._page.navigate(paused.request.url, paused.request.headers.get("Referer", ""))
+        except NavigationFailed as error:
+            self._page.note("navigation_failed", error.message)
+        finally:
+            self._page.traffic.end(target_id)

@@ -1,0 +1,331 @@
+"""A Chromium in its own process group, and the proof that nothing of it is left."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import fcntl
+import logging
+import os
+import signal
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+
+from webgym.browser.cdp import Connection
+from webgym.browser.config import BrowserConfig
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.wire import Version
+from webgym.core.errors import BrowserCrashed, BrowserError, BrowserLaunchFailed, BrowserTimeout
+
+log = logging.getLogger(__name__)
+
+_FLAGS = (
+    "--remote-debugging-pipe",
+    "--headless",
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--no-startup-window",
+    # The same page gives the same picture.
+    "--force-color-profile=srgb",
+    "--force-device-scale-factor=1",
+    "--font-render-hinting=none",
+    "--hide-scrollbars",
+    "--disable-smooth-scrolling",
+    "--force-prefers-reduced-motion",
+    "--disable-lcd-text",
+    "--lang=en-US",
+    # Nothing that runs by itself, nothing that calls home.
+    "--disable-background-networking",
+    "--disable-breakpad",
+    "--disable-crash-reporter",
+    "--disable-client-side-phishing-detection",
+    "--disable-component-extensions-with-background-pages",
+    "--disable-component-update",
+    "--disable-default-apps",
+    "--disable-domain-reliability",
+    "--disable-extensions",
+    "--disable-search-engine-choice-screen",
+    "--disable-sync",
+    "--metrics-recording-only",
+    "--no-pings",
+    "--password-store=basic",
+    "--use-mock-keychain",
+    "--mute-audio",
+    "--deny-permission-prompts",
+    "--disable-notifications",
+    # The one tab is always in front.
+    "--disable-background-timer-throttling",
+    "--disable-backgrounding-occluded-windows",
+    "--disable-renderer-backgrounding",
+    "--disable-hang-monitor",
+    "--disable-ipc-flooding-protection",
+    "--disable-popup-blocking",
+    # One renderer per slot: half the memory, and frames of other origins are observed like the rest.
+    # Nothing of value lives in a context that is thrown away after each episode.
+    "--disable-site-isolation-trials",
+    "--disable-features="
+    "IsolateOrigins,site-per-process,BackForwardCache,Prerender2,SpareRendererForSitePerProcess,"
+    "Translate,OptimizationHints,MediaRouter,DialMediaRouteProvider,AcceptCHFrame,"
+    "AutofillServerCommunication,CertificateTransparencyComponentUpdater,HttpsUpgrades,"
+    "PaintHolding,InterestFeedContentSuggestions,GlobalMediaControls",
+    "--disable-gpu",
+    "--disable-dev-shm-usage",
+)
+
+_FIRST_FREE_FD = 10
+"""Descriptors below are left for the child's own numbering (3 and 4 are the pipe)."""
+
+_LOG_TAIL_BYTES = 4096
+_GONE_POLL_SECONDS = (0.001, 0.05)
+"""Backoff, first and longest pause, while the kernel takes a killed group apart."""
+
+
+class SandboxState(msgspec.Struct, frozen=True):
+    """Whether Chromium's sandbox is on, and why not if it is off."""
+
+    on: bool
+    reason: str = ""
+
+
+def planned_sandbox(config: BrowserConfig) -> SandboxState:
+    """What the setting and this user allow, before anything was tried.
+
+    Raises:
+        BrowserLaunchFailed: the sandbox is demanded, and we are root.
+    """
+    if config.sandbox == "off":
+        return SandboxState(False, "switched off by the setting browser.sandbox")
+    if os.geteuid() != 0:
+        return SandboxState(True)
+    if config.sandbox == "on":
+        raise BrowserLaunchFailed(
+            "Chromium does not run with its sandbox as root", hint="run as another user, or sandbox=off"
+        )
+    return SandboxState(False, "running as root, where Chromium's sandbox does not work")
+
+
+class BrowserProcess:
+    """A running browser: its connection, its process group and its profile.
+
+    Get one from :func:`launch`; :meth:`kill` it when done.
+    """
+
+    def __init__(
+        self, pid: int, connection: Connection, profile: Path, root: ProfileRoot, kill_seconds: float
+    ) -> None:
+        self.pid = pid
+        self.connection = connection
+        self.profile = profile
+        self.version = ""
+        self.started = asyncio.get_running_loop().time()
+        self._root = root
+        self._kill_seconds = kill_seconds
+        self._exited = asyncio.Event()
+        self._killed = False
+        self._pidfd = os.pidfd_open(pid)
+        asyncio.get_running_loop().add_reader(self._pidfd, self._on_exit)
+
+    def _on_exit(self) -> None:
+        self._close_pidfd()
+        self.connection.abandon(BrowserCrashed("the browser process ended"))
+
+    def _close_pidfd(self) -> None:
+        if self._pidfd >= 0:
+            asyncio.get_running_loop().remove_reader(self._pidfd)
+            os.close(self._pidfd)
+            self._pidfd = -1
+            self._exited.set()
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it can still be talked to."""
+        return not self._exited.is_set() and not self.connection.is_lost
+
+    @property
+    def age(self) -> float:
+        """Seconds since launch."""
+        return asyncio.get_running_loop().time() - self.started
+
+    def log_tail(self) -> str:
+        """The last lines that Chromium wrote."""
+        return _tail(self.profile)
+
+    def processes(self) -> list[int]:
+        """Ids of all living processes of the group."""
+        return _living(self.pid)
+
+    async def kill(self) -> None:
+        """End the whole group and remove its profile. Safe to call twice.
+
+        Raises:
+            BrowserError: processes of the group outlived SIGKILL.
+        """
+        if self._killed:
+            return
+        self._killed = True
+        self.connection.abandon(BrowserCrashed("the browser was closed"))
+        try:
+            await _end_group(self.pid, self._kill_seconds)
+        finally:
+            self._close_pidfd()
+            await self._root.remove(self.profile)
+
+
+def _living(group: int) -> list[int]:
+    """Process ids of the group's members, zombies left out. Reads all of /proc: a few ms."""
+    found = []
+    for entry in os.scandir("/proc"):
+        if not entry.name.isdigit():
+            continue
+        try:
+            # "pid (name) state ppid pgrp ...", and the name may hold anything
+            fields = Path(entry.path, "stat").read_text(errors="replace").rpartition(")")[2].split()
+        except (FileNotFoundError, ProcessLookupError):
+            continue  # it ended while we looked
+        if int(fields[2]) == group and fields[0] not in "ZX":
+            found.append(int(entry.name))
+    return found
+
+
+def _reap(group: int) -> None:
+    """Collect the exit status of our own children in the group, so that none stays a zombie."""
+    with contextlib.suppress(ChildProcessError):
+        while os.waitpid(-group, os.WNOHANG)[0]:
+            pass
+
+
+async def _end_group(group: int, seconds: float) -> None:
+    """SIGKILL the group and wait until no living process of it is left.
+
+    Members that are not our children are collected by the system's init, at its own pace: as zombies
+    they hold nothing and count as gone.
+    """
+    pause, longest = _GONE_POLL_SECONDS
+    loop = asyncio.get_running_loop()
+    deadline = loop.time() + seconds
+    while True:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(group, signal.SIGKILL)
+        living = await asyncio.to_thread(_living, group)
+        if not living:
+            break
+        if loop.time() > deadline:
+            raise BrowserError(f"processes {living} outlived SIGKILL by {seconds:g} s")
+        await asyncio.sleep(pause)
+        pause = min(pause * 2, longest)
+    _reap(group)
+
+
+def _tail(profile: Path) -> str:
+    try:
+        text = (profile / "chromium.log").read_bytes()[-_LOG_TAIL_BYTES:].decode(errors="replace")
+    except OSError:
+        return ""
+    return " | ".join(line.strip() for line in text.splitlines()[-3:])
+
+
+def _arguments(config: BrowserConfig, executable: Path, profile: Path, sandbox: SandboxState) -> list[str]:
+    arguments = [str(executable), *_FLAGS, f"--user-data-dir={profile}{os.sep}profile"]
+    if config.host_rules:
+        arguments.append(f"--host-resolver-rules={','.join(config.host_rules)}")
+    if not sandbox.on:
+        arguments.append("--no-sandbox")
+    return arguments
+
+
+@contextlib.contextmanager
+def _high(descriptor: int) -> Iterator[int]:
+    """A copy of a descriptor above the numbers that the child gives out itself."""
+    copy = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _FIRST_FREE_FD)
+    try:
+        yield copy
+    finally:
+        os.close(copy)
+
+
+def _spawn(arguments: list[str], theirs: socket.socket, profile: Path) -> int:
+    """Start Chromium as the leader of a new process group, with our socket as its descriptors 3 and 4."""
+    environment = {**os.environ, "TMPDIR": str(profile)}
+    log_file = os.open(profile / "chromium.log", os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        with _high(theirs.fileno()) as pipe, _high(log_file) as errors:
+            return os.posix_spawn(
+                arguments[0],
+                arguments,
+                environment,
+                file_actions=[
+                    (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
+                    (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0),
+                    (os.POSIX_SPAWN_DUP2, errors, 2),
+                    (os.POSIX_SPAWN_DUP2, pipe, 3),
+                    (os.POSIX_SPAWN_DUP2, pipe, 4),
+                ],
+                setpgroup=0,
+            )
+    except OSError as error:
+        raise BrowserLaunchFailed(
+            f"{arguments[0]} cannot be started: {error.strerror}", hint="see `webgym doctor`"
+        ) from error
+    finally:
+        os.close(log_file)
+
+
+async def launch(
+    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState
+) -> BrowserProcess:
+    """Start a browser and wait for its first answer.
+
+    Raises:
+        BrowserLaunchFailed: it cannot be started, ended at once, or did not answer in time.
+    """
+    profile = await asyncio.to_thread(root.new)
+    ours, theirs = socket.socketpair()
+    ours.setblocking(False)
+    try:
+        pid = _spawn(_arguments(config, executable, profile, sandbox), theirs, profile)
+    except BrowserLaunchFailed:
+        ours.close()
+        await root.remove(profile)
+        raise
+    finally:
+        theirs.close()
+    connection = Connection()
+    process = BrowserProcess(pid, connection, profile, root, config.kill_seconds)
+    try:
+        await asyncio.get_running_loop().create_unix_connection(lambda: connection, sock=ours)
+        version = await connection.call("Browser.getVersion", reply=Version, seconds=config.launch_seconds)
+    except (BrowserCrashed, BrowserTimeout) as error:
+        said = process.log_tail()
+        await process.kill()
+        raise BrowserLaunchFailed(
+            f"{executable} did not come up: {said or error.message}", hint="see `webgym doctor`"
+        ) from error
+    except BaseException:
+        await process.kill()
+        raise
+    process.version = version.product
+    return process
+
+
+async def launch_sandboxed(
+    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState | None
+) -> tuple[BrowserProcess, SandboxState]:
+    """Start a browser with its sandbox if that can be had; what was found out is said in the log.
+
+    Args:
+        sandbox: what an earlier launch found out; ``None`` at the first.
+    """
+    state = sandbox or planned_sandbox(config)
+    try:
+        process = await launch(config, executable, root, state)
+    except BrowserLaunchFailed as error:
+        if not state.on or config.sandbox == "on" or "sandbox" not in error.message.lower():
+            raise
+        state = SandboxState(False, "this machine does not let Chromium build its sandbox")
+        process = await launch(config, executable, root, state)
+    if sandbox is None and not state.on:
+        log.warning("Chromium runs without its sandbox: %s", state.reason)
+    return process, state

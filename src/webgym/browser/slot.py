@@ -1,0 +1,295 @@
+"""One browser slot: a browser process group that serves one episode after the other.
+
+Every episode gets a fresh browser context with one page, which is thrown away at its end. The browser
+itself is kept, and replaced after a number of episodes, at an age, or when it has crashed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from pathlib import Path
+
+from webgym.browser.actions import perform
+from webgym.browser.cdp import CommandFailed, Session, TargetGone
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.observe import Look, capture, look
+from webgym.browser.page import Page
+from webgym.browser.process import BrowserProcess, SandboxState, launch_sandboxed
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.settle import settle_timed
+from webgym.browser.wire import (
+    AttachedToTarget,
+    BrowserContext,
+    CreatedTarget,
+    DetachedFromTarget,
+    Nothing,
+)
+from webgym.core.action import BrowserAction, Navigate
+from webgym.core.errors import (
+    ActionFailed,
+    BrowserCrashed,
+    BrowserError,
+    BrowserTimeout,
+    DownloadRefused,
+    NavigationFailed,
+    PageError,
+)
+from webgym.core.observation import NoticeKind
+
+_NOTICE_OF: dict[type[PageError], NoticeKind] = {
+    NavigationFailed: "navigation_failed",
+    DownloadRefused: "download_refused",
+    ActionFailed: "action_failed",
+}
+
+_PAGES_ONLY = [{"type": "page", "exclude": False}, {"exclude": True}]
+
+
+class Slot:
+    """One place where an episode can run.
+
+    Not safe for concurrent calls: whoever holds the slot makes one call at a time.
+
+    Args:
+        config: the limits.
+        executable: the Chromium to run.
+        profiles: where its profiles live.
+        sandbox: what another slot's launch found out about the sandbox; ``None`` if nothing is known.
+    """
+
+    def __init__(
+        self,
+        config: BrowserConfig,
+        executable: Path,
+        profiles: ProfileRoot,
+        sandbox: SandboxState | None = None,
+    ) -> None:
+        self.config = config
+        self.sandbox = sandbox
+        self.launches = 0
+        self._executable = executable
+        self._profiles = profiles
+        self._process: BrowserProcess | None = None
+        self._context = ""
+        self._page: Page | None = None
+        self._attached: asyncio.Future[AttachedToTarget] | None = None
+        self._episodes = 0
+        self._milliseconds: dict[str, float] = {}
+        self._settled = ""
+
+    # --- the browser --------------------------------------------------------------------------------
+
+    @property
+    def is_up(self) -> bool:
+        """Whether its browser runs."""
+        return self._process is not None and self._process.is_alive
+
+    @property
+    def is_open(self) -> bool:
+        """Whether an episode's page is there."""
+        return self._page is not None
+
+    @property
+    def process(self) -> BrowserProcess | None:
+        """The browser, for measurements."""
+        return self._process
+
+    @property
+    def needs_replacement(self) -> bool:
+        """Whether the browser is gone, or has served as long as it may."""
+        process = self._process
+        if process is None or not process.is_alive:
+            return True
+        return self._episodes >= self.config.recycle_episodes or process.age >= self.config.recycle_seconds
+
+    async def start(self) -> None:
+        """Bring up a browser, a fresh one if there is one already.
+
+        Raises:
+            BrowserLaunchFailed: it does not come up.
+        """
+        await self.stop()
+        self._process, self.sandbox = await launch_sandboxed(
+            self.config, self._executable, self._profiles, self.sandbox
+        )
+        self.launches += 1
+        self._episodes = 0
+        connection = self._process.connection
+        connection.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
+        connection.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
+        attach = {"autoAttach": True, "waitForDebuggerOnStart": True, "flatten": True, "filter": _PAGES_ONLY}
+        try:
+            await connection.call(
+                "Target.setAutoAttach", attach, reply=Nothing, seconds=self.config.launch_seconds
+            )
+        except BaseException:
+            await self.stop()
+            raise
+
+    async def stop(self) -> None:
+        """End the browser and everything in it. Safe to call twice."""
+        process, self._process = self._process, None
+        page, self._page = self._page, None
+        if page is not None:
+            await page.close()
+        if process is not None:
+            await process.kill()
+
+    def _on_attached(self, attached: AttachedToTarget) -> None:
+        if attached.target_info.opener_id:
+            if self._page is not None:
+                self._page.popups.adopt(attached)
+        elif self._attached is not None and not self._attached.done():
+            self._attached.set_result(attached)
+
+    def _on_detached(self, detached: DetachedFromTarget) -> None:
+        if self._page is None:
+            return
+        self._page.popups.forget(detached.target_id)
+        if detached.session_id == self._page.session.id:
+            self._page.is_gone = True
+            self._page.session.connection.fail_session(
+                detached.session_id, TargetGone("the page closed itself")
+            )
+
+    # --- an episode ---------------------------------------------------------------------------------
+
+    async def open(self, options: PageOptions) -> None:
+        """Start an episode: a fresh context with a blank page.
+
+        Raises:
+            BrowserCrashed, BrowserTimeout, BrowserLaunchFailed: there is no page to be had.
+        """
+        if self._page is not None:
+            await self.close()
+        if self.needs_replacement:
+            await self.start()
+        assert self._process is not None
+        self._episodes += 1
+        self._settled = ""
+        try:
+            async with asyncio.timeout(self.config.open_seconds):
+                self._page = await self._new_page(self._process, options)
+        except TimeoutError:
+            raise BrowserTimeout(f"no fresh page within {self.config.open_seconds:g} s") from None
+        except (CommandFailed, TargetGone) as error:
+            raise BrowserCrashed(f"no fresh page could be had: {error.message}") from error
+
+    async def _new_page(self, process: BrowserProcess, options: PageOptions) -> Page:
+        connection, seconds = process.connection, self.config.open_seconds
+        context = await connection.call(
+            "Target.createBrowserContext", {"disposeOnDetach": True}, reply=BrowserContext, seconds=seconds
+        )
+        self._context = context.browser_context_id
+        refused = {"behavior": "deny", "browserContextId": self._context, "eventsEnabled": True}
+        self._attached = asyncio.get_running_loop().create_future()
+        width, height = options.viewport
+        target = {"url": "about:blank", "browserContextId": self._context, "width": width, "height": height}
+        connection.send("Browser.setDownloadBehavior", refused)
+        await connection.call("Target.createTarget", target, reply=CreatedTarget, seconds=seconds)
+        attached = await self._attached
+        session = Session(connection, attached.session_id)
+        page = Page(session, attached.target_info.target_id, self.config, options)
+        await page.prepare()
+        return page
+
+    async def close(self) -> None:
+        """End the episode: the context and all its state are thrown away. Safe to call twice.
+
+        A browser that does not let go of it is ended; the next episode brings up another.
+        """
+        page, self._page = self._page, None
+        if page is None:
+            return
+        await page.close()
+        if self._process is None or not self._process.is_alive:
+            return
+        try:
+            await self._process.connection.call(
+                "Target.disposeBrowserContext",
+                {"browserContextId": self._context},
+                reply=Nothing,
+                seconds=self.config.close_seconds,
+            )
+        except (BrowserTimeout, BrowserCrashed, CommandFailed):
+            await self.stop()
+
+    # --- one step -----------------------------------------------------------------------------------
+
+    async def act(self, action: BrowserAction) -> None:
+        """Carry an action out and wait until the page is quiet. What the page refuses is kept as a notice.
+
+        Raises:
+            BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
+        """
+        page = self._living_page()
+        self._milliseconds = {}
+        operation = "navigate" if isinstance(action, Navigate) else "execute"
+        start = time.perf_counter()
+        page.begin_action()
+        try:
+            if page.is_crashed:
+                await page.revive()
+            await self._perform(page, action)
+            self._milliseconds[operation] = (time.perf_counter() - start) * 1000
+            self._settled = await settle_timed(page, self._milliseconds)
+        except TargetGone:
+            await self._bring_back(page)
+
+    async def _perform(self, page: Page, action: BrowserAction) -> None:
+        try:
+            await perform(page, action)
+        except (ActionFailed, NavigationFailed) as error:
+            page.note(_NOTICE_OF[type(error)], error.message)
+        except BrowserTimeout as error:
+            page.end_script()
+            page.note("still_loading", f"the page did not react, its script was ended ({error.message})")
+
+    async def _bring_back(self, page: Page) -> None:
+        if page.is_gone or not self.is_up:
+            raise BrowserCrashed("the page is gone")
+        await page.revive()
+        try:
+            self._settled = await settle_timed(page, self._milliseconds)
+        except TargetGone as error:
+            raise BrowserCrashed("the page crashed again while it was loaded") from error
+
+    async def observe(self) -> Look:
+        """Look at the page as it is.
+
+        Raises:
+            BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
+        """
+        page = self._living_page()
+        milliseconds, self._milliseconds = self._milliseconds, {}
+        try:
+            if page.is_crashed:
+                await self._bring_back(page)
+            return await look(page, self._settled, milliseconds)
+        except TargetGone:
+            await self._bring_back(page)
+        try:
+            return await look(page, self._settled, milliseconds)
+        except TargetGone as error:
+            raise BrowserCrashed("the page crashed again while it was looked at") from error
+
+    async def step(self, action: BrowserAction | None = None) -> Look:
+        """Act, then look."""
+        if action is not None:
+            await self.act(action)
+        return await self.observe()
+
+    async def screenshot(self) -> bytes:
+        """The bare picture, PNG, without marks and without waiting."""
+        try:
+            return await capture(self._living_page())
+        except (TargetGone, CommandFailed) as error:
+            raise BrowserCrashed(f"no picture could be had: {error.message}") from error
+
+    def _living_page(self) -> Page:
+        if self._page is None:
+            raise BrowserError("no episode is open in this slot")
+        if not self.is_up:
+            raise BrowserCrashed("the browser process ended")
+        return self._page

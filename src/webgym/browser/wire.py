@@ -1,0 +1,215 @@
+"""The parts of the DevTools protocol's messages that we read. Names and shapes are the protocol's."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class Wire(msgspec.Struct, frozen=True, rename="camel"):
+    """Base: camelCase on the wire, unknown fields ignored."""
+
+
+class Nothing(Wire, frozen=True):
+    """A reply that says only that it was done."""
+
+
+class Version(Wire, frozen=True):
+    """``Browser.getVersion``."""
+
+    product: str
+
+
+class BrowserContext(Wire, frozen=True):
+    """``Target.createBrowserContext``."""
+
+    browser_context_id: str
+
+
+class CreatedTarget(Wire, frozen=True):
+    """``Target.createTarget``."""
+
+    target_id: str
+
+
+class TargetInfo(Wire, frozen=True):
+    """A page, worker or frame that can be attached to."""
+
+    target_id: str
+    type: str
+    url: str = ""
+    browser_context_id: str = ""
+    opener_id: str = ""
+
+
+class AttachedToTarget(Wire, frozen=True):
+    """``Target.attachedToTarget``."""
+
+    session_id: str
+    target_info: TargetInfo
+    waiting_for_debugger: bool = False
+
+
+class DetachedFromTarget(Wire, frozen=True):
+    """``Target.detachedFromTarget``."""
+
+    session_id: str
+    target_id: str = ""
+
+
+class Frame(Wire, frozen=True):
+    """A frame of the page."""
+
+    id: str
+    loader_id: str
+    url: str
+    parent_id: str | None = None
+    url_fragment: str = ""
+    unreachable_url: str = ""
+
+
+class FrameNavigated(Wire, frozen=True):
+    """``Page.frameNavigated``."""
+
+    frame: Frame
+
+
+class NavigatedWithinDocument(Wire, frozen=True):
+    """``Page.navigatedWithinDocument``."""
+
+    frame_id: str
+    url: str
+
+
+class FrameEvent(Wire, frozen=True):
+    """Events that only name a frame."""
+
+    frame_id: str
+
+
+class Navigated(Wire, frozen=True):
+    """``Page.navigate``."""
+
+    frame_id: str
+    loader_id: str = ""
+    error_text: str = ""
+    is_download: bool = False
+
+
+class HistoryEntry(Wire, frozen=True):
+    """One entry of the tab's history."""
+
+    id: int
+    url: str
+
+
+class History(Wire, frozen=True):
+    """``Page.getNavigationHistory``."""
+
+    current_index: int
+    entries: tuple[HistoryEntry, ...]
+
+
+class DialogOpening(Wire, frozen=True):
+    """``Page.javascriptDialogOpening``."""
+
+    type: str
+    message: str = ""
+    default_prompt: str = ""
+
+
+class DownloadWillBegin(Wire, frozen=True):
+    """``Browser.downloadWillBegin``."""
+
+    frame_id: str
+    url: str
+    suggested_filename: str = ""
+
+
+class RequestWillBeSent(Wire, frozen=True):
+    """``Network.requestWillBeSent``."""
+
+    request_id: str
+    loader_id: str = ""
+    frame_id: str = ""
+    type: str = ""
+
+
+class Response(Wire, frozen=True):
+    """The head of an HTTP response."""
+
+    status: int
+    url: str = ""
+
+
+class ResponseReceived(Wire, frozen=True):
+    """``Network.responseReceived``."""
+
+    request_id: str
+    loader_id: str
+    type: str
+    response: Response
+    frame_id: str = ""
+
+
+class RequestDone(Wire, frozen=True):
+    """``Network.loadingFinished``."""
+
+    request_id: str
+
+
+class RequestFailed(Wire, frozen=True):
+    """``Network.loadingFailed``."""
+
+    request_id: str
+    type: str = ""
+    error_text: str = ""
+    canceled: bool = False
+
+
+class Request(Wire, frozen=True):
+    """The head of an HTTP request."""
+
+    url: str
+    method: str = "GET"
+    headers: dict[str, str] = {}
+
+
+class RequestPaused(Wire, frozen=True):
+    """``Fetch.requestPaused``."""
+
+    request_id: str
+    request: Request
+
+
+class World(Wire, frozen=True):
+    """``Page.createIsolatedWorld``."""
+
+    execution_context_id: int
+
+
+class RemoteObject(Wire, frozen=True):
+    """A script's result, by value."""
+
+    type: str = ""
+    value: msgspec.Raw = msgspec.Raw(b"null")
+    description: str = ""
+
+
+class ExceptionDetails(Wire, frozen=True):
+    """Why a script did not end well."""
+
+    text: str = ""
+    exception: RemoteObject | None = None
+
+
+class Evaluated(Wire, frozen=True):
+    """``Runtime.evaluate``."""
+
+    result: RemoteObject
+    exception_details: ExceptionDetails | None = None
+
+
+class Screenshot(Wire, frozen=True):
+    """``Page.captureScreenshot``; base64 is decoded on the way in."""
+
+    data: bytes

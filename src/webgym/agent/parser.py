@@ -165,7 +165,7 @@ def _sections(text: str) -> dict[str, str]:
     ends = [heading.start() for heading in headings[1:]] + [len(text)]
     return {
         heading[1].lower(): text[heading.end() : end].strip()
-        for heading, end in zip(headings, ends, strict=True)
+        for heading, end in zip(headings, ends, strict=False)
     }
 
 

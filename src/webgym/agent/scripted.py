@@ -23,7 +23,7 @@ from webgym.core.errors import ConfigError, PolicyError
 from webgym.core.task import Task
 from webgym.core.text import fold, says
 from webgym.core.trajectory import Reply
-from webgym.core.truth import Give, Home, Move, Truth
+from webgym.core.truth import Choose, Click, Fill, Give, Move, See, Truth
 
 Mistake: TypeAlias = Literal[
     "wrong_answer",  # names another candidate, or another number
@@ -99,7 +99,7 @@ class ScriptedPlayer:
         self._rng = rng
         self._moves: tuple[Move, ...] = task.truth.moves if task.truth is not None else ()
         self.mistake = mistake
-        if task.truth is not None:
+        if task.truth is not None and self._moves:
             self._spoil(task.truth)
         self._solver = Solver(task.website, self._moves)
         self._due = rng.randrange(_AFTER_TURNS)
@@ -218,5 +218,6 @@ def wrong_answer(truth: Truth, rng: random.Random) -> str | None:
 
 
 def _skippable(way: Sequence[Move]) -> list[int]:
-    """Moves that the rest of the solution may need. To be on the front page already is no loss."""
-    return [index for index, move in enumerate(way) if not isinstance(move, Home)]
+    """The moves that the rest most needs: those that act; where there are none, those that look."""
+    acts = [index for index, move in enumerate(way) if isinstance(move, Click | Fill | Choose)]
+    return acts or [index for index, move in enumerate(way) if isinstance(move, See)]

@@ -145,7 +145,7 @@ class Solver:
                 return act
             if not self._is_satisfied(move, observation):
                 return self._work(move, observation, mode)
-            self._finish(observation)
+            self._finish()
         return _give_up("finish the task")
 
     # --- what became of the last act --------------------------------------------------------------
@@ -165,7 +165,8 @@ class Solver:
             self._finish(before)
         return None
 
-    def _finish(self, before: Observation) -> None:
+    def _finish(self, before: Observation | None = None) -> None:
+        """On to the next move; ``before`` is the look before this one, if anything was done for it."""
         move = self._moves[self._at]
         if isinstance(move, See):
             self.seen.append(move.texts)
@@ -195,7 +196,7 @@ class Solver:
                 return False
 
     def _was_submitted(self, move: Click, observation: Observation) -> bool:
-        """Whether the Enter that ended the typing before already did what this button would do."""
+        """Whether the Enter that ended the typing before has already done what this button would do."""
         before = self._previous
         if before is None or self._at == 0 or not isinstance(self._moves[self._at - 1], Fill):
             return False
@@ -205,12 +206,15 @@ class Solver:
     # --- what is in the way -----------------------------------------------------------------------
 
     def _clear(self, observation: Observation, move: Move, mode: Mode) -> Act | None:
+        in_sight = self._in_sight(move, observation)
         own = fold(move.name or "") if isinstance(move, Click) else ""
-        names = IN_THE_WAY if self._in_sight(move, observation) else IN_THE_WAY | IN_THE_WAY_IF_LOST
+        if in_sight and own in IN_THE_WAY | IN_THE_WAY_IF_LOST:
+            return None  # to clear it is the move itself
+        names = IN_THE_WAY if in_sight else IN_THE_WAY | IN_THE_WAY_IF_LOST
         for element in usable(observation):
             name = fold(element.name)
             tries = self._cleared.get(name, 0)
-            if element.role == "button" and name in names and name != own and tries < MAX_TRIES:
+            if element.role == "button" and name in names and tries < MAX_TRIES:
                 self._cleared[name] = tries + 1
                 target = target_of(element, observation, mode, at=_POINTS[tries])
                 return Act(LeftClick(target), f'Click "{element.name}" to clear what is in the way')
@@ -291,16 +295,15 @@ class Solver:
         """What the move needs is nowhere on this page: doubt the move before, then give up."""
         before = self._previous
         last = self._moves[self._at - 1] if self._at else None
-        if before is not None and isinstance(last, Click | Fill | Choose | Back):
-            moved_on = before.url != observation.url
-            if isinstance(last, Fill) and isinstance(move, Click) and move.path is None and moved_on:
-                self._finish(observation)
-                return self.next(observation, mode)
-            if not moved_on and self._at not in self._redone:
-                self._redone.add(self._at)
-                self._at -= 1
-                self._effort = _Effort()
-                return self.next(observation, mode)
+        if isinstance(last, Fill) and isinstance(move, Click) and move.role == "button":
+            self._finish()  # the Enter that ended the typing sent the form, which is gone
+            return self.next(observation, mode)
+        is_same_page = before is not None and before.url == observation.url
+        if is_same_page and self._at not in self._redone and isinstance(last, Click | Fill | Choose | Back):
+            self._redone.add(self._at)
+            self._at -= 1
+            self._effort = _Effort()
+            return self.next(observation, mode)
         return _give_up(in_words(move))
 
 

@@ -1,0 +1,51 @@
+"""Actions and replies that can be."""
+
+from __future__ import annotations
+
+from hypothesis import strategies as st
+
+from webgym.core.action import (
+    GRID,
+    Action,
+    Answer,
+    GoBack,
+    LeftClick,
+    Mode,
+    Navigate,
+    Scroll,
+    Target,
+    Type,
+    Wait,
+)
+
+TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=60)
+SAID = TEXTS.filter(lambda text: bool(text.strip()))
+LINES = TEXTS.map(lambda text: " ".join(text.replace("<", "").split()))
+JSON_OBJECTS = st.dictionaries(
+    TEXTS,
+    st.recursive(
+        st.none() | st.booleans() | st.integers(-(10**9), 10**9) | TEXTS,
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(TEXTS, inner, max_size=3),
+        max_leaves=6,
+    ),
+    max_size=4,
+)
+
+
+def targets(mode: Mode) -> st.SearchStrategy[Target]:
+    if mode == "marks":
+        return st.integers(0, 10_000).map(lambda number: Target(element=number))
+    side = st.floats(0, GRID) | st.integers(0, GRID).map(float)
+    return st.tuples(side, side).map(lambda point: Target(coordinate=point))
+
+
+def actions(mode: Mode) -> st.SearchStrategy[Action]:
+    return st.one_of(
+        st.builds(LeftClick, targets(mode)),
+        st.builds(Type, targets(mode), TEXTS),
+        st.builds(Scroll, st.sampled_from(["up", "down"])),
+        st.builds(Wait, st.floats(0, 1e6)),
+        st.just(GoBack()),
+        st.builds(Navigate, SAID.map(str.strip)),
+        st.builds(Answer, SAID),
+    )

@@ -1,0 +1,283 @@
+from __future__ import annotations
+
+import json
+import time
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.agent.strategies import JSON_OBJECTS, LINES, actions
+
+from webgym.agent.config import PromptFormat
+from webgym.agent.parser import ParsedReply, ParseError, parse_reply
+from webgym.agent.prompts import render_reply
+from webgym.core.action import Action, Answer, GoBack, LeftClick, Mode, Scroll, Target, Type, Wait
+
+MODES: tuple[Mode, ...] = ("coordinates", "marks")
+FORMATS: tuple[PromptFormat, ...] = ("memory", "official")
+
+
+def call(arguments: Any, name: Any = "computer_use") -> str:
+    return f"<tool_call>\n{json.dumps({'name': name, 'arguments': arguments})}\n</tool_call>"
+
+
+def read(text: str, mode: Mode = "coordinates", prompt_format: PromptFormat = "memory") -> Any:
+    return parse_reply(text, mode, prompt_format)
+
+
+def action_of(text: str, mode: Mode = "coordinates") -> Action:
+    parsed = read(text, mode)
+    assert isinstance(parsed, ParsedReply), parsed
+    return parsed.action
+
+
+def problem_of(text: str, mode: Mode = "coordinates") -> str:
+    parsed = read(text, mode)
+    assert isinstance(parsed, ParseError), parsed
+    assert parsed.message
+    return parsed.kind
+
+
+CLICK = {"action": "left_click", "coordinate": [512, 300]}
+CLICKED = LeftClick(Target(coordinate=(512, 300)))
+
+
+def test_a_whole_memory_reply() -> None:
+    parsed = read(
+        'Memory: {"price of the mug": "12 €"}\n'
+        'Progress: {"find the mug": "finished",\n "buy it": "not finished"}\n'
+        "Intention: buy it\n"
+        "Action: Click the cart: it is at the top.\n" + call(CLICK)
+    )
+    assert parsed == ParsedReply(
+        CLICKED,
+        memory={"price of the mug": "12 €"},
+        progress={"find the mug": "finished", "buy it": "not finished"},
+        intention="buy it",
+        description="Click the cart: it is at the top.",
+    )
+
+
+@given(st.data(), st.sampled_from(MODES), st.sampled_from(FORMATS))
+def test_what_is_rendered_is_read(data: st.DataObject, mode: Mode, prompt_format: PromptFormat) -> None:
+    action = data.draw(actions(mode))
+    memory, progress = data.draw(JSON_OBJECTS), data.draw(JSON_OBJECTS)
+    intention, description = data.draw(LINES), data.draw(LINES)
+    text = render_reply(
+        action,
+        prompt_format,
+        description=description,
+        memory=memory,
+        progress=progress,
+        intention=intention,
+    )
+    expected = (
+        ParsedReply(action, memory, progress, intention, description)
+        if prompt_format == "memory"
+        else ParsedReply(action, description=description)
+    )
+    assert parse_reply(text, mode, prompt_format) == expected
+
+
+PIECES = [
+    "<tool_call>",
+    "</tool_call>",
+    "<think>",
+    "</think>",
+    "```json\n",
+    "```",
+    '{"name": "computer_use", "arguments": ',
+    '{"action": "left_click", "coordinate": [1, 2]}',
+    '{"action": "answer", "text": "yes"}',
+    "}",
+    "Memory: ",
+    "Action:",
+    "NaN",
+    "\ud800",
+]
+
+
+@given(
+    st.lists(st.sampled_from(PIECES) | st.text(max_size=8), max_size=12).map("".join),
+    st.sampled_from(MODES),
+    st.sampled_from(FORMATS),
+)
+def test_any_text_gives_an_action_or_a_reason(text: str, mode: Mode, prompt_format: PromptFormat) -> None:
+    parsed = parse_reply(text, mode, prompt_format)
+    assert isinstance(parsed, ParsedReply | ParseError)
+    if isinstance(parsed, ParsedReply):
+        assert "<tool_call>" in text
+        if isinstance(parsed.action, LeftClick):
+            assert parsed.action == LeftClick(Target(coordinate=(1, 2)))
+        elif isinstance(parsed.action, Answer):
+            assert parsed.action.text in text
+
+
+@given(st.data(), st.sampled_from(MODES))
+def test_a_damaged_reply_never_means_another_target(data: st.DataObject, mode: Mode) -> None:
+    """Cut a piece out of a good reply: it means the same, or nothing, or what still stands there."""
+    action = data.draw(actions(mode))
+    text = render_reply(action, "memory", description="Do it", memory={"a": 1})
+    start = data.draw(st.integers(0, len(text)))
+    end = data.draw(st.integers(start, len(text)))
+    left = text[:start] + text[end:]
+    parsed = parse_reply(left, mode, "memory")
+    if isinstance(parsed, ParsedReply) and isinstance(parsed.action, LeftClick | Type):
+        target = parsed.action.target
+        shown = [target.element] if mode == "marks" else list(target.coordinate or ())
+        inside = left.partition("<tool_call>")[2]
+        assert all(f"{value:.0f}" in inside for value in shown if value is not None and value == int(value))
+
+
+@pytest.mark.parametrize(
+    ("text", "kind"),
+    [
+        ("", "no_tool_call"),
+        ("I will click the button.", "no_tool_call"),
+        (json.dumps({"name": "computer_use", "arguments": CLICK}), "no_tool_call"),
+        ("＜tool_call＞" + json.dumps({"name": "computer_use", "arguments": CLICK}), "no_tool_call"),
+        (call(CLICK) + call(CLICK), "several_tool_calls"),
+        (f"<tool_call>{call(CLICK)}</tool_call>", "several_tool_calls"),
+        (call(CLICK).removesuffix("</tool_call>"), "unclosed_tool_call"),
+        (call(CLICK)[:40], "unclosed_tool_call"),
+        ("<think>Let me see. " + call(CLICK), "unfinished_thinking"),
+        ("<think>a</think> b <think>c " + call(CLICK), "unfinished_thinking"),
+        ("<tool_call></tool_call>", "bad_json"),
+        ('<tool_call>{"name": "computer_use", "argum</tool_call>', "bad_json"),
+        ("<tool_call>{'name': 'computer_use'}</tool_call>", "bad_json"),
+        (f"<tool_call>{{“name”: “computer_use”, “arguments”: {json.dumps(CLICK)}}}</tool_call>", "bad_json"),
+        (call(CLICK).replace("512", "NaN"), "bad_json"),
+        (call(CLICK).replace("512", "-Infinity"), "bad_json"),
+        (call(CLICK).replace("512", "9" * 5000), "bad_json"),
+        (call(CLICK).replace("512", "512]"), "bad_json"),
+        (call(CLICK).replace("512", "[" * 100_000), "bad_json"),
+        (call(CLICK).replace('"action"', '"action": "answer", "action"'), "bad_json"),
+        (call({"action": "answer", "text": "\ud800"}), "bad_json"),
+        (call(CLICK).replace("}}", "}} and so on"), "bad_json"),
+        ("<tool_call>[1]</tool_call>", "bad_arguments"),
+        ("<tool_call>{}</tool_call>", "bad_arguments"),
+        (call("left_click"), "bad_arguments"),
+        (call(json.dumps(CLICK)), "bad_arguments"),
+        (call([CLICK]), "bad_arguments"),
+        (call(None), "bad_arguments"),
+        (call(CLICK, name="mouse"), "wrong_tool"),
+        (call(CLICK, name=["computer_use"]), "wrong_tool"),
+        (call({}), "unknown_action"),
+        (call({"action": "double_click", "coordinate": [1, 2]}), "unknown_action"),
+        (call({"action": ["left_click"], "coordinate": [1, 2]}), "unknown_action"),
+        (call({"action": "left_click"}), "bad_arguments"),
+        (call({"action": "left_click", "coordinate": None}), "bad_arguments"),
+        (call(CLICK | {"text": "mug"}), "bad_arguments"),
+        (call({"action": "left_click", "element": 5}), "wrong_mode"),
+        (call(CLICK | {"element": 5}), "wrong_mode"),
+        (call({"action": "left_click", "coordinate": [1, 2, 3, 4]}), "bad_target"),
+        (call({"action": "left_click", "coordinate": {"x": 1, "y": 2}}), "bad_target"),
+        (call({"action": "left_click", "coordinate": "1, 2"}), "bad_target"),
+        (call({"action": "left_click", "coordinate": [1, True]}), "bad_target"),
+        (call({"action": "left_click", "coordinate": [1, None]}), "bad_target"),
+        (call({"action": "left_click", "coordinate": [1, "２"]}), "bad_target"),
+        (call({"action": "left_click", "coordinate": [1, "1e2"]}), "bad_target"),
+        (call({"action": "left_click", "coordinate": [1, " 2"]}), "bad_target"),
+        (call(CLICK).replace("512", "1e999"), "bad_target"),
+        (call({"action": "left_click", "coordinate": [1, 1000.5]}), "bad_target"),
+        (call({"action": "left_click", "coordinate": [-1, 5]}), "bad_target"),
+        (call({"action": "left_click", "coordinate": [1, 10**400]}), "bad_target"),
+        (call({"action": "type", "coordinate": [1, 2]}), "bad_arguments"),
+        (call({"action": "type", "coordinate": [1, 2], "text": 5}), "bad_arguments"),
+        (call({"action": "scroll"}), "bad_arguments"),
+        (call({"action": "scroll", "direction": "left"}), "bad_arguments"),
+        (call({"action": "scroll", "direction": "down", "coordinate": [1, 2]}), "bad_arguments"),
+        (call({"action": "wait", "time": -1}), "bad_arguments"),
+        (call({"action": "wait", "time": "soon"}), "bad_arguments"),
+        (call({"action": "navigate", "url": "  "}), "bad_arguments"),
+        (call({"action": "answer", "text": ""}), "bad_arguments"),
+        (call({"action": "answer", "text": ["a"]}), "bad_arguments"),
+    ],
+)
+def test_no_action(text: str, kind: str) -> None:
+    assert problem_of(text) == kind
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind"),
+    [
+        (CLICK, "wrong_mode"),
+        ({"action": "left_click", "coordinate": [5, 5], "element": 5}, "wrong_mode"),
+        ({"action": "left_click", "element": 1.5}, "bad_target"),
+        ({"action": "left_click", "element": -1}, "bad_target"),
+        ({"action": "left_click", "element": True}, "bad_target"),
+        ({"action": "left_click", "element": [3]}, "bad_target"),
+        ({"action": "left_click", "element": "submit"}, "bad_target"),
+    ],
+)
+def test_no_action_in_marks_mode(arguments: dict[str, Any], kind: str) -> None:
+    assert problem_of(call(arguments), "marks") == kind
+
+
+@pytest.mark.parametrize(
+    ("text", "action"),
+    [
+        (call(CLICK), CLICKED),
+        (call(CLICK) + "\nThat should do.", CLICKED),
+        ("<think>" + call({"action": "go_back"}) + "</think>" + call(CLICK), CLICKED),
+        ("thinking that a template opened</think>\n" + call(CLICK), CLICKED),
+        (call(CLICK).replace("{", "```json\n{", 1).replace("}}", "}}\n```"), CLICKED),
+        (f"```\n{call(CLICK)}\n```", CLICKED),
+        (call({"action": "left_click", "coordinate": ["512", "300.0"]}), CLICKED),
+        (call(CLICK | {"text": None}), CLICKED),
+        (call({"action": "left_click", "coordinate": [0, 1000]}), LeftClick(Target(coordinate=(0, 1000)))),
+        (call({"action": "type", "coordinate": [1, 2], "text": ""}), Type(Target(coordinate=(1, 2)), "")),
+        (call({"action": "answer", "text": " ５ １/２ "}), Answer(" ５ １/２ ")),
+        (call({"action": "wait", "time": "2"}), Wait(2)),
+        (call({"action": "scroll", "direction": "up"}), Scroll("up")),
+        (call({"action": "go_back"}), GoBack()),
+    ],
+)
+def test_actions(text: str, action: Action) -> None:
+    assert action_of(text) == action
+
+
+@pytest.mark.parametrize("number", [7, 7.0, "7"])
+def test_element_numbers(number: object) -> None:
+    assert action_of(call({"action": "left_click", "element": number}), "marks") == LeftClick(
+        Target(element=7)
+    )
+
+
+@pytest.mark.parametrize(
+    "memory", ["nothing yet", "[1, 2]", '{"a": NaN}', '{"a": 1, "a": 2}', "{" * 50_000, '{"a": "\\ud800"}']
+)
+def test_an_unreadable_memory_does_not_spoil_the_action(memory: str) -> None:
+    parsed = read(f"Memory: {memory}\nAction: Click.\n{call(CLICK)}")
+    assert parsed == ParsedReply(CLICKED, description="Click.")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '**Memory**: {"a": 1}\n**Action**: Click it.\n',
+        'memory：```json\n{"a": 1}\n```\n- x\nACTION： Click it.\n',
+        '## Memory: {\n  "a": 1\n}\n> Action: Click\n   it.\n',
+    ],
+)
+def test_headings_may_be_decorated(text: str) -> None:
+    parsed = read(text.replace("- x\n", "") + call(CLICK))
+    assert (parsed.memory, parsed.description) == ({"a": 1}, "Click it.")
+
+
+@pytest.mark.parametrize(
+    "filler",
+    ["<think>", "</think>", "*" * 50, "Action", "Action:\n", "{", "[", '"', "<tool_call", "```", " \n", "\\"],
+)
+def test_a_hundred_kilobytes_take_linear_time(filler: str) -> None:
+    text = filler * (100_000 // len(filler))
+    started = time.perf_counter()
+    for whole in (
+        text,
+        text + call(CLICK),
+        f"Memory: {text}\n{call(CLICK)}",
+        f"<tool_call>{text}</tool_call>",
+    ):
+        read(whole)
+    assert time.perf_counter() - started < 2

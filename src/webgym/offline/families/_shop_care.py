@@ -177,7 +177,7 @@ CARE: tuple[Sector, ...] = (
         ("Pharmacy", "Health", "Apothecary", "Wellbeing"),
         ("Advice comes with it", "Everyday health, plainly explained", "Your chemist by post"),
         "Brand",
-        ("Used for", "sleep, joints, colds, first aid, digestion, travel"),
+        ("Used for", "sleep, joints, colds, wounds, digestion, travel"),
         (("Pack size", "single, double, family"),),
         "families, travellers, athletes, allergy seasons, winter",
         (

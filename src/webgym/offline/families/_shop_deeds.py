@@ -181,8 +181,8 @@ class Deeds(Writer):
         steps += [Click(name=shop.say["order"], role="button")] if shop.reviews_order else []
         return Part(
             ask=f"order {count} × {product.called}{variant} without an account, to be delivered to "
-            f"{to}{mail}, choose “{method}” as the delivery method and “{payment}” as the way to pay, and report "
-            "the order number",
+            f"{to}{mail}, choose “{method}” as the delivery method and “{payment}” as the way to pay, "
+            "and report the order number",
             description=f"An order of {product.called}",
             facts=(
                 Fact(

@@ -61,7 +61,7 @@ SINGLE: dict[str, Make] = {
     "early-or-late": lambda w: w.early_or_late(),
     "store": lambda w: w.store(),
 }
-SINGLES = 19
+SINGLES = 21
 """Tasks of one part on every shop, out of :data:`SINGLE`."""
 
 # Parts that use the same thing on the server (cart, account, comparison) are never asked for together.
@@ -96,14 +96,16 @@ SMALL: tuple[Make, ...] = (
     lambda w: w.larger(),
 )
 SMALL_PAIRS: tuple[Make, ...] = SMALL[:4]
-CART: tuple[Make, ...] = (lambda w: w.put_and_total(), lambda w: w.order(), lambda w: w.order())
+CART: tuple[Make, ...] = (lambda w: w.put_and_total(), lambda w: w.redeem())
+ORDER: tuple[Make, ...] = (lambda w: w.order(),)
 
 TOGETHER: dict[str, tuple[tuple[Make, ...], ...]] = {
     "look-and-ask": (LARGE, SMALL),
     "two-errands": (LARGE, SMALL),
     "look-and-do": (LARGE, SMALL_DEEDS),
     "two-lists": (LARGE, LARGE),
-    "shopping": (CART, LARGE),
+    "shopping": (ORDER, LARGE),
+    "cart-and-look": (CART, SMALL),
     "long-list": (LARGE, SMALL_PAIRS, SMALL_DEEDS),
     "long-look": (LARGE, LARGE, SMALL),
 }

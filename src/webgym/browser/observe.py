@@ -27,7 +27,20 @@ class Look(msgspec.Struct, frozen=True):
     image: bytes
 
 
-class _Seen(msgspec.Struct, frozen=True):
+class Metadata(msgspec.Struct, frozen=True):
+    """Where a page is; fields as in :class:`~webgym.core.observation.Observation`."""
+
+    url: str
+    title: str
+    viewport: tuple[int, int]
+    status: int | None
+    scroll: tuple[float, float]
+    settled: str
+
+
+class Seen(msgspec.Struct, frozen=True):
+    """What a document says of itself."""
+
     title: str = ""
     scroll: tuple[float, float] = (0.0, 0.0)
     text: str | None = None
@@ -76,18 +89,27 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look
     )
 
 
-async def _see(page: Page) -> _Seen:
-    """What the document says of itself. One that moves on meanwhile is asked again once it is quiet."""
+async def ask(page: Page, **wanted: bool) -> Seen:
+    """What the document says of itself. One that moves on meanwhile is asked again once it is quiet.
+
+    Args:
+        wanted: ``text``, ``elements``, ``marks`` (draw them).
+    """
+    seconds = page.config.screenshot_seconds
+    try:
+        async with asyncio.timeout(seconds):
+            while True:
+                try:
+                    return await page.run("observe", wanted, reply=Seen)
+                except DocumentGone:
+                    await settle(page)
+    except TimeoutError:
+        raise BrowserTimeout(f"the page kept moving on for {seconds:g} s") from None
+
+
+async def _see(page: Page) -> Seen:
     marks = page.options.mode == "marks"
-    wanted = {"text": page.options.text, "elements": page.options.elements or marks, "marks": marks}
-    async with asyncio.timeout(page.config.screenshot_seconds):
-        while True:
-            try:
-                seen = await page.run("observe", wanted, reply=_Seen)
-            except DocumentGone:
-                await settle(page)
-                continue
-            break
+    seen = await ask(page, text=page.options.text, elements=page.options.elements or marks, marks=marks)
     page.points = {element.number: _middle(element.box) for element in seen.elements or ()}
     return seen
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from webgym.browser.actions import perform
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
-from webgym.browser.observe import Look, capture, look
+from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, SandboxState, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
@@ -286,6 +286,15 @@ class Slot:
             return await capture(self._living_page())
         except (TargetGone, CommandFailed) as error:
             raise BrowserCrashed(f"no picture could be had: {error.message}") from error
+
+    async def metadata(self) -> Metadata:
+        """Where the page is, without a picture."""
+        page = self._living_page()
+        try:
+            seen = await ask(page)
+        except (TargetGone, CommandFailed) as error:
+            raise BrowserCrashed(f"the page could not be asked: {error.message}") from error
+        return Metadata(page.url, seen.title, page.options.viewport, page.status, seen.scroll, self._settled)
 
     def _living_page(self) -> Page:
         if self._page is None:

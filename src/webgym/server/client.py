@@ -1,0 +1,325 @@
+"""The way to a browser server: what the collector uses.
+
+>>> async with BrowserClient(url, token=token) as client:
+...     session = await client.open(SessionOptions(mode="marks"))
+...     view = await session.step(Navigate("http://example.com"))
+...     await session.close()
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+from collections import OrderedDict
+from typing import TypeVar
+
+import httpx
+import msgspec
+
+from webgym.core.action import BrowserAction, Navigate
+from webgym.core.errors import (
+    LeaseLost,
+    ProtocolError,
+    ServerError,
+    ServerUnreachable,
+    WebGymError,
+    error_from_code,
+)
+from webgym.server.config import ClientLimits
+from webgym.server.messages import (
+    GENERATION_HEADER,
+    SECRET_HEADER,
+    Closed,
+    ErrorReply,
+    ExecuteRequest,
+    Health,
+    NavigateRequest,
+    PageMetadata,
+    Pressure,
+    Renewed,
+    ServerInfo,
+    SessionGrant,
+    SessionOptions,
+    StepReply,
+    StepRequest,
+    View,
+)
+from webgym.server.operations import (
+    ALLOCATE,
+    EXECUTE,
+    HEALTH,
+    HEARTBEAT,
+    INFO,
+    METADATA,
+    MSGPACK,
+    NAVIGATE,
+    PRESSURE,
+    QUEUES,
+    RELEASE,
+    SCREENSHOT,
+    STEP,
+    Operation,
+    QueueName,
+)
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+
+class BrowserClient:
+    """A client of one browser server, for any number of sessions at once.
+
+    Args:
+        base_url: the server's address.
+        token: its bearer token.
+        limits: concurrency per operation type, and deadlines.
+
+    Raises (every method):
+        ServerUnreachable: nothing answers, or not in time.
+        Unauthorized: the token is wrong.
+        ProtocolError: the answer is not one of a browser server.
+    """
+
+    def __init__(self, base_url: str, *, token: str, limits: ClientLimits | None = None) -> None:
+        self.limits = limits or ClientLimits()
+        self.base_url = base_url.rstrip("/")
+        try:
+            self._http = httpx.AsyncClient(
+                headers={"authorization": f"Bearer {token}"},
+                timeout=httpx.Timeout(self.limits.reply_seconds, connect=self.limits.connect_seconds),
+                limits=httpx.Limits(
+                    max_connections=None,
+                    max_keepalive_connections=None,
+                    keepalive_expiry=self.limits.keep_alive_seconds,
+                ),
+                trust_env=False,
+            )
+        except UnicodeEncodeError:
+            raise ProtocolError("a token is plain ASCII", hint="copy it from `webgym serve`") from None
+        self._pools = {name: asyncio.Semaphore(getattr(self.limits, name)) for name in QUEUES}
+        self._sessions: set[Session] = set()
+
+    async def __aenter__(self) -> BrowserClient:
+        await self._http.__aenter__()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await asyncio.gather(*(session.close() for session in tuple(self._sessions)))
+        await self._http.aclose()
+
+    async def open(self, options: SessionOptions | None = None) -> Session:
+        """Lease a browser with a fresh, blank page. Renewed in the background until it is closed.
+
+        Raises:
+            NoCapacity: all slots stayed taken.
+        """
+        grant = await self.call(ALLOCATE, SessionGrant, options or SessionOptions())
+        session = Session(self, grant)
+        self._sessions.add(session)
+        return session
+
+    async def info(self) -> ServerInfo:
+        """What the server is."""
+        return await self.call(INFO, ServerInfo)
+
+    async def health(self) -> Health:
+        """Whether it can give sessions. Needs no token."""
+        return await self.call(HEALTH, Health)
+
+    async def pressure(self) -> Pressure:
+        """Its load per operation type."""
+        return await self.call(PRESSURE, Pressure)
+
+    def forget(self, session: Session) -> None:
+        """The session is over."""
+        self._sessions.discard(session)
+
+    # --- one call -----------------------------------------------------------------------------------
+
+    async def call(
+        self,
+        operation: Operation,
+        reply: type[T],
+        body: msgspec.Struct | None = None,
+        *,
+        grant: SessionGrant | None = None,
+        queue: QueueName | None = None,
+        seconds: float | None = None,
+    ) -> T:
+        """Do one operation of the table, in its type's pool.
+
+        Args:
+            reply: shape of the answer; ``bytes`` for a body that is no struct.
+            grant: the session, for operations that need one.
+            queue: the pool, where it is not the operation's own.
+            seconds: deadline, where it is not the usual one.
+        """
+        response = await self._send(operation, body, grant, queue or operation.queue, seconds)
+        if not response.is_success:
+            raise _error_of(response)
+        try:
+            if reply is bytes:
+                return response.content  # type: ignore[return-value]
+            if response.headers.get("content-type", "").startswith(MSGPACK):
+                return msgspec.msgpack.decode(response.content, type=reply)
+            return msgspec.json.decode(response.content, type=reply)
+        except (msgspec.MsgspecError, ValueError) as error:
+            raise ProtocolError(
+                f"{operation.name}: the answer is not understood: {error}",
+                hint=f"is {self.base_url} a WebGym server of this version?",
+            ) from None
+
+    async def _send(
+        self,
+        operation: Operation,
+        body: msgspec.Struct | None,
+        grant: SessionGrant | None,
+        queue: QueueName | None,
+        seconds: float | None,
+    ) -> httpx.Response:
+        path, headers = operation.path, {}
+        if grant is not None:
+            path = path.replace("{id}", grant.session_id)
+            headers = {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
+        content = None if body is None else msgspec.json.encode(body)
+        pool = self._pools[queue] if queue else contextlib.nullcontext()
+        try:
+            async with pool, asyncio.timeout(seconds or self.limits.reply_seconds):
+                return await self._http.request(
+                    operation.method, self.base_url + path, content=content, headers=headers
+                )
+        except (httpx.InvalidURL, httpx.UnsupportedProtocol) as error:
+            raise ServerUnreachable(
+                f"{self.base_url} is not an http address: {error}", hint="check --server"
+            ) from None
+        except httpx.ConnectError:
+            raise ServerUnreachable(
+                f"nothing answers at {self.base_url}", hint="start one with `webgym serve`"
+            ) from None
+        except (httpx.TimeoutException, TimeoutError):
+            raise ServerUnreachable(f"{operation.name}: no answer from {self.base_url} in time") from None
+        except httpx.HTTPError as error:
+            raise ServerUnreachable(
+                f"{operation.name}: the connection to {self.base_url} broke ({type(error).__name__})"
+            ) from None
+
+
+def _error_of(response: httpx.Response) -> WebGymError:
+    try:
+        error = msgspec.json.decode(response.content, type=ErrorReply).error
+    except (msgspec.MsgspecError, ValueError):
+        return ProtocolError(
+            f"{response.url.host} answered {response.status_code} with no typed error",
+            hint="is this the address of a WebGym server?",
+        )
+    return error_from_code(error.code, error.message, error.hint)
+
+
+class Session:
+    """A leased browser. Get one from :meth:`BrowserClient.open`; close it when done.
+
+    Not for concurrent calls: the server takes them one after the other.
+
+    Raises (every method, beside the client's errors):
+        LeaseLost: the session expired or was closed.
+        BrowserCrashed, BrowserTimeout: the browser failed; the session is over.
+    """
+
+    def __init__(self, client: BrowserClient, grant: SessionGrant) -> None:
+        self._client = client
+        self._grant = grant
+        self._pictures: OrderedDict[str, bytes] = OrderedDict()
+        self._is_closed = False
+        self._used = asyncio.Event()
+        self._renewal = asyncio.get_running_loop().create_task(self._keep_alive())
+
+    @property
+    def id(self) -> str:
+        """Of the lease, for tracing a fault."""
+        return self._grant.session_id
+
+    async def step(self, action: BrowserAction | None = None) -> View:
+        """Act (or not), wait until the page is quiet, and look: one round trip."""
+        queue: QueueName = "navigate" if isinstance(action, Navigate) else "execute"
+        if action is None:
+            queue = "screenshot"
+        request = StepRequest(action, tuple(self._pictures))
+        reply = await self._call(STEP, StepReply, request, queue)
+        name = reply.observation.screenshot
+        image = self._pictures.get(name) if reply.image is None else reply.image
+        if image is None:
+            raise ProtocolError("the server left out a picture that was never sent")
+        self._pictures[name] = image
+        self._pictures.move_to_end(name)
+        if len(self._pictures) > self._client.limits.pictures:
+            self._pictures.popitem(last=False)
+        return View(reply.observation, image)
+
+    async def navigate(self, url: str) -> PageMetadata:
+        """Open a URL, without looking."""
+        return await self._call(NAVIGATE, PageMetadata, NavigateRequest(url))
+
+    async def execute(self, action: BrowserAction) -> PageMetadata:
+        """Act, without looking."""
+        return await self._call(EXECUTE, PageMetadata, ExecuteRequest(action))
+
+    async def metadata(self) -> PageMetadata:
+        """Where the page is."""
+        return await self._call(METADATA, PageMetadata)
+
+    async def screenshot(self) -> bytes:
+        """The bare viewport as it is now, PNG."""
+        return await self._call(SCREENSHOT, bytes)
+
+    async def heartbeat(self) -> Renewed:
+        """Renew the lease. Done in the background anyway."""
+        return await self._call(HEARTBEAT, Renewed)
+
+    async def close(self) -> None:
+        """Give the browser back. Safe to call twice; never raises what would hide a caller's own error:
+        a lease that cannot be given back runs out by itself."""
+        if self._is_closed:
+            return
+        self._is_closed = True
+        self._client.forget(self)
+        self._renewal.cancel()
+        await asyncio.wait({self._renewal})
+        try:
+            seconds = self._client.limits.release_seconds
+            await self._client.call(RELEASE, Closed, grant=self._grant, seconds=seconds)
+        except LeaseLost:
+            return
+        except ServerError as error:
+            log.warning("session %s was not given back: %s", self.id, error)
+
+    async def _call(
+        self,
+        operation: Operation,
+        reply: type[T],
+        body: msgspec.Struct | None = None,
+        queue: QueueName | None = None,
+    ) -> T:
+        if self._is_closed:
+            raise LeaseLost("the session was closed here", hint="open a new one")
+        self._used.set()
+        return await self._client.call(operation, reply, body, grant=self._grant, queue=queue)
+
+    async def _keep_alive(self) -> None:
+        """Renew the lease whenever no call has done so for a while: a thinking model never loses it."""
+        interval = self._grant.ttl_seconds * self._client.limits.heartbeat_share
+        while True:
+            self._used.clear()
+            try:
+                async with asyncio.timeout(interval):
+                    await self._used.wait()
+                continue
+            except TimeoutError:
+                pass
+            try:
+                await self._client.call(HEARTBEAT, Renewed, grant=self._grant)
+            except LeaseLost:
+                return  # the next call says so
+            except WebGymError as error:
+                log.warning("session %s was not renewed: %s", self.id, error)

@@ -1,0 +1,116 @@
+"""Every limit of the server and of its client, with its unit and its reason."""
+
+from __future__ import annotations
+
+import os
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.browser.config import BrowserConfig
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0))
+
+
+class Admission(BaseModel):
+    """How many calls of each type run at once; the rest wait in that type's own queue.
+
+    Acting is mostly waiting for the page, so it may be many at once. A screenshot is nothing but CPU.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    navigate: int = Field(default_factory=lambda: 16 * _cores(), gt=0)
+    execute: int = Field(default_factory=lambda: 16 * _cores(), gt=0)
+    screenshot: int = Field(default_factory=lambda: 2 * _cores(), gt=0)
+    """Two per core keep the cores busy while results travel."""
+    metadata: int = Field(default_factory=lambda: 8 * _cores(), gt=0)
+    allocate: int = Field(default_factory=lambda: 2 * _cores(), gt=0)
+    release: int = Field(default_factory=lambda: 2 * _cores(), gt=0)
+
+
+class ServerConfig(BaseModel):
+    """A server: where it listens, how much it holds, how long it waits."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    host: str = "127.0.0.1"
+    """Loopback unless told otherwise: whoever reaches this address and has the token drives browsers."""
+
+    port: int = Field(default=0, ge=0, le=65535)
+    """0 takes a free one."""
+
+    token: str | None = Field(default=None, min_length=16, repr=False)
+    """Bearer token of every call but ``/healthz``; ``None`` makes a random one."""
+
+    slots: int = Field(default_factory=lambda: 4 * _cores(), gt=0)
+    """Sessions at once. A slot takes 75-100 MB, and CPU only while its page works."""
+
+    parallel_launches: int = Field(default_factory=_cores, gt=0)
+    """Browsers that come up at once: a launch costs about a second of CPU."""
+
+    relaunch_seconds: tuple[float, float] = (0.5, 30.0)
+    """First and longest pause before a browser that did not come up is tried again."""
+
+    allocate_seconds: float = Field(default=60.0, ge=0)
+    """How long a caller waits in line for a free slot before ``no_capacity``."""
+
+    ttl_seconds: float = Field(default=60.0, gt=0)
+    """A lease that is not renewed for so long is taken back, unless its holder asked for another time."""
+
+    longest_ttl_seconds: float = Field(default=600.0, gt=0)
+    """The most that a holder may ask for."""
+
+    session_seconds: float = Field(default=4 * 3600.0, gt=0)
+    """Longest life of a session, however often it is renewed."""
+
+    body_bytes: int = Field(default=1024 * 1024, gt=0)
+    """Largest request body."""
+
+    pixels: int = Field(default=3840 * 2160, gt=0)
+    """Largest viewport, width times height."""
+
+    keep_alive_seconds: int = Field(default=75, gt=0)
+    """Idle connections are kept for longer than a model thinks, and longer than clients keep them."""
+
+    shutdown_seconds: int = Field(default=5, gt=0)
+    """Calls in flight get so long to end when the server is told to stop."""
+
+    admission: Admission = Field(default_factory=Admission)
+    browser: BrowserConfig = Field(default_factory=BrowserConfig)
+
+
+class ClientLimits(BaseModel):
+    """How much a client asks for at once, and how long it waits.
+
+    Each type of operation has a pool of its own, so that a burst of one never holds up another (paper,
+    section 4; the pool sizes are those of its appendix F).
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    navigate: int = Field(default=256, gt=0)
+    execute: int = Field(default=256, gt=0)
+    screenshot: int = Field(default=256, gt=0)
+    metadata: int = Field(default=256, gt=0)
+    allocate: int = Field(default=4, gt=0)
+    release: int = Field(default=4, gt=0)
+
+    connect_seconds: float = Field(default=10.0, gt=0)
+    """Until a connection is up."""
+
+    reply_seconds: float = Field(default=120.0, gt=0)
+    """Until a call is answered. Longer than the server's own deadlines and its longest line together."""
+
+    release_seconds: float = Field(default=10.0, gt=0)
+    """Until a session is given back. The lease runs out by itself, so nobody waits for long."""
+
+    keep_alive_seconds: float = Field(default=30.0, gt=0)
+    """Idle connections are dropped before the server drops them."""
+
+    heartbeat_share: float = Field(default=0.3, gt=0, lt=1)
+    """A session that made no call for this share of its lease's time to live is renewed."""
+
+    pictures: int = Field(default=2, gt=0)
+    """Pictures kept per session, so that one that did not change is not sent again."""

@@ -1,0 +1,188 @@
+"""Who may use which slot, and until when. Every call is checked against its lease.
+
+A lease has an id, a secret and a generation (of the slot). Whoever does not name all three gets
+``lease_lost`` and touches nothing. A lease that is not renewed within its time to live is taken back.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import logging
+import secrets
+from collections.abc import Awaitable, Callable, Coroutine
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from webgym.browser import Slot
+from webgym.core.errors import LeaseLost
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+
+@dataclass(eq=False)
+class Lease:
+    """The right to use a slot.
+
+    Attributes:
+        ttl_seconds: time to live without renewal.
+        expires: when it runs out, on the loop's clock.
+        ends: when it runs out for good, renewed or not.
+    """
+
+    id: str
+    secret: str
+    generation: int
+    slot: Slot
+    ttl_seconds: float
+    expires: float
+    ends: float
+    is_over: bool = False
+    _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
+    _running: asyncio.Task[Any] | None = None
+
+    def renew(self) -> float:
+        """Start the time to live anew. Returns the remaining seconds."""
+        now = asyncio.get_running_loop().time()
+        self.expires = min(now + self.ttl_seconds, self.ends)
+        return self.expires - now
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether a call runs or waits for its turn."""
+        return self._turn.locked()
+
+    async def run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
+        """Do one call's work when its turn has come: one session's calls never overlap.
+
+        Raises:
+            LeaseLost: the lease ended before or meanwhile.
+        """
+        async with self._turn:
+            self._check_alive()
+            task = asyncio.get_running_loop().create_task(work())
+            self._running = task
+            try:
+                await asyncio.wait({task})
+            except asyncio.CancelledError:
+                task.cancel()
+                await asyncio.wait({task})
+                raise
+            finally:
+                self._running = None
+            if task.cancelled():
+                self._check_alive()
+            self.renew()
+            return task.result()
+
+    def _check_alive(self) -> None:
+        if self.is_over:
+            raise LeaseLost("the session ended", hint="open a new one")
+
+    async def end(self) -> None:
+        """Cut a running call off and wait until nothing of the lease touches the slot."""
+        self.is_over = True
+        if self._running is not None:
+            self._running.cancel()
+        async with self._turn:  # those in line find the lease over
+            pass
+
+
+class Leases:
+    """All leases of one server.
+
+    Args:
+        take_back: what becomes of a slot whose lease ended.
+    """
+
+    def __init__(self, take_back: Callable[[Slot], Awaitable[None]]) -> None:
+        self._take_back = take_back
+        self._leases: dict[str, Lease] = {}
+        self._generations: dict[Slot, int] = {}
+        self._changed = asyncio.Event()
+        self._reaper: asyncio.Task[None] | None = None
+        self._endings: set[asyncio.Task[None]] = set()
+        self.expired = 0
+
+    def start(self) -> None:
+        """Start taking back what is not renewed."""
+        self._reaper = asyncio.get_running_loop().create_task(self._reap())
+
+    async def stop(self) -> None:
+        """End every lease."""
+        if self._reaper is not None:
+            self._reaper.cancel()
+            await asyncio.wait({self._reaper})
+        await asyncio.gather(*(self.end(lease) for lease in tuple(self._leases.values())))
+        await asyncio.gather(*self._endings)
+
+    def __len__(self) -> int:
+        return len(self._leases)
+
+    def grant(self, slot: Slot, ttl_seconds: float, session_seconds: float) -> Lease:
+        """A new lease of a slot; all earlier ones of it are void."""
+        self._generations[slot] = self._generations.get(slot, 0) + 1
+        now = asyncio.get_running_loop().time()
+        lease = Lease(
+            id=secrets.token_hex(8),
+            secret=secrets.token_urlsafe(24),
+            generation=self._generations[slot],
+            slot=slot,
+            ttl_seconds=ttl_seconds,
+            expires=now + ttl_seconds,
+            ends=now + session_seconds,
+        )
+        self._leases[lease.id] = lease
+        self._changed.set()
+        return lease
+
+    def check(self, session_id: str, secret: str, generation: str) -> Lease:
+        """The lease that a caller holds.
+
+        Raises:
+            LeaseLost: there is none, or the caller does not hold it.
+        """
+        lease = self._leases.get(session_id)
+        proven = lease is not None and hmac.compare_digest(lease.secret.encode(), secret.encode())
+        if lease is None or not proven or generation != str(lease.generation):
+            raise LeaseLost("the session expired, was closed, or is not yours", hint="open a new one")
+        lease.renew()
+        return lease
+
+    async def end(self, lease: Lease) -> None:
+        """End a lease and take its slot back. Safe to call twice; not undone by cancellation."""
+        if self._leases.pop(lease.id, None) is None:
+            return
+        await asyncio.shield(self._in_background(lease))
+
+    def _in_background(self, lease: Lease) -> asyncio.Task[None]:
+        task = asyncio.get_running_loop().create_task(self._end(lease))
+        self._endings.add(task)
+        task.add_done_callback(self._endings.discard)
+        return task
+
+    async def _end(self, lease: Lease) -> None:
+        await lease.end()
+        await self._take_back(lease.slot)
+
+    async def _reap(self) -> None:
+        """Take back what is not renewed. Sleeps until the next lease can run out."""
+        loop = asyncio.get_running_loop()
+        while True:
+            now = loop.time()
+            for lease in tuple(self._leases.values()):
+                if lease.expires <= now and (not lease.is_busy or lease.ends <= now):
+                    self.expired += 1
+                    log.warning("session %s was not renewed and is taken back", lease.id)
+                    del self._leases[lease.id]
+                    self._in_background(lease)
+            self._changed.clear()
+            idle = [lease.expires for lease in self._leases.values() if not lease.is_busy]
+            busy = [now + lease.ttl_seconds for lease in self._leases.values() if lease.is_busy]
+            try:
+                async with asyncio.timeout_at(min([*idle, *busy], default=None)):
+                    await self._changed.wait()
+            except TimeoutError:
+                continue

@@ -1,0 +1,175 @@
+"""What travels between client and server."""
+
+from __future__ import annotations
+
+import msgspec
+
+from webgym.browser.config import PageOptions
+from webgym.core.action import BrowserAction
+from webgym.core.observation import Observation
+
+SECRET_HEADER = "x-webgym-secret"  # noqa: S105
+GENERATION_HEADER = "x-webgym-generation"
+
+
+class SessionOptions(PageOptions, frozen=True, omit_defaults=True):
+    """What a session is like: its page, and its lease.
+
+    Attributes:
+        ttl_seconds: how long the lease lasts without a call or heartbeat; ``None`` takes the server's.
+    """
+
+    ttl_seconds: float | None = None
+
+
+class SessionGrant(msgspec.Struct, frozen=True):
+    """A lease. All three of id, secret and generation come back with every call.
+
+    Attributes:
+        generation: counts the leases of the slot; a call of an earlier holder is refused by it.
+        endpoint: where the session's calls go.
+        ttl_seconds: as granted.
+    """
+
+    session_id: str
+    secret: str
+    generation: int
+    endpoint: str
+    ttl_seconds: float
+
+
+class StepRequest(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Act, then look.
+
+    Attributes:
+        action: ``None`` only looks.
+        have: names of the pictures that the caller has: such a one is not sent again.
+    """
+
+    action: BrowserAction | None = None
+    have: tuple[str, ...] = ()
+
+
+class StepReply(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What is to be seen.
+
+    Attributes:
+        image: PNG; ``None`` if the caller has it.
+    """
+
+    observation: Observation
+    image: bytes | None = None
+
+
+class View(msgspec.Struct, frozen=True):
+    """An observation with its picture, always.
+
+    Attributes:
+        image: PNG; its SHA-256 is ``observation.screenshot``.
+    """
+
+    observation: Observation
+    image: bytes
+
+
+class NavigateRequest(msgspec.Struct, frozen=True):
+    """Open this URL."""
+
+    url: str
+
+
+class ExecuteRequest(msgspec.Struct, frozen=True):
+    """Carry this action out."""
+
+    action: BrowserAction
+
+
+class PageMetadata(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Where the page is. See :class:`~webgym.core.observation.Observation` for the fields.
+
+    Attributes:
+        settled: why the wait for a quiet page ended, after the last action.
+    """
+
+    url: str
+    title: str
+    viewport: tuple[int, int]
+    status: int | None = None
+    scroll: tuple[float, float] = (0.0, 0.0)
+    settled: str = ""
+
+
+class Renewed(msgspec.Struct, frozen=True):
+    """A lease's new remaining time."""
+
+    ttl_seconds: float
+
+
+class Closed(msgspec.Struct, frozen=True):
+    """The session is over."""
+
+    session_id: str
+
+
+class Health(msgspec.Struct, frozen=True):
+    """Whether sessions can be had."""
+
+    status: str
+
+
+class GateLoad(msgspec.Struct, frozen=True):
+    """One operation type's queue: how many may run, run and wait now, and have run."""
+
+    limit: int
+    running: int
+    waiting: int
+    done: int
+
+
+class SlotLoad(msgspec.Struct, frozen=True):
+    """The slots, by what they are doing, and how many callers wait for one."""
+
+    total: int
+    free: int
+    leased: int
+    preparing: int
+    waiting: int
+
+
+class Pressure(msgspec.Struct, frozen=True):
+    """Load at this moment."""
+
+    operations: dict[str, GateLoad]
+    slots: SlotLoad
+
+
+class ServerInfo(msgspec.Struct, frozen=True):
+    """What a server is.
+
+    Attributes:
+        browser: product and version, as Chromium tells it.
+        sandboxed: whether Chromium's sandbox is on.
+        sandbox_reason: why not.
+    """
+
+    version: str
+    slots: int
+    browser: str
+    executable: str
+    sandboxed: bool
+    sandbox_reason: str
+    viewport: tuple[int, int] = (1280, 768)
+
+
+class ErrorBody(msgspec.Struct, frozen=True):
+    """A typed error: its class (core/errors.py), what happened, what to do."""
+
+    code: str
+    message: str
+    hint: str = ""
+
+
+class ErrorReply(msgspec.Struct, frozen=True):
+    """Every reply that is not a 2xx."""
+
+    error: ErrorBody

@@ -1,0 +1,61 @@
+"""What Prometheus sees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
+from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.registry import Collector
+
+from webgym.server.admission import Gates
+from webgym.server.leases import Leases
+from webgym.server.pool import Pool
+
+_BUCKETS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 60.0)
+
+
+class _Load(Collector):
+    """Gauges that are read when they are asked for."""
+
+    def __init__(self, gates: Gates, pool: Pool, leases: Leases) -> None:
+        self._gates, self._pool, self._leases = gates, pool, leases
+
+    def collect(self) -> Iterable[GaugeMetricFamily]:
+        """The load at this moment."""
+        calls = GaugeMetricFamily("webgym_queue_calls", "Calls per operation type", labels=["queue", "state"])
+        for name, load in self._gates.load.items():
+            calls.add_metric([name, "running"], load.running)
+            calls.add_metric([name, "waiting"], load.waiting)
+        yield calls
+        slots = GaugeMetricFamily("webgym_slots", "Slots by what they do", labels=["state"])
+        now = self._pool.load
+        for state, count in (("free", now.free), ("leased", now.leased), ("preparing", now.preparing)):
+            slots.add_metric([state], count)
+        yield slots
+        yield GaugeMetricFamily("webgym_sessions", "Live leases", value=len(self._leases))
+        yield GaugeMetricFamily("webgym_sessions_expired", "Leases taken back", value=self._leases.expired)
+        launches = sum(slot.launches for slot in self._pool.slots)
+        yield GaugeMetricFamily("webgym_browser_launches", "Browsers brought up", value=launches)
+
+
+class Metrics:
+    """A registry of its own, so that several servers in one process do not mix."""
+
+    def __init__(self, gates: Gates, pool: Pool, leases: Leases) -> None:
+        self._registry = CollectorRegistry()
+        self._registry.register(_Load(gates, pool, leases))
+        self.seconds = Histogram(
+            "webgym_operation_seconds",
+            "Wall time per operation, waiting included",
+            ["operation"],
+            buckets=_BUCKETS,
+            registry=self._registry,
+        )
+        self.errors = Counter(
+            "webgym_operation_errors", "Typed errors", ["operation", "code"], registry=self._registry
+        )
+
+    def exposition(self) -> bytes:
+        """In Prometheus's text format."""
+        return generate_latest(self._registry)

@@ -1,0 +1,155 @@
+"""Slots: brought up, lent, cleaned, replaced."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from pathlib import Path
+
+from webgym.browser import ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig
+from webgym.browser.process import SandboxState
+from webgym.core.errors import BrowserError, NoCapacity
+from webgym.server.config import ServerConfig
+from webgym.server.messages import SlotLoad
+
+log = logging.getLogger(__name__)
+
+
+class Pool:
+    """A fixed number of slots, kept warm.
+
+    The first browser is launched at the start, so that a machine where none comes up says so at once.
+    The rest follow in the background, a few at a time.
+    """
+
+    def __init__(self, config: ServerConfig, executable: Path) -> None:
+        self.executable = executable
+        self._config = config
+        self._profiles = ProfileRoot(config.browser.temporary_root)
+        self._slots: list[Slot] = []
+        self._free: asyncio.Queue[Slot] = asyncio.Queue()
+        self._launches = asyncio.Semaphore(config.parallel_launches)
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._waiting = 0
+        self._leased: set[Slot] = set()
+        self._failing: dict[Slot, BrowserError] = {}
+        self.browser = ""
+        self.sandbox = SandboxState(False, "no browser was started yet")
+
+    # --- life ---------------------------------------------------------------------------------------
+
+    async def start(self) -> None:
+        """Clear away what dead servers left, bring up the first slot, and the others in the background.
+
+        Raises:
+            BrowserLaunchFailed: no browser comes up.
+        """
+        swept = await asyncio.to_thread(self._profiles.sweep)
+        if swept:
+            log.warning("removed what %d dead server(s) left behind", len(swept))
+        first = self._new_slot(self._config.browser)
+        await first.start()
+        assert first.process is not None
+        assert first.sandbox is not None
+        self.browser, self.sandbox = first.process.version, first.sandbox
+        self._free.put_nowait(first)
+        for _ in range(self._config.slots - 1):
+            self._in_background(self._new_slot(self._config.browser))
+
+    def _new_slot(self, config: BrowserConfig) -> Slot:
+        known = self._slots[0].sandbox if self._slots else None
+        slot = Slot(config, self.executable, self._profiles, known)
+        self._slots.append(slot)
+        return slot
+
+    async def stop(self) -> None:
+        """End every browser."""
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        ended = await asyncio.gather(*(slot.stop() for slot in self._slots), return_exceptions=True)
+        for error in ended:
+            if isinstance(error, BaseException):
+                log.error("a browser did not end: %s", error)
+
+    # --- lending ------------------------------------------------------------------------------------
+
+    async def acquire(self) -> Slot:
+        """A free slot, first come, first served.
+
+        Raises:
+            NoCapacity: none became free within ``allocate_seconds``.
+            BrowserLaunchFailed: none can become free, because no browser comes up.
+        """
+        if len(self._failing) == len(self._slots):
+            raise next(iter(self._failing.values()))
+        self._waiting += 1
+        try:
+            async with asyncio.timeout(self._config.allocate_seconds):
+                slot = await self._free.get()
+        except TimeoutError:
+            raise NoCapacity(
+                f"all {len(self._slots)} slots stayed taken for {self._config.allocate_seconds:g} s",
+                hint="close sessions, or start the server with more slots",
+            ) from None
+        finally:
+            self._waiting -= 1
+        self._leased.add(slot)
+        return slot
+
+    async def give_back(self, slot: Slot) -> None:
+        """Throw the slot's episode away and put the slot back in line."""
+        self._leased.discard(slot)
+        try:
+            await slot.close()
+        except asyncio.CancelledError:
+            self._in_background(slot)
+            raise
+        except BrowserError as error:
+            log.error("a slot could not be cleaned, its browser is replaced: %s", error)
+        if slot.needs_replacement:
+            self._in_background(slot)
+        else:
+            self._free.put_nowait(slot)
+
+    def _in_background(self, slot: Slot) -> None:
+        task = asyncio.get_running_loop().create_task(self._bring_up(slot))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _bring_up(self, slot: Slot) -> None:
+        """Give the slot a fresh browser, however many attempts that takes, and put it in line."""
+        pause, longest = self._config.relaunch_seconds
+        while True:
+            try:
+                async with self._launches:
+                    await slot.start()
+                break
+            except (BrowserError, OSError) as error:
+                known = error if isinstance(error, BrowserError) else BrowserError(str(error))
+                self._failing[slot] = known
+                log.error("a browser did not come up, next try in %g s: %s", pause, error)
+            await asyncio.sleep(pause)
+            pause = min(pause * 2, longest)
+        self._failing.pop(slot, None)
+        self._free.put_nowait(slot)
+
+    # --- what is seen -------------------------------------------------------------------------------
+
+    @property
+    def slots(self) -> tuple[Slot, ...]:
+        """All of them."""
+        return tuple(self._slots)
+
+    @property
+    def is_healthy(self) -> bool:
+        """Whether any slot works."""
+        return len(self._failing) < len(self._slots)
+
+    @property
+    def load(self) -> SlotLoad:
+        """At this moment."""
+        free, leased = self._free.qsize(), len(self._leased)
+        total = len(self._slots)
+        return SlotLoad(total, free, leased, total - free - leased, self._waiting)

@@ -35,7 +35,7 @@ bench: setup ## Measure, and print figures
 
 docs: ## Build the documentation into build/docs, warnings are errors
 	@scripts/setup --docs
-	@$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs build/docs
+	@$(BIN)/python -m sphinx --fresh-env --fail-on-warning --keep-going --quiet docs build/docs
 	@echo "build/docs/index.html"
 
 lock: ## Renew requirements/*.txt from pyproject.toml

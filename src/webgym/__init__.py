@@ -1,5 +1,96 @@
-"""WebGym: a training environment for visual web agents (arXiv 2601.02439)."""
+"""WebGym: a training environment for visual web agents (arXiv 2601.02439).
+
+The names below are what other code may rely on; everything else may move.
+"""
 
 from __future__ import annotations
 
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from webgym.agent.agent import Agent
+    from webgym.agent.config import AgentConfig
+    from webgym.agent.policy import Player, Policy, Turn
+    from webgym.collect import RunConfig, collect, resume
+    from webgym.core.action import Action
+    from webgym.core.errors import WebGymError
+    from webgym.core.observation import Observation
+    from webgym.core.outcome import Outcome
+    from webgym.core.task import FactGroup, Rubric, Task
+    from webgym.core.trajectory import Episode, Reply, Step, Trajectory
+    from webgym.core.verdict import Verdict
+    from webgym.judge import Judge, OfflineJudge
+    from webgym.offline import OfflineWeb
+    from webgym.report import write_report
+    from webgym.rollout.store import RunReader
+    from webgym.server import BrowserClient, ServerConfig, running_server
+    from webgym.tasks import read_tasks, write_tasks
+
 __version__ = "0.1.0"
+
+_HOMES = {
+    "webgym.agent.agent": ("Agent",),
+    "webgym.agent.config": ("AgentConfig",),
+    "webgym.agent.policy": ("Player", "Policy", "Turn"),
+    "webgym.collect": ("RunConfig", "collect", "resume"),
+    "webgym.core.action": ("Action",),
+    "webgym.core.errors": ("WebGymError",),
+    "webgym.core.observation": ("Observation",),
+    "webgym.core.outcome": ("Outcome",),
+    "webgym.core.task": ("FactGroup", "Rubric", "Task"),
+    "webgym.core.trajectory": ("Episode", "Reply", "Step", "Trajectory"),
+    "webgym.core.verdict": ("Verdict",),
+    "webgym.judge": ("Judge", "OfflineJudge"),
+    "webgym.offline": ("OfflineWeb",),
+    "webgym.report": ("write_report",),
+    "webgym.rollout.store": ("RunReader",),
+    "webgym.server": ("BrowserClient", "ServerConfig", "running_server"),
+    "webgym.tasks": ("read_tasks", "write_tasks"),
+}
+_MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
+
+__all__ = [
+    "Action",
+    "Agent",
+    "AgentConfig",
+    "BrowserClient",
+    "Episode",
+    "FactGroup",
+    "Judge",
+    "Observation",
+    "OfflineJudge",
+    "OfflineWeb",
+    "Outcome",
+    "Player",
+    "Policy",
+    "Reply",
+    "Rubric",
+    "RunConfig",
+    "RunReader",
+    "ServerConfig",
+    "Step",
+    "Task",
+    "Trajectory",
+    "Turn",
+    "Verdict",
+    "WebGymError",
+    "__version__",
+    "collect",
+    "read_tasks",
+    "resume",
+    "running_server",
+    "write_report",
+    "write_tasks",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used: ``import webgym`` and the command line stay quick."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(_MODULE_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

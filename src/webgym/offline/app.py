@@ -38,16 +38,31 @@ ASSET_TYPES = {".css": "text/css; charset=utf-8", ".js": "text/javascript; chars
 class SitesConfig(BaseModel):
     """How the offline web is served."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
-    seed: int = Field(DEFAULT_SEED, description="Seed of every website.")
-    per_family: int = Field(WEBSITES_PER_FAMILY, ge=1, description="Websites in every family.")
-    host: str = Field("127.0.0.1", description="Address to listen on; loopback unless asked otherwise.")
-    port: int = Field(0, ge=0, le=65535, description="Port to listen on; 0 takes a free one.")
-    latency: float = Field(1.0, ge=0, le=100, description="Scale of the simulated latency; 0 turns it off.")
-    slow_seconds: float = Field(4.0, ge=0, description="What a page of a slow website takes, seconds.")
-    token: SecretStr | None = Field(None, description="For the administration; random if not given.")
-    start_seconds: float = Field(30.0, gt=0, description="How long the server may take to start, seconds.")
+    seed: int = DEFAULT_SEED
+    """Of every website."""
+
+    per_family: int = Field(default=WEBSITES_PER_FAMILY, ge=1)
+    """Websites in every family."""
+
+    host: str = "127.0.0.1"
+    """Address to listen on; loopback unless asked otherwise."""
+
+    port: int = Field(default=0, ge=0, le=65535)
+    """Port to listen on; 0 takes a free one."""
+
+    latency: float = Field(default=1.0, ge=0, le=100)
+    """Scale of the simulated latency; 0 turns it off."""
+
+    slow_seconds: float = Field(default=4.0, ge=0)
+    """What every page of a slow website takes."""
+
+    token: SecretStr | None = None
+    """For the administration; random if not given."""
+
+    start_seconds: float = Field(default=30.0, gt=0)
+    """How long the server may take to start."""
 
 
 class SitesApp:

@@ -92,13 +92,21 @@ class OfflineWeb:
     def tasks(self, split: Split | None = None) -> Iterator[Task]:
         """All tasks, those derived by decomposition behind the task they come from."""
         for host, spec in self.specs.items():
-            if split not in (None, spec.split):
-                continue
-            site = self.website(host)
-            assert site is not None
-            place = Place(site.label, site.brand, host, site.start, site.domain, site.subdomain, spec.split)
-            for assignment in site.expected_assignments():
-                yield from write(place, assignment)
+            if split in (None, spec.split):
+                yield from self.tasks_of(host)
+
+    def tasks_of(self, host: str) -> Iterator[Task]:
+        """The tasks on one website.
+
+        Raises:
+            KeyError: there is no such website.
+        """
+        split = self.specs[host].split
+        site = self.website(host)
+        assert site is not None
+        place = Place(site.label, site.brand, host, site.start, site.domain, site.subdomain, split)
+        for assignment in site.expected_assignments():
+            yield from write(place, assignment)
 
     def host_rules(self, address: str) -> list[str]:
         """Chromium's ``--host-resolver-rules`` that lead to the server at ``address`` (``host:port``).

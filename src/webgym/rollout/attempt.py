@@ -21,8 +21,7 @@ from webgym.core.trajectory import Episode, Failure, Step
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress, State
 from webgym.rollout.store import RunWriter
-from webgym.server.client import BrowserClient, Session, View
-from webgym.server.protocol import Cookie, SessionOptions
+from webgym.server import BrowserClient, Cookie, Session, SessionOptions, View
 
 
 class Backstage(Protocol):

@@ -24,7 +24,7 @@ from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 from webgym.rollout.attempt import Attempt, Stage
 from webgym.rollout.plan import Plan, Planned
-from webgym.server.client import Session
+from webgym.server import Session
 
 
 class CollectorConfig(BaseModel):
@@ -127,12 +127,12 @@ class Collector:
     async def _make(self, attempt: Attempt, session: Session) -> None:
         self._running.add(attempt)
         try:
-            async with session:
-                if self._is_late:
-                    attempt.truncate(self._config.straggler_seconds)
-                await attempt.run(session)
+            if self._is_late:
+                attempt.truncate(self._config.straggler_seconds)
+            await attempt.run(session)
         finally:
             self._running.discard(attempt)
+            await session.close()
 
     async def _open(self, attempt: Attempt) -> Session:
         """A browser session; a server that is away for a moment is waited for."""

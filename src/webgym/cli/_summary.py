@@ -1,0 +1,48 @@
+"""What a run printed to a person when it is over."""
+
+from __future__ import annotations
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from webgym.core.outcome import Outcome
+from webgym.core.task import LEVELS
+from webgym.rollout.live import COLORS, duration
+from webgym.rollout.summary import Summary
+
+
+def print_summary(summary: Summary, console: Console) -> None:
+    """Outcomes and success rates of a run."""
+    rates = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
+    for name in ("", "success", "95 % interval", "attempts", "steps, median"):
+        rates.add_column(name, justify="left" if not name else "right")
+    for level in ("overall", *LEVELS):
+        rate, interval = summary["success_rate"][level], summary["success_interval"][level]
+        group = summary["by_level"].get(level)
+        steps = group["steps_per_attempt"]["p50"] if group else None
+        rates.add_row(
+            level,
+            "–" if rate is None else f"{rate:.1%}",
+            "–" if interval is None else f"{interval[0]:.1%} – {interval[1]:.1%}",
+            str(summary["attempts"] if level == "overall" else group["attempts"] if group else 0),
+            "" if steps is None else f"{steps:.0f}",
+        )
+    outcomes = Text()
+    for outcome in Outcome:
+        if count := summary["outcomes"].get(outcome, 0):
+            outcomes.append(f"{count} ", style="bold")
+            outcomes.append(f"{outcome}   ", style=COLORS[outcome])
+    step = summary["step_milliseconds"]
+    latency = ""
+    if step["p50"] is not None and step["p95"] is not None:
+        latency = f", step latency {step['p50']:.0f} ms (p50) {step['p95']:.0f} ms (p95)"
+    console.print()
+    console.print(rates)
+    console.print()
+    console.print(outcomes)
+    console.print(
+        f"{summary['attempts']} trajectories, {summary['steps']} steps in "
+        f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{latency}",
+        highlight=False,
+    )

@@ -1,0 +1,67 @@
+"""``webgym demo``: the main job, end to end, on the offline web."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+
+def command(
+    out: Path | None = typer.Option(
+        None, "--out", help="Run folder; a new one under runs/ if not given.", show_default=False
+    ),
+    tasks: int = typer.Option(200, "--tasks", min=1, help="Tasks, drawn from unseen (test) websites."),
+    sessions: int = typer.Option(12, "--sessions", min=1, help="Browser sessions at the same time."),
+    policy: str | None = typer.Option(
+        None,
+        "--policy",
+        help="scripted, random or openai; scripted unless --base-url is given.",
+        show_default=False,
+    ),
+    mistakes: float = typer.Option(
+        0.2, "--mistakes", min=0, max=1, help="Scripted policy: share of attempts with a mistake."
+    ),
+    base_url: str | None = typer.Option(
+        None,
+        "--base-url",
+        help="OpenAI-compatible endpoint, e.g. http://127.0.0.1:8000/v1. Its key: WEBGYM_API_KEY.",
+        show_default=False,
+    ),
+    model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
+    marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
+    seed: int = typer.Option(0, "--seed", help="Of the tasks drawn and of everything random."),
+) -> None:
+    """Collect, judge and report trajectories on the offline web: no network, no model, no GPU needed.
+
+    Starts the offline web and a browser server, attempts the tasks, writes the run folder and its
+    report, and says where to look. A scripted policy plays; give --base-url and --model for a real one.
+    """
+    from datetime import datetime
+
+    from rich.console import Console
+
+    from webgym.agent.config import AgentConfig
+    from webgym.cli._run import policy_choice, run, show_on, tell_on
+    from webgym.cli._summary import print_summary
+    from webgym.collect import RunConfig, TaskChoice, collect
+    from webgym.report import write_report
+    from webgym.rollout.collector import CollectorConfig
+
+    console = Console()
+    folder = out or Path("runs") / f"demo-{datetime.now():%Y%m%d-%H%M%S}"
+    config = RunConfig(
+        seed=seed,
+        tasks=TaskChoice(split="test", count=tasks),
+        policy=policy_choice(policy, mistakes, base_url, model),
+        agent=AgentConfig(mode="marks" if marks else "coordinates"),
+        collector=CollectorConfig(sessions=sessions),
+    )
+    console.print(
+        f"{tasks} tasks on unseen websites, {sessions} browser sessions, {config.policy.name} policy",
+        highlight=False,
+    )
+    summary = run(lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)))
+    report = write_report(folder)
+    print_summary(summary, console)
+    console.print(f"\nreport   {report}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True)

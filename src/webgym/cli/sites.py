@@ -1,0 +1,134 @@
+"""``webgym sites``: the offline web."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+app = typer.Typer(no_args_is_help=True, help="Serve, list and check the websites of the offline web.")
+
+
+@app.command()
+def serve(
+    host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
+    port: int = typer.Option(8123, "--port", min=0, max=65535, help="Port; 0 takes a free one."),
+    seed: int | None = typer.Option(None, "--seed", help="Of every website.", show_default="7"),
+    latency: float = typer.Option(1.0, "--latency", min=0, help="Scale of simulated latency; 0 for none."),
+) -> None:
+    """Serve the offline web until Ctrl-C, and say how a browser gets there.
+
+    The token of its administration is taken from WEBGYM_SITES_TOKEN, or made up and printed.
+    """
+    import asyncio
+    import os
+
+    from pydantic import SecretStr
+
+    from webgym.cli._run import SITES_TOKEN, run
+    from webgym.offline.app import SitesConfig, serving
+    from webgym.offline.web import DEFAULT_SEED
+
+    given = os.environ.get(SITES_TOKEN)
+    config = SitesConfig(
+        host=host,
+        port=port,
+        seed=DEFAULT_SEED if seed is None else seed,
+        latency=latency,
+        token=SecretStr(given) if given else None,
+    )
+
+    async def forever() -> None:
+        async with serving(config) as sites:
+            rules = ", ".join(sites.host_rules)
+            first = next(iter(sites.web.specs))
+            print(f"{len(sites.web.specs)} websites at {sites.address}")
+            if not given:
+                print(f"token    {sites.token}")
+            print(f"browse   chromium --host-resolver-rules='{rules}' http://{first}/")
+            print("list     webgym sites list")
+            await asyncio.Event().wait()
+
+    run(forever)
+
+
+@app.command("list")
+def list_sites(
+    family: str | None = typer.Option(None, "--family", help="Only of this family.", show_default=False),
+    seed: int | None = typer.Option(None, "--seed", help="Of every website.", show_default="7"),
+) -> None:
+    """List the websites: address, family, split and behaviour."""
+    from webgym.offline import OfflineWeb
+    from webgym.offline.web import DEFAULT_SEED
+
+    web = OfflineWeb(DEFAULT_SEED if seed is None else seed)
+    for host, spec in web.specs.items():
+        if family in (None, spec.family.family):
+            print(f"http://{host}/  {spec.family.family}  {spec.split}  {spec.behaviour}")
+
+
+@app.command()
+def check(
+    out: Path | None = typer.Option(None, "--out", help="Keep the run in this folder.", show_default=False),
+    family: str | None = typer.Option(None, "--family", help="Only of this family.", show_default=False),
+    sample: int | None = typer.Option(
+        None, "--sample", min=1, help="So many tasks; else all.", show_default=False
+    ),
+    sessions: int = typer.Option(12, "--sessions", min=1, help="Browser sessions at the same time."),
+    latency: float = typer.Option(0.0, "--latency", min=0, help="Scale of simulated latency; 0 for none."),
+    marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
+    seed: int = typer.Option(0, "--seed", help="Of the sample."),
+) -> None:
+    """Prove in real browsers that tasks are solvable: play every solution and judge it.
+
+    A task passes if its attempt ends as its website lets it end: in success where the website behaves,
+    within the step budget. Exits with 1 if any does not, and names each.
+    """
+    import tempfile
+
+    from rich.console import Console
+
+    from webgym.agent.config import AgentConfig
+    from webgym.cli._run import run, show_on, tell_on
+    from webgym.collect import PolicyChoice, RunConfig, TaskChoice, collect
+    from webgym.core.errors import ConfigError
+    from webgym.offline import OfflineWeb
+    from webgym.offline.app import SitesConfig
+    from webgym.offline.check import unexpected
+    from webgym.rollout.collector import CollectorConfig
+    from webgym.rollout.store import RunReader
+    from webgym.tasks import draw, write_tasks
+
+    console = Console()
+    web = OfflineWeb()
+    tasks = [
+        task
+        for host, spec in web.specs.items()
+        if family in (None, spec.family.family)
+        for task in web.tasks_of(host)
+    ]
+    if not tasks:
+        raise ConfigError(f"there is no family {family!r}", hint="webgym sites list shows the families")
+    with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
+        file = Path(scratch) / "tasks.jsonl"
+        write_tasks(file, draw(tasks, sample, seed))
+        folder = out or Path(scratch) / "run"
+        config = RunConfig(
+            retries=0,
+            tasks=TaskChoice(file=file),
+            policy=PolicyChoice(name="scripted", mistakes=0.0),
+            agent=AgentConfig(mode="marks" if marks else "coordinates"),
+            sites=SitesConfig(latency=latency),
+            collector=CollectorConfig(sessions=sessions, straggler_share=1.0),
+        )
+        run(lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)))
+        reader = RunReader(folder)
+        surprises = list(unexpected(reader.tasks, reader.trajectories()))
+        for surprise in surprises:
+            console.print(surprise, highlight=False, markup=False, soft_wrap=True)
+        console.print(
+            f"{len(reader.tasks) - len(surprises)} of {len(reader.tasks)} tasks end as they should",
+            highlight=False,
+        )
+        if surprises:
+            raise typer.Exit(1)

@@ -1,0 +1,350 @@
+"""Where the rooms are put together: tasks, browsers, agent, judge and store become a run.
+
+This is what ``webgym rollout`` and ``webgym demo`` do, for those who would rather call it::
+
+    from pathlib import Path
+    from webgym import RunConfig, collect
+
+    summary = await collect(RunConfig(), Path("runs/first"))
+"""
+
+from __future__ import annotations
+
+import asyncio
+import uuid
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
+
+from webgym.agent.agent import Agent
+from webgym.agent.config import AgentConfig
+from webgym.agent.factory import create_policy
+from webgym.core.errors import ConfigError, RunFolderError, Unauthorized
+from webgym.core.task import Task
+from webgym.judge import Judge, OfflineJudge
+from webgym.llm.config import ChatConfig
+from webgym.offline import OfflineWeb
+from webgym.offline.app import SitesConfig, serving
+from webgym.offline.client import SitesClient
+from webgym.rollout.attempt import AttemptConfig, Backstage, Stage
+from webgym.rollout.collector import Collector, CollectorConfig
+from webgym.rollout.plan import Plan
+from webgym.rollout.progress import Progress
+from webgym.rollout.store import RunReader, RunWriter
+from webgym.rollout.summary import Summary, summarise
+from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
+from webgym.tasks import BrokenRecord, draw, read_tasks
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class TaskChoice(_Settings):
+    """Which tasks."""
+
+    file: Path | None = None
+    """A task file; without one, the tasks of the offline web."""
+
+    split: Literal["train", "test"] | None = None
+    """Of the offline web's tasks, or of those in the file that say their split; ``None`` takes all."""
+
+    count: int | None = Field(default=None, ge=1)
+    """How many, drawn at random without replacement; ``None`` takes all."""
+
+
+class PolicyChoice(_Settings):
+    """Which policy."""
+
+    name: str = "scripted"
+    """``scripted``, ``random`` or ``openai``."""
+
+    mistakes: float = Field(default=0.0, ge=0, le=1)
+    """Of the scripted policy: the share of attempts in which it makes a mistake."""
+
+    chat: ChatConfig | None = None
+    """Of the openai policy: endpoint and model."""
+
+
+class ServerChoice(_Settings):
+    """Which browsers."""
+
+    url: str | None = None
+    """A running browser server; without one, browsers are started here for the time of the run."""
+
+    sites_url: str | None = None
+    """Where the offline web is served; without one it is served here, if the tasks are its."""
+
+
+class RunConfig(_Settings):
+    """A whole run, resolved; ``config.yaml`` in the run folder holds it. No secrets."""
+
+    seed: int = 0
+    """Of the order of tasks and of everything random in the attempts."""
+
+    samples: int = Field(default=1, ge=1)
+    """Attempts wanted for every task."""
+
+    retries: int = Field(default=1, ge=0)
+    """How often a sample is attempted again after an error of the environment or the policy."""
+
+    tasks: TaskChoice = TaskChoice()
+    policy: PolicyChoice = PolicyChoice()
+    agent: AgentConfig = AgentConfig()
+    server: ServerChoice = ServerChoice()
+    browser: BrowserConfig = BrowserConfig()
+    sites: SitesConfig = SitesConfig()
+    attempt: AttemptConfig = AttemptConfig()
+    collector: CollectorConfig = CollectorConfig()
+    limits: ClientLimits = ClientLimits()
+
+
+class Secrets(_Settings):
+    """What a run needs and its folder must not hold."""
+
+    server_token: SecretStr | None = None
+    sites_token: SecretStr | None = None
+
+
+Show = Callable[[Progress], AbstractAsyncContextManager[None]]
+Tell = Callable[[str], None]
+
+
+def choose_tasks(config: RunConfig) -> tuple[list[Task], list[BrokenRecord]]:
+    """The tasks of a run, in the order of their attempts, and the records that were skipped.
+
+    Raises:
+        TaskFileError: the file cannot be read or holds no task.
+        ConfigError: no task is left.
+    """
+    choice = config.tasks
+    broken: list[BrokenRecord] = []
+    if choice.file is None:
+        web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family)
+        tasks = list(web.tasks(choice.split))
+    else:
+        found = read_tasks(choice.file)
+        broken = found.broken
+        tasks = [task for task in found.tasks if choice.split in (None, task.split)]
+    if not tasks:
+        raise ConfigError(f"there is no task in the split {choice.split!r}", hint="choose another split")
+    return draw(tasks, choice.count, config.seed), broken
+
+
+async def collect(
+    config: RunConfig,
+    out: Path,
+    *,
+    secrets: Secrets | None = None,
+    show: Show | None = None,
+    tell: Tell | None = None,
+) -> Summary:
+    """Make a run: every task attempted, judged and on disk when this returns.
+
+    Args:
+        config: of the run.
+        out: the run folder; does not exist yet or is empty.
+        secrets: tokens of servers that run elsewhere.
+        show: shows the progress while the run goes on.
+        tell: is told, a line at a time, what a person should know.
+
+    Raises:
+        WebGymError: the run could not start, or could not go on; what was collected is on disk.
+    """
+    tasks, broken = choose_tasks(config)
+    for record in broken:
+        _say(tell, f"skipped {record}")
+    held = config.model_dump(mode="json", exclude={"sites": {"token"}})
+    stamp = {"run_id": uuid.uuid4().hex, "started": datetime.now(UTC).isoformat(timespec="seconds")}
+    async with await RunWriter.create(out, {**stamp, "skipped_records": len(broken), **held}, tasks) as store:
+        return await _carry_out(config, stamp["run_id"], tasks, store, secrets or Secrets(), show, tell)
+
+
+async def resume(
+    out: Path,
+    *,
+    secrets: Secrets | None = None,
+    server: ServerChoice | None = None,
+    skip_corrupt: bool = False,
+    show: Show | None = None,
+    tell: Tell | None = None,
+) -> Summary:
+    """Go on with a run that was interrupted: what is on disk is neither lost nor made again.
+
+    Args:
+        out: the run folder.
+        secrets: tokens of servers that run elsewhere.
+        server: other servers than before.
+        skip_corrupt: go on without records whose checksum does not match.
+        show: shows the progress while the run goes on.
+        tell: is told, a line at a time, what a person should know.
+
+    Raises:
+        RunFolderError: the folder is no run.
+        StoreCorrupt: a record cannot be trusted.
+        WebGymError: as in :func:`collect`.
+    """
+    reader = RunReader(out)
+    config, run_id = read_config(reader)
+    if server is not None:
+        config = config.model_copy(update={"server": server})
+    async with await RunWriter.reopen(out, skip_corrupt=skip_corrupt) as store:
+        if store.torn_bytes:
+            _say(tell, f"cut off {store.torn_bytes} bytes of an unfinished record")
+        for line in store.skipped:
+            _say(tell, f"skipped {line}")
+        tasks = list(reader.tasks.values())
+        return await _carry_out(config, run_id, tasks, store, secrets or Secrets(), show, tell)
+
+
+def read_config(reader: RunReader) -> tuple[RunConfig, str]:
+    """A run's config and id, as its folder holds them.
+
+    Raises:
+        RunFolderError: ``config.yaml`` is not what a run of this version writes.
+    """
+    held = dict(reader.config)
+    run_id = str(held.pop("run_id", ""))
+    for stamp in ("started", "skipped_records"):
+        held.pop(stamp, None)
+    try:
+        return RunConfig.model_validate(held), run_id
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise RunFolderError(f"{reader.path}/config.yaml: {where}: {first['msg']}") from error
+
+
+async def _carry_out(
+    config: RunConfig,
+    run_id: str,
+    tasks: Sequence[Task],
+    store: RunWriter,
+    secrets: Secrets,
+    show: Show | None,
+    tell: Tell | None,
+) -> Summary:
+    plan = Plan(tasks, samples=config.samples, retries=config.retries, recorded=list(store.attempts.values()))
+    progress = Progress(total=plan.total)
+    policy = create_policy(config.policy.name, mistake_rate=config.policy.mistakes, chat=config.policy.chat)
+    judge: Judge = OfflineJudge()
+    try:
+        async with AsyncExitStack() as stack:
+            backstage, host_rules = await stack.enter_async_context(_sites(config, secrets, tasks))
+            client = await stack.enter_async_context(_browsers(config, secrets, host_rules, tell))
+            agent = await stack.enter_async_context(Agent(policy, config.agent))
+            if show is not None:
+                await stack.enter_async_context(show(progress))
+            stage = Stage(
+                client=client,
+                agent=agent,
+                store=store,
+                config=config.attempt,
+                progress=progress,
+                backstage=backstage,
+                run_id=run_id,
+                seed=config.seed,
+            )
+            await Collector(stage, judge, _pictures(store.path), config.collector).run(plan)
+    finally:
+        # Also of a run that was stopped: what is on disk has a summary.
+        summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge)
+        await store.write_summary(summary)
+    return summary
+
+
+class _Backstage:
+    """The offline web as a collector knows it."""
+
+    def __init__(self, sites: SitesClient) -> None:
+        self._sites = sites
+
+    def cookies(self, visitor: str) -> tuple[Cookie, ...]:
+        name, value, domain = self._sites.visitor_cookie(visitor)
+        return (Cookie(name, value, domain),)
+
+    async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
+        return await self._sites.state(visitor, host)
+
+
+@asynccontextmanager
+async def _sites(
+    config: RunConfig, secrets: Secrets, tasks: Sequence[Task]
+) -> AsyncIterator[tuple[Backstage | None, tuple[str, ...]]]:
+    """The offline web, here or elsewhere, and the host rules that lead browsers to it."""
+    if not any(task.truth for task in tasks):
+        yield None, ()
+    elif config.server.sites_url is not None:
+        if secrets.sites_token is None:
+            raise ConfigError(
+                "the offline web's token is missing",
+                hint="set WEBGYM_SITES_TOKEN to what it was started with",
+            )
+        token = secrets.sites_token.get_secret_value()
+        async with SitesClient(config.server.sites_url, token) as client:
+            await client.websites()  # fails now, in one line, rather than once per attempt
+            yield _Backstage(client), ()
+    elif config.server.url is not None:
+        raise ConfigError(
+            "these tasks are the offline web's, and the browser server is elsewhere",
+            hint="start webgym sites serve where its browsers run, and give its address",
+        )
+    else:
+        async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
+            yield _Backstage(client), tuple(sites.host_rules)
+
+
+@asynccontextmanager
+async def _browsers(
+    config: RunConfig, secrets: Secrets, host_rules: tuple[str, ...], tell: Tell | None
+) -> AsyncIterator[BrowserClient]:
+    """A client of a browser server, which is started here unless there is one."""
+    if config.server.url is not None:
+        token = secrets.server_token
+        if token is None:
+            raise Unauthorized(
+                "the browser server's token is missing", hint="set WEBGYM_TOKEN to what it was started with"
+            )
+        async with BrowserClient(
+            config.server.url, token=token.get_secret_value(), limits=config.limits
+        ) as client:
+            await client.info()  # fails now, in one line, rather than once per attempt
+            yield client
+        return
+    browser = config.browser.model_copy(update={"host_rules": (*host_rules, *config.browser.host_rules)})
+    serve = ServerConfig(slots=config.collector.sessions, browser=browser)
+    async with (
+        running_server(serve) as server,
+        BrowserClient(server.url, token=server.token, limits=config.limits) as client,
+    ):
+        info = await client.info()
+        if not info.sandboxed:
+            _say(tell, "browsers run without a sandbox here: open only pages that you trust")
+        yield client
+
+
+def _pictures(run: Path) -> Callable[[str], Any]:
+    async def read(name: str) -> bytes:
+        return await asyncio.to_thread(RunReader(run).image, name)
+
+    return read
+
+
+def _summarise(run: Path, tasks: Sequence[Task], config: RunConfig, judge: Judge) -> Summary:
+    reader = RunReader(run, skip_corrupt=True)
+    return summarise(
+        reader.trajectories(),
+        {task.id: task for task in tasks},
+        seed=config.seed,
+        policy=config.policy.chat.model if config.policy.chat else config.policy.name,
+        judge=judge.name,
+    )
+
+
+def _say(tell: Tell | None, line: str) -> None:
+    if tell is not None:
+        tell(line)

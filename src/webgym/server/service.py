@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import msgspec
 
-import webgym
+from importlib.metadata import version
 from webgym.browser import Slot
 from webgym.core.action import BrowserAction, Navigate
 from webgym.core.errors import BrowserError, ProtocolError
@@ -197,7 +197,7 @@ class Service:
     async def info(self) -> ServerInfo:
         """What this server is."""
         return ServerInfo(
-            version=webgym.__version__,
+            version=version("webgym-rl"),
             slots=self.config.slots,
             browser=self.pool.browser,
             executable=str(self.pool.executable),
@@ -215,4 +215,4 @@ class Service:
 
     async def openapi(self) -> dict[str, Any]:
         """The API's description."""
-        return openapi(webgym.__version__)
+        return openapi(version("webgym-rl"))

@@ -133,9 +133,16 @@ def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
             ),
             answer=answer,
             moves=(*moves, Give(says)),
-            expects=assignment.expects,
+            expects=_expected(assignment.expects, [part for _, part in parts]),
         ),
     )
+
+
+def _expected(whole: Expected, parts: list[Part]) -> Expected:
+    # Where a server loses what visitors did, only a task that asks the server for it cannot be judged.
+    if whole == "judge_error" and not any(fact.state for part in parts for fact in part.facts):
+        return "success"
+    return whole
 
 
 def _answer(parts: list[Part]) -> AnswerTruth:

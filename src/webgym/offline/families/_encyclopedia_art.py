@@ -6,7 +6,7 @@ from webgym.offline.families._encyclopedia_schema import Detail, Lack, Measure, 
 
 _MOODS = (
     "Silent Burning Hidden Broken Winter Golden Distant Hollow Patient Restless Crimson Sleeping Wandering "
-    "Forgotten Paper Midnight Borrowed Salt Glass Scarlet Last Iron Gentle Crooked Velvet Secret Seventh"
+    "Forgotten Paper Midnight Borrowed Salt Glass Scarlet Last Stone Gentle Crooked Velvet Secret Seventh"
 )
 _THINGS = "Harbour Orchard Lantern Garden Mirror Letter Tower Island Clock River Door Crown Bridge Forest"
 

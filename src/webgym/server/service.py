@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable, Coroutine
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
 
-from importlib.metadata import version
 from webgym.browser import Slot
 from webgym.core.action import BrowserAction, Navigate
 from webgym.core.errors import BrowserError, ProtocolError

@@ -91,9 +91,9 @@ async def running_server(config: ServerConfig | None = None) -> AsyncIterator[Ru
             )
             host, port = listener.getsockname()[:2]
             url = f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
-            async with asyncio.TaskGroup() as group:
-                group.create_task(server.serve(sockets=[listener]))
-                try:
-                    yield RunningServer(url, token, service)
-                finally:
-                    server.should_exit = True
+            serving = asyncio.create_task(server.serve(sockets=[listener]))
+            try:
+                yield RunningServer(url, token, service)
+            finally:
+                server.should_exit = True
+                await serving

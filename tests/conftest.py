@@ -1,0 +1,115 @@
+"""What tests of several rooms share."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from webgym.browser.find import find_browser
+from webgym.core.errors import BrowserNotFound
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that drive a browser are skipped, and say why, where there is none."""
+    if not any(item.get_closest_marker("browser") for item in items):
+        return
+    try:
+        find_browser()
+    except BrowserNotFound as error:
+        skip = pytest.mark.skip(reason=f"{error}")
+        for item in items:
+            if item.get_closest_marker("browser"):
+                item.add_marker(skip)
+
+
+def webgym(*arguments: object) -> list[str]:
+    """The command line that runs this checkout's ``webgym``."""
+    return [sys.executable, "-c", "from webgym.cli import main; main()", *(str(each) for each in arguments)]
+
+
+class Commands:
+    """Starts ``webgym`` commands as processes of their own, and ends them all."""
+
+    def __init__(self, scratch: Path) -> None:
+        self.scratch = scratch
+        self._started: list[subprocess.Popen[str]] = []
+        # Whatever a command starts carries this mark in its environment.
+        self.mark = f"webgym-test-{os.getpid()}-{time.monotonic_ns()}"
+
+    def start(self, *arguments: object, **environment: str) -> subprocess.Popen[str]:
+        """A command in the background; its output goes to ``<pid>.log`` in the scratch folder."""
+        log = (self.scratch / f"{len(self._started)}.log").open("w")
+        process = subprocess.Popen(
+            webgym(*arguments),
+            stdout=log,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=os.environ | environment | {"WEBGYM_TEST_MARK": self.mark},
+        )
+        log.close()
+        self._started.append(process)
+        return process
+
+    def run(self, *arguments: object, seconds: float = 100, **environment: str) -> tuple[int, str]:
+        """A command to its end: (exit code, what it printed)."""
+        process = self.start(*arguments, **environment)
+        code = process.wait(seconds)
+        return code, self.output(process)
+
+    def output(self, process: subprocess.Popen[str]) -> str:
+        """What a command has printed so far."""
+        return (self.scratch / f"{self._started.index(process)}.log").read_text()
+
+    def left_over(self) -> list[str]:
+        """Command lines of all living processes that these commands started, themselves included."""
+        found = []
+        for process in psutil.process_iter():
+            try:
+                if process.status() != psutil.STATUS_ZOMBIE and self.mark == process.environ().get(
+                    "WEBGYM_TEST_MARK"
+                ):
+                    found.append(" ".join(process.cmdline())[:120])
+            except (psutil.NoSuchProcess, psutil.AccessDenied):
+                continue
+        return found
+
+    def end(self) -> None:
+        """End what still runs."""
+        for process in self._started:
+            if process.poll() is None:
+                process.terminate()
+        for process in self._started:
+            try:
+                process.wait(20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+@pytest.fixture
+def commands(tmp_path: Path) -> Iterator[Commands]:
+    """``webgym`` commands as processes; none is left behind."""
+    scratch = tmp_path / "logs"
+    scratch.mkdir()
+    made = Commands(scratch)
+    yield made
+    made.end()
+
+
+def wait_until(holds: Callable[[], object], seconds: float = 60.0) -> None:
+    """Wait until something holds.
+
+    Raises:
+        AssertionError: it does not within the time.
+    """
+    deadline = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < deadline, "it did not come about in time"
+        time.sleep(0.05)

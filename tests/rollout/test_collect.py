@@ -1,0 +1,239 @@
+"""The main job with everything real: offline web, server, Chromium, agent, judge, store."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+
+from webgym.agent.config import AgentConfig
+from webgym.collect import PolicyChoice, RunConfig, ServerChoice, TaskChoice, collect, read_config, resume
+from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
+from webgym.core.outcome import Outcome
+from webgym.core.trajectory import Trajectory
+from webgym.offline import OfflineWeb
+from webgym.offline.app import SitesConfig
+from webgym.offline.check import unexpected
+from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.progress import Progress
+from webgym.rollout.store import RunReader
+from webgym.tasks import draw, write_tasks
+
+pytestmark = pytest.mark.browser
+
+SITES = SitesConfig(per_family=3, latency=0, slow_seconds=0.5)
+
+
+def config(file: Path | None = None, **changes: Any) -> RunConfig:
+    settings: dict[str, Any] = {
+        "sites": SITES,
+        "tasks": TaskChoice(file=file),
+        "collector": CollectorConfig(sessions=3),
+    }
+    return RunConfig(**settings | changes)
+
+
+def task_file(path: Path, count: int, *, behaviours: tuple[str, ...] = ("good",), seed: int = 3) -> Path:
+    web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
+    hosts = [host for host, spec in web.specs.items() if spec.behaviour in behaviours]
+    file = path / "tasks.jsonl"
+    write_tasks(file, draw((task for host in hosts for task in web.tasks_of(host)), count, seed))
+    return file
+
+
+def add_up(run: Path) -> list[Trajectory]:
+    """The run's trajectories, after its books were checked."""
+    reader = RunReader(run)
+    trajectories = list(reader.trajectories())
+    summary = reader.summary
+    assert summary is not None
+    outcomes = Counter(trajectory.outcome.value for trajectory in trajectories)
+    assert summary["attempts"] == len(trajectories) == sum(summary["outcomes"].values())
+    assert summary["outcomes"] == {outcome.value: outcomes[outcome.value] for outcome in Outcome}
+    assert len({each.episode.attempt_id for each in trajectories}) == len(trajectories)
+    assert {each.episode.task_id for each in trajectories} == set(reader.tasks)
+    assert summary["steps"] == sum(len(each.episode.steps) for each in trajectories)
+    for trajectory in trajectories:
+        for seen in trajectory.episode.observations:
+            assert reader.image(seen.screenshot).startswith(b"\x89PNG")
+    return trajectories
+
+
+@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+async def test_solutions_succeed_in_both_modes(tmp_path: Path, mode: Any) -> None:
+    file = task_file(tmp_path, 4)
+    await collect(config(file, agent=AgentConfig(mode=mode)), tmp_path / "run")
+    trajectories = add_up(tmp_path / "run")
+    assert [each.outcome for each in trajectories] == [Outcome.SUCCESS] * 4
+    assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
+    for each in trajectories:
+        assert each.verdict is not None
+        assert each.verdict.reward == 1
+
+
+async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path) -> None:
+    web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
+    picked = []
+    for behaviour in ("blocks", "down", "nags", "forgets", "slow"):
+        host = next(host for host, spec in web.specs.items() if spec.behaviour == behaviour)
+        picked.append(min(web.tasks_of(host), key=lambda task: len(task.truth.moves) if task.truth else 0))
+    write_tasks(tmp_path / "tasks.jsonl", picked)
+    await collect(config(tmp_path / "tasks.jsonl", retries=0), tmp_path / "run")
+    trajectories = add_up(tmp_path / "run")
+    assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
+    assert {each.outcome for each in trajectories} == {
+        Outcome.BLOCKED,
+        Outcome.ENVIRONMENT_ERROR,
+        Outcome.SUCCESS,
+        Outcome.JUDGE_ERROR,
+    }
+
+
+async def test_an_error_is_attempted_again_and_both_are_counted(tmp_path: Path) -> None:
+    file = task_file(tmp_path, 1, behaviours=("down",))
+    summary = await collect(config(file, retries=2), tmp_path / "run")
+    assert summary["outcomes"]["environment_error"] == summary["attempts"] == 3
+    assert summary["success_rate"]["overall"] is None
+    assert [each.episode.retry for each in add_up(tmp_path / "run")] == [0, 1, 2]
+
+
+async def test_every_mistake_is_data(tmp_path: Path) -> None:
+    file = task_file(tmp_path, 14)
+    await collect(config(file, policy=PolicyChoice(mistakes=1.0), retries=0), tmp_path / "run")
+    trajectories = add_up(tmp_path / "run")
+    by_mistake: dict[str, Counter[Outcome]] = {}
+    for each in trajectories:
+        mistake = each.episode.steps[0].reply.sampling["mistake"] if each.episode.steps else "raises"
+        by_mistake.setdefault(mistake, Counter())[each.outcome] += 1
+    for mistake in ("wrong_answer", "unseen_answer", "gives_up"):
+        assert set(by_mistake.get(mistake, {Outcome.FAILURE: 0})) == {Outcome.FAILURE}
+    assert set(by_mistake.get("dawdle", {Outcome.TRUNCATED: 0})) == {Outcome.TRUNCATED}
+    assert set(by_mistake.get("raises", {Outcome.POLICY_ERROR: 0})) == {Outcome.POLICY_ERROR}
+    assert len(by_mistake) >= 4
+
+
+async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_path: Path) -> None:
+    file = task_file(tmp_path, 5)
+
+    class Killer:
+        """Kills one browser once three steps were taken."""
+
+        def __init__(self, progress: Progress) -> None:
+            self.progress = progress
+
+        async def __aenter__(self) -> None:
+            self.task = asyncio.create_task(self.kill())
+
+        async def kill(self) -> None:
+            while self.progress.steps < 3:
+                await asyncio.sleep(0.01)
+            children = psutil.Process().children()
+            browsers = [child for child in children if any("--headless" in part for part in child.cmdline())]
+            browsers[0].kill()
+
+        async def __aexit__(self, *_: object) -> None:
+            await self.task
+
+    await collect(config(file, retries=2), tmp_path / "run", show=Killer)
+    trajectories = add_up(tmp_path / "run")
+    outcomes = Counter(each.outcome for each in trajectories)
+    assert outcomes[Outcome.SUCCESS] == 5
+    assert outcomes[Outcome.ENVIRONMENT_ERROR] <= 1
+    assert outcomes.total() == 5 + outcomes[Outcome.ENVIRONMENT_ERROR]
+    lost = [each for each in trajectories if each.outcome is Outcome.ENVIRONMENT_ERROR]
+    assert all(each.episode.failure and "browser" in each.episode.failure.code for each in lost)
+
+
+async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: Path) -> None:
+    file = task_file(tmp_path, 8)
+    started = asyncio.Event()
+
+    class Watch:
+        def __init__(self, progress: Progress) -> None:
+            self.progress = progress
+
+        async def __aenter__(self) -> None:
+            self.task = asyncio.create_task(self.watch())
+
+        async def watch(self) -> None:
+            while not self.progress.outcomes:
+                await asyncio.sleep(0.01)
+            started.set()
+
+        async def __aexit__(self, *_: object) -> None:
+            await self.task
+
+    run = asyncio.create_task(collect(config(file), tmp_path / "run", show=Watch))
+    await started.wait()
+    run.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await run
+    reader = RunReader(tmp_path / "run")
+    assert reader.summary is not None
+    before = dict(reader.summary["outcomes"])
+    assert before["cancelled"] >= 1
+    await resume(tmp_path / "run")
+    trajectories = add_up(tmp_path / "run")
+    outcomes = Counter(each.outcome for each in trajectories)
+    assert outcomes[Outcome.SUCCESS] == 8
+    assert outcomes[Outcome.CANCELLED] == before["cancelled"]
+
+
+async def test_stragglers_are_ended_as_truncated(tmp_path: Path) -> None:
+    web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
+    slow = next(host for host, spec in web.specs.items() if spec.behaviour == "slow")
+    fast = next(host for host, spec in web.specs.items() if spec.behaviour == "good")
+    tasks = [max(web.tasks_of(slow), key=lambda task: task.difficulty), next(iter(web.tasks_of(fast)))]
+    write_tasks(tmp_path / "tasks.jsonl", tasks)
+    settings = config(
+        tmp_path / "tasks.jsonl",
+        sites=SITES.model_copy(update={"slow_seconds": 5.0}),
+        collector=CollectorConfig(sessions=2, straggler_share=0.5, straggler_seconds=1.0),
+    )
+    await collect(settings, tmp_path / "run")
+    slow_one = next(each for each in add_up(tmp_path / "run") if each.episode.task_id == tasks[0].id)
+    assert slow_one.outcome is Outcome.TRUNCATED
+    assert slow_one.episode.ending == "straggler"
+
+
+async def test_the_same_seed_makes_the_same_decisions(tmp_path: Path) -> None:
+    file = task_file(tmp_path, 3)
+    made = []
+    for name in ("a", "b"):
+        await collect(config(file, policy=PolicyChoice(mistakes=0.5), retries=0), tmp_path / name)
+        each = {
+            trajectory.episode.task_id: [step.action for step in trajectory.episode.steps]
+            for trajectory in RunReader(tmp_path / name).trajectories()
+        }
+        made.append(each)
+    assert made[0] == made[1]
+
+
+async def test_the_settings_are_all_in_the_run_and_no_secret_is(tmp_path: Path) -> None:
+    file = task_file(tmp_path, 1)
+    settings = config(file, attempt=AttemptConfig(budget_easy=7))
+    await collect(settings, tmp_path / "run")
+    held, run_id = read_config(RunReader(tmp_path / "run"))
+    assert held == settings
+    assert run_id
+    assert "token" not in (tmp_path / "run" / "config.yaml").read_text().replace("max_tokens", "")
+    assert json.loads((tmp_path / "run" / "summary.json").read_text())["attempts"] == 1
+
+
+async def test_a_run_that_cannot_start_says_so_before_it_makes_attempts(tmp_path: Path) -> None:
+    with pytest.raises(TaskFileError):
+        await collect(config(tmp_path / "none.jsonl"), tmp_path / "a")
+    file = task_file(tmp_path, 1)
+    elsewhere = ServerChoice(url="http://127.0.0.1:9", sites_url="http://127.0.0.1:9")
+    with pytest.raises(ConfigError, match="token"):
+        await collect(config(file, server=elsewhere), tmp_path / "b")
+    with pytest.raises(ConfigError, match="elsewhere"):
+        await collect(config(file, server=ServerChoice(url="http://127.0.0.1:9")), tmp_path / "c")
+    with pytest.raises(RunFolderError):
+        await resume(tmp_path / "nowhere")

@@ -206,7 +206,7 @@ def test_tasks_are_well_posed(seed: int) -> None:
     tasks = [task for assignment in assignments for task in write(place, assignment)]
     assert len({task.id for task in tasks}) == len(tasks) >= 30
     assert len({task.instruction for task in tasks}) == len(tasks)
-    assert sum(task.parent_id is not None for task in tasks) >= 10
+    assert sum(task.parent_id is not None for task in tasks) >= 12
     easy = sum(task.level == "easy" for task in tasks) / len(tasks)
     assert 0.6 <= easy <= 0.85
     assert {"easy", "medium", "hard"} == {task.level for task in tasks}

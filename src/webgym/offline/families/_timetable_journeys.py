@@ -11,16 +11,13 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Choose, Click, Evidence, Fill, Move, See, StateCheck
 from webgym.offline import names
+from webgym.offline.families._saying import count_words, first_up, having, spans, sums, the, times
 from webgym.offline.families._timetable_network import Departure, Offer, Stop, days_on_sale, spell
 from webgym.offline.parts import Fact, Part
 from webgym.offline.website import slug
 
 if TYPE_CHECKING:
     from webgym.offline.families.timetable import Timetable
-
-COUNTED = (
-    "no one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen".split()
-)
 
 
 @dataclass(frozen=True)
@@ -36,81 +33,6 @@ class Query:
         return f"from {self.origin.name} to {self.target.name} on {spell(self.day)}"
 
 
-def listed(things: Sequence[str]) -> str:
-    """``"a, b and c"``."""
-    *first, last = things
-    return f"{', '.join(first)} and {last}" if first else last
-
-
-def the(nouns: Sequence[str]) -> str:
-    """``"the price and the arrival time"``."""
-    return listed([f"the {noun}" for noun in nouns])
-
-
-def first_up(text: str) -> str:
-    """``text`` with a capital letter first."""
-    return text[:1].upper() + text[1:]
-
-
-def count_words(count: int) -> tuple[str, ...]:
-    """A small number in figures and in words."""
-    return (str(count), COUNTED[count]) if count < len(COUNTED) else (str(count),)
-
-
-def times(minute: int) -> tuple[str, ...]:
-    """Ways to write a time of day."""
-    hour, rest = divmod(minute % 1440, 60)
-    half, twelve = ("am" if hour < 12 else "pm"), hour % 12 or 12
-    ways = (
-        f"{hour:02d}:{rest:02d}",
-        f"{hour}:{rest:02d}",
-        f"{twelve}:{rest:02d} {half}",
-        f"{twelve}:{rest:02d}{half}",
-    )
-    return tuple(dict.fromkeys(ways))
-
-
-def days(day: date) -> tuple[str, ...]:
-    """Ways to write a day."""
-    number = day.day
-    ways = (f"{number} {day:%b %Y}", f"{number} {day:%b}", f"{number} {day:%B}", f"{day:%B} {number}")
-    return (*ways, f"{day:%b} {number}", day.isoformat())
-
-
-def spans(minutes: int) -> tuple[str, ...]:
-    """Ways to write a length of time."""
-    hours, rest = divmod(minutes, 60)
-    ways = [f"{minutes} min", f"{minutes} minutes"]
-    if hours:
-        for pad in ("02d", "d"):
-            short = f"{rest:{pad}}"
-            ways += [
-                f"{hours} h {short} min",
-                f"{hours}h {short}min",
-                f"{hours}h {short}m",
-                f"{hours}h{short}",
-            ]
-            ways += [
-                f"{hours}:{short}",
-                f"{hours} hours {short} minutes",
-                f"{hours} hours and {short} minutes",
-            ]
-            ways += [f"{hours} hour {short} minutes", f"{hours} hour and {short} minutes"]
-    return tuple(dict.fromkeys(ways))
-
-
-def sums(site: Timetable, cents: int) -> tuple[str, ...]:
-    """Ways to write a price."""
-    shown = site.money(cents)
-    plain = f"{cents / 100:.2f}"
-    ways = [shown, plain]
-    if cents % 100 == 0:
-        ways.append(str(cents // 100))
-    elif plain.endswith("0"):
-        ways.append(plain[:-1])
-    return tuple(dict.fromkeys(ways))
-
-
 def search(site: Timetable, query: Query) -> tuple[Move, ...]:
     """From the front page to the results."""
     day: tuple[Move, ...] = ()
@@ -122,12 +44,6 @@ def search(site: Timetable, query: Query) -> tuple[Move, ...]:
         return (*day, Fill(site.say["from"], query.origin.name), Fill(site.say["to"], query.target.name))
     chosen = (Choose(site.say["from"], query.origin.name), Choose(site.say["to"], query.target.name))
     return (*chosen, *day, Click(name=site.say["search"], role="button"))
-
-
-def having(path: str, **query: object) -> str:
-    """A regular expression for addresses with this path and at least these parameters."""
-    wanted = "".join(rf"(?=.*[?&]{key}={re.escape(str(value))}(?:&|$))" for key, value in query.items())
-    return re.escape(path) + (wanted or r"(?:\?|$)")
 
 
 def results(site: Timetable, query: Query, *, people: bool = False, **more: object) -> str:

@@ -29,13 +29,6 @@ if TYPE_CHECKING:
     from webgym.offline.families.timetable import Timetable
 
 
-def in_section(site: Timetable, titles: Sequence[str], title: str) -> tuple[Move, ...]:
-    """Make a section of a page visible, as the website's look has it."""
-    if site.look.detail == "plain" or title == titles[0]:
-        return ()
-    return (Click(name=title, role="tab" if site.look.detail == "tabs" else None),)
-
-
 # --- stops and lines --------------------------------------------------------------------------------
 
 
@@ -76,12 +69,6 @@ def reach(site: Timetable, name: str) -> tuple[Move, ...]:
     """From the list of stops to one of them, through pages of the list where there are some."""
     place = [stop.slug for stop in site.network.stops].index(name)
     return (*further(site, place // site.page_size), Click(path=site.path("/~stops/{name}", name=name)))
-
-
-def further(site: Timetable, pages: int) -> tuple[Move, ...]:
-    """Go on by some pages of a list."""
-    label = {"numbers": "Page {}", "steps": "Next", "more": "Load more"}[site.look.pager]
-    return tuple(Click(name=label.format(number + 2)) for number in range(pages))
 
 
 def ask_facilities(site: Timetable, rng: random.Random, facts: int) -> Part | None:

@@ -68,7 +68,7 @@ SMALL: tuple[tuple[str, Ask], ...] = (
 )
 
 
-SHAPES = ((3, 1), (3, 1), (3, 1), (3, 2), (3, 3), (4, 3))
+SHAPES = ((3, 1), (3, 1), (3, 2), (3, 3), (3, 3), (4, 3))
 """Sizes of the parts of tasks that can be decomposed; a part of more than three facts is a booking."""
 LAST_SHAPES = ((3, 2, 1), (5, 3, 1))
 

@@ -10,10 +10,12 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from webgym.core.truth import Choose, Click, Evidence, Move, See
-from webgym.offline.families._timetable_journeys import (
+from webgym.offline.families._saying import (
     count_words,
     days,
+    further,
     having,
+    in_section,
     listed,
     spans,
     sums,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from webgym.core.truth import Click, Evidence, See
 from webgym.offline.families._shop_catalogue import Product
-from webgym.offline.families._shop_guide import counted, dated, said
+from webgym.offline.families._shop_guide import BEYOND_FRONT, counted, dated, said
 from webgym.offline.families._shop_writer import Writer
 from webgym.offline.parts import Fact, Part
 
@@ -47,7 +47,7 @@ class Asks(Writer):
             facts=(
                 Fact(
                     f"the difference between the old and the new price of {product.called} is worked out",
-                    (Evidence((product.name, now, was)),),
+                    (Evidence((product.name, now, was), BEYOND_FRONT),),
                     answer=said(self.shop, product.was - product.cents),
                 ),
             ),

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from webgym.offline.families.shop import Shop
 
 NUMBER_WORDS = "zero one two three four five six seven eight nine ten eleven twelve".split()
+BEYOND_FRONT = r"/[^?]"
 END = r"(?:\?|$)"
 
 
@@ -89,8 +90,8 @@ class Guide:
         return (Evidence(texts, self.shelves(category, price=r"[\d-]+")),)
 
     def priced(self, product: Product) -> tuple[Evidence, ...]:
-        """Views that show a product's price: prices are unique, so any page does."""
-        return (Evidence((product.name, self.shop.money(product.cents))),)
+        """Views that show a product's price: prices are unique, so any page but the first does."""
+        return (Evidence((product.name, self.shop.money(product.cents)), BEYOND_FRONT),)
 
     def specified(self, product: Product, label: str) -> tuple[Evidence, ...]:
         """Views that show a line of the specifications."""

@@ -200,6 +200,18 @@ def check_registration(shop: Shop, form: Mapping[str, str]) -> tuple[dict[str, s
     return given, errors
 
 
+def open_account(state: State, given: Mapping[str, str]) -> None:
+    """Open an account, and sign in with it."""
+    state.setdefault("accounts", {})[given["email"]] = given["password"]
+    state.setdefault("people", {})[given["email"]] = given["person"]
+    state["user"] = given["email"]
+
+
+def passwords(shop: Shop, state: State) -> dict[str, str]:
+    """The password of every account, by e-mail address."""
+    return {shop.account.email: shop.account.password} | state.get("accounts", {})
+
+
 def check_message(
     shop: Shop, form: Mapping[str, str], topics: Sequence[str]
 ) -> tuple[dict[str, str], dict[str, str]]:

@@ -32,8 +32,9 @@ class Writer:
     # --- choosing -------------------------------------------------------------------------------------
 
     def take(self, wanted: Callable[[Product], bool] = _any) -> Product | None:
-        """A product that was not taken yet."""
+        """A product that was not taken yet, rather one that the front page does not show."""
         found = [p for p in self.shop.products if p.code not in self._taken and wanted(p)]
+        found = [p for p in found if p not in self.shop.popular and p not in self.shop.reduced] or found
         if not found:
             return None
         chosen = self.rng.choice(found)

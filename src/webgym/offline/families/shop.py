@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar
 
 from webgym.offline.families import _shop_till as till
@@ -167,6 +168,17 @@ class Shop(Website):
         """The product with an article number."""
         return self._by_code[code]
 
+    @cached_property
+    def popular(self) -> list[Product]:
+        """What the front page shows as much liked."""
+        count = pick((4, 5, 8), self.seed, "popular")
+        return sorted(self.products, key=lambda p: (-p.ratings, p.code))[:count]
+
+    @cached_property
+    def reduced(self) -> list[Product]:
+        """What the front page shows as reduced."""
+        return [product for product in self.products if product.was][: pick((3, 4, 5), self.seed, "reduced")]
+
     def _named(self, visit: Visit) -> Product | None:
         code = visit.form.get("code", "")
         return self._by_code.get(int(code)) if code.isdecimal() else None
@@ -183,11 +195,6 @@ class Shop(Website):
         """A time of day."""
         return f"{minutes // 60:02d}:{minutes % 60:02d}"
 
-    @property
-    def address_fields(self) -> list[str]:
-        """The text fields of the checkout."""
-        return till.address_fields(self)
-
     def facet(self, name: str) -> Facet:
         """A facet by its name."""
         return next(facet for facet in self.facets if facet.name == name)
@@ -201,12 +208,9 @@ class Shop(Website):
     @page("/")
     def front(self, visit: Visit) -> Response:
         """Front page."""
-        rng = stream(self.seed, "front")
         blocks = ["tiles", "popular", "reduced"]
-        rng.shuffle(blocks)
-        popular = sorted(self.products, key=lambda p: (-p.ratings, p.code))[: rng.choice((4, 5, 8))]
-        reduced = [product for product in self.products if product.was][: rng.choice((4, 5))]
-        return self.render("shop/front.html", visit, blocks=blocks, popular=popular, reduced=reduced)
+        stream(self.seed, "front").shuffle(blocks)
+        return self.render("shop/front.html", visit, blocks=blocks)
 
     @page("/~category/{name}")
     def category(self, visit: Visit, name: str) -> Response:
@@ -330,7 +334,7 @@ class Shop(Website):
     def _checkout(self, visit: Visit, given: dict[str, str], errors: dict[str, str]) -> Response:
         bill = till.bill(self, visit.state, given.get("delivery"))
         return self.render("shop/checkout.html", visit, status=400 if errors else 200, given=given,
-                           errors=errors, bill=bill, payments=till.PAYMENTS)  # fmt: skip
+                           errors=errors, bill=bill, till=till)  # fmt: skip
 
     @page("/~checkout", method="POST")
     def give_address(self, visit: Visit) -> Response:
@@ -398,8 +402,7 @@ class Shop(Website):
     def enter(self, visit: Visit) -> Response:
         """Sign in; what was to be saved before is saved now."""
         email, password = visit.form.get("email", "").strip().lower(), visit.form.get("password", "")
-        known = {self.account.email: self.account.password} | visit.state.get("accounts", {})
-        if known.get(email) != password:
+        if till.passwords(self, visit.state).get(email) != password:
             error = "The e-mail address or the password is wrong."
             return self.render("shop/login.html", visit, status=400, email=email, error=error, flash=None)
         visit.state["user"] = email
@@ -426,9 +429,7 @@ class Shop(Website):
         given, errors = till.check_registration(self, visit.form)
         if errors:
             return self.render("shop/register.html", visit, status=400, given=given, errors=errors)
-        visit.state.setdefault("accounts", {})[given["email"]] = given["password"]
-        visit.state.setdefault("people", {})[given["email"]] = given["person"]
-        visit.state["user"] = given["email"]
+        till.open_account(visit.state, given)
         return redirect(self.path("/~account"))
 
     @page("/~wish")

@@ -1,0 +1,300 @@
+"""Promises that the repository as a whole keeps."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import typer.main
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+import webgym
+from webgym import cli
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCE = ROOT / "src"
+
+_VALIDATORS = {"field_validator", "model_validator"}
+
+
+def load_script(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, ROOT / "scripts" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+# --- every setting is read by something (HOUSE.md, rule 2) --------------------------------------------
+
+
+@dataclass(frozen=True)
+class Model:
+    """A pydantic model as it stands in the source: read, not imported, so that one broken module does not
+    hide the others."""
+
+    name: str
+    bases: frozenset[str]
+    fields: tuple[str, ...]
+    where: str
+    dumps_itself: bool
+
+
+def name_of(node: ast.expr) -> str:
+    """The last part of a possibly dotted or called name."""
+    if isinstance(node, ast.Call):
+        return name_of(node.func)
+    if isinstance(node, ast.Subscript):
+        return name_of(node.value)
+    return node.attr if isinstance(node, ast.Attribute) else getattr(node, "id", "")
+
+
+def classes(tree: ast.Module, where: str) -> Iterator[Model]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef):
+            fields = tuple(
+                item.target.id
+                for item in node.body
+                if isinstance(item, ast.AnnAssign)
+                and isinstance(item.target, ast.Name)
+                and name_of(item.annotation) != "ClassVar"
+            )
+            bases = frozenset(map(name_of, node.bases))
+            yield Model(
+                node.name, bases, fields, f"{where}:{node.lineno}", "self.model_dump(" in ast.unparse(node)
+            )
+
+
+def settings_models(trees: dict[Path, ast.Module]) -> list[Model]:
+    """The models whose bases lead to pydantic's."""
+    found = [model for path, tree in trees.items() for model in classes(tree, path.name)]
+    known = {"BaseModel", "BaseSettings"}
+    while grown := {model.name for model in found if model.bases & known} - known:
+        known |= grown
+    return [model for model in found if model.bases & known]
+
+
+def attributes_read(tree: ast.Module) -> Iterator[str]:
+    """Names read as ``something.name``, but for those in a model's own validators, which prove no use."""
+
+    def visit(node: ast.AST) -> Iterator[str]:
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)) and any(
+            name_of(decorator) in _VALIDATORS for decorator in node.decorator_list
+        ):
+            return
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
+            yield node.attr
+        for child in ast.iter_child_nodes(node):
+            yield from visit(child)
+
+    yield from visit(tree)
+
+
+def names_looked_up(trees: dict[Path, ast.Module]) -> set[str]:
+    """Names in tuples of strings, in the rooms that read attributes by a name that is a variable."""
+    rooms: dict[Path, list[ast.AST]] = {}
+    for path, tree in trees.items():
+        rooms.setdefault(path.parent, []).extend(ast.walk(tree))
+    return {
+        element.value
+        for nodes in rooms.values()
+        if any(
+            isinstance(node, ast.Call)
+            and name_of(node.func) == "getattr"
+            and isinstance(node.args[1], ast.Name)
+            for node in nodes
+        )
+        for node in nodes
+        if isinstance(node, ast.Tuple)
+        for element in node.elts
+        if isinstance(element, ast.Constant) and isinstance(element.value, str)
+    }
+
+
+def unread_settings(trees: dict[Path, ast.Module]) -> list[str]:
+    """Fields that nothing reads: not by name, not by a name in a variable, not by dumping the whole model."""
+    read = {name for tree in trees.values() for name in attributes_read(tree)} | names_looked_up(trees)
+    return [
+        f"{model.where} {model.name}.{field}"
+        for model in settings_models(trees)
+        if not model.dumps_itself
+        for field in model.fields
+        if field not in read
+    ]
+
+
+def parsed_source() -> dict[Path, ast.Module]:
+    return {path: ast.parse(path.read_text("utf-8")) for path in SOURCE.rglob("*.py")}
+
+
+def test_every_setting_is_read_somewhere() -> None:
+    trees = parsed_source()
+    models = {model.name for model in settings_models(trees)}
+    assert {"FindLimits", "DoctorLimits"} <= models, "the models are not found any more"
+    assert unread_settings(trees) == []
+
+
+def test_a_setting_that_nothing_reads_is_found() -> None:
+    code = """
+class Base(BaseModel):
+    used: int
+    forgotten: float = Field(default=1.0)
+    constant: ClassVar[int] = 3
+    @field_validator("only_checked")
+    def check(cls, value): return cls.only_checked
+class Child(Base):
+    only_checked: int
+class Other:
+    nobody: int
+class Pools(BaseModel):
+    navigate: int
+    execute: int
+QUEUES = ("navigate",)
+def use(settings, name): return settings.used, getattr(settings, name)
+class Body(BaseModel):
+    sent: int
+    def body(self): return self.model_dump()
+"""
+    unread = unread_settings({Path("made_up.py"): ast.parse(code)})
+    assert [line.split()[1] for line in unread] == ["Base.forgotten", "Child.only_checked", "Pools.execute"]
+
+
+# --- the command line ------------------------------------------------------------------------------------
+
+
+def commands(path: list[str], command: Any) -> Iterator[tuple[list[str], Any]]:
+    """A command and, if it is a group, everything under it, each with the words that call it."""
+    yield path, command
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from commands([*path, name], inner)
+
+
+@pytest.mark.parametrize("verb", [verb for verb in cli.VERBS if verb.is_there], ids=lambda verb: verb.name)
+def test_every_verb_and_sub_verb_explains_itself(verb: cli.Verb) -> None:
+    """``--help`` works, and every command and option in it has a text."""
+    whole: Any = typer.main.get_command(cli.build(verb.name))
+    for path, command in commands([verb.name], whole.commands[verb.name]):
+        assert command.help, f"webgym {' '.join(path)} has no help text"
+        for parameter in command.params:
+            assert parameter.param_type_name == "argument" or parameter.help, (
+                f"webgym {' '.join(path)}: {parameter.name} has no help text"
+            )
+    answer = subprocess.run(
+        [sys.executable, "-c", "from webgym.cli import main; main()", verb.name, "--help"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env={**os.environ, "COLUMNS": "120"},
+        check=False,
+    )
+    assert answer.returncode == 0, answer.stderr
+    assert f"webgym {verb.name}" in answer.stdout
+
+
+def test_verbs_are_listed_once() -> None:
+    names = [verb.name for verb in cli.VERBS]
+    assert len(set(names)) == len(names)
+    modules = {path.stem for path in (SOURCE / "webgym" / "cli").glob("[!_]*.py")}
+    assert modules <= {verb.name for verb in cli.VERBS}, "a verb's module is not in the table"
+
+
+# --- the facade --------------------------------------------------------------------------------------------
+
+
+def test_the_facade_holds_what_it_names() -> None:
+    exported = webgym.__all__
+    assert len(set(exported)) == len(exported)
+    for name in exported:
+        assert getattr(webgym, name, None) is not None, f"webgym.{name} is in __all__ and is not there"
+    namespace: dict[str, object] = {}
+    exec("from webgym import *", namespace)
+    assert set(exported) <= namespace.keys()
+
+
+# --- the tree and the locks --------------------------------------------------------------------------------
+
+
+def test_no_tracked_file_is_about_a_machine() -> None:
+    assert list(load_script("check_tree").findings(ROOT)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "finding"),
+    [
+        ("a.py", "PATH = /{}/ada/webgym".format("Users"), "a home directory"),
+        ("a.md", "see /{}/.config".format("root"), "a home directory"),
+        ("b.txt", "--{}-url https://example.com".format("index"), "a package index setting"),
+        ("c.md", "from {}hosted.org/x.whl".format("python"), "a package index"),
+        ("requirements/dev.txt", "httpx @ https://example.com/httpx.whl", "name==version"),
+        ("requirements/dev.txt", "httpx>=0.28", "name==version"),
+    ],
+)
+def test_what_is_about_a_machine_is_found(tmp_path: Path, name: str, content: str, finding: str) -> None:
+    subprocess.run(["git", "init", "--quiet", tmp_path], check=True)
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text(content + "\n")
+    [line] = load_script("check_tree").findings(tmp_path)
+    assert line.startswith(f"{name}:1: ")
+    assert finding in line
+
+
+def test_this_checkouts_own_folder_is_found(tmp_path: Path) -> None:
+    subprocess.run(["git", "init", "--quiet", tmp_path], check=True)
+    (tmp_path / "notes.md").write_text(f"fine\nrun it in {tmp_path}/x\n")
+    [line] = load_script("check_tree").findings(tmp_path)
+    assert line.startswith("notes.md:2: holds a folder of this machine")
+
+
+def locked(name: str) -> dict[str, str]:
+    lines = (ROOT / "requirements" / name).read_text().splitlines()
+    pins = (line.partition(" ;")[0].split("==") for line in lines if line and not line.startswith("#"))
+    return {canonicalize_name(package): version for package, version in pins}
+
+
+@pytest.mark.parametrize(
+    ("lock", "groups"), [("dev.txt", ["build", "dev"]), ("docs.txt", ["docs"])], ids=["dev", "docs"]
+)
+def test_the_lock_holds_what_the_project_asks_for(lock: str, groups: list[str]) -> None:
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    wanted = [line for group in groups for line in declared["dependency-groups"][group]]
+    if lock == "dev.txt":
+        wanted += declared["project"]["dependencies"]
+    pins = locked(lock)
+    for requirement in map(Requirement, wanted):
+        version = pins.get(canonicalize_name(requirement.name))
+        assert version is not None, f"{requirement.name} is not locked: run `make lock`"
+        assert requirement.specifier.contains(version), f"{requirement} excludes {version}: run `make lock`"
+
+
+def test_the_locks_agree() -> None:
+    ours, docs = locked("dev.txt"), locked("docs.txt")
+    assert {name: docs[name] for name in ours.keys() & docs.keys()} == {
+        name: ours[name] for name in ours.keys() & docs.keys()
+    }
+
+
+def test_scripts_can_be_run() -> None:
+    scripts = [path for path in (ROOT / "scripts").iterdir() if path.is_file() and not path.suffix]
+    assert scripts
+    for script in [*scripts, ROOT / ".ci" / "run"]:
+        assert os.access(script, os.X_OK), f"{script.name} is not executable"
+
+
+def test_make_help_names_every_target() -> None:
+    makefile = (ROOT / "Makefile").read_text()
+    [phony] = [line for line in makefile.splitlines() if line.startswith(".PHONY:")]
+    told = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    for target in phony.split()[1:]:
+        assert f"make {target} " in told

@@ -1,1 +1,15 @@
-"""."""
+"""What people look at. Reads the run store, nothing else.
+
+write.py       report.html, one file that needs no network
+live.py        the same pages over a run that may still be written
+content.py     trajectories as the pages need them
+overview.py    the figures and charts of a run, as HTML
+charts.py      inline SVG
+thumbnails.py  small pictures for the file
+page.py        the page around it all: templates/ and static/
+"""
+
+from webgym.report.config import ReportConfig
+from webgym.report.write import write_report
+
+__all__ = ["ReportConfig", "write_report"]

@@ -77,14 +77,15 @@ def sync_folder(path: Path) -> None:
         os.close(fd)
 
 
-def write_whole(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all. Its name is durable once its folder is synced."""
+def write_whole(path: Path, data: bytes, *, durable: bool = True) -> None:
+    """Write a file whole or not at all. If durable, so is its name once its folder is synced."""
     torn = path.with_name(f".{path.name}.{uuid.uuid4().hex}{TORN}")
     try:
         with torn.open("wb") as file:
             file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
         torn.replace(path)
     except BaseException:
         torn.unlink(missing_ok=True)

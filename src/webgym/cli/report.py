@@ -1,0 +1,36 @@
+"""``webgym report``: write the report of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from webgym.report import ReportConfig, write_report
+
+_DEFAULTS = ReportConfig()
+
+
+def command(
+    run: Annotated[Path, typer.Argument(help="The run folder.")],
+    width: Annotated[
+        int, typer.Option(help="Width of embedded screenshots, pixels.", min=64)
+    ] = _DEFAULTS.image_width,
+    megabytes: Annotated[
+        int, typer.Option(help="How much of the file screenshots may take; the others are linked to.", min=0)
+    ] = _DEFAULTS.image_budget_bytes // 2**20,
+) -> None:
+    """Write RUN/report.html, one file that needs no network, and print its path."""
+    config = ReportConfig(image_width=width, image_budget_bytes=megabytes * 2**20)
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+        bar = bars.add_task("trajectories", total=None)
+
+        def show(what: str, done: int, total: int) -> None:
+            bars.update(bar, description=what, completed=done, total=total)
+
+        path = write_report(run, config=config, progress=show)
+    typer.echo(path)

@@ -1,0 +1,157 @@
+"""Inline SVG. Lengths along the axis are percent, so that a chart fits any width and its text keeps its size.
+
+Colours come from the style sheet: ``var(--<outcome>)`` is the one colour of an outcome everywhere.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from markupsafe import Markup
+
+from webgym.core.outcome import Outcome
+from webgym.report.words import milliseconds, outcome_name, percent
+from webgym.rollout.summary import Interval, Quantiles
+
+_DECADES = (1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0)
+
+
+def _svg(height: int, label: str, body: Markup, css: str = "") -> Markup:
+    frame = Markup('<svg class="chart {}" width="100%" height="{}" role="img" aria-label="{}">{}</svg>')
+    return frame.format(css, height, label, body)
+
+
+def outcome_bar(outcomes: Mapping[str, int]) -> Markup:
+    """One bar of all outcomes, side by side."""
+    total = sum(outcomes.values())
+    left, parts = 0.0, Markup()
+    part = Markup(
+        '<rect x="{:.3f}%" width="{:.3f}%" height="28" style="fill:var(--{})">'
+        "<title>{}: {} ({})</title></rect>"
+    )
+    for name, count in outcomes.items():
+        if count:
+            share = 100 * count / total
+            shown = (outcome_name(name), count, percent(count / total))
+            parts += part.format(left, share, name, *shown)
+            left += share
+    told = ", ".join(f"{outcome_name(name)} {count}" for name, count in outcomes.items())
+    return _svg(28, f"Outcomes: {told}", parts, "outcome-bar")
+
+
+def rate_bar(rate: float | None, interval: Interval | None) -> Markup:
+    """A share as a bar from 0 to 100 %, with its interval as a whisker."""
+    parts = Markup('<rect class="track" y="5" width="100%" height="10" rx="3"/>')
+    if rate is None or interval is None:
+        return _svg(20, "nothing rewarded", parts)
+    low, high = interval
+    bar = Markup('<rect class="rate" y="5" width="{:.2f}%" height="10" rx="3"/>')
+    whisker = Markup(
+        '<line class="whisker" x1="{0:.2f}%" x2="{1:.2f}%" y1="10" y2="10"/>'
+        '<line class="whisker" x1="{0:.2f}%" x2="{0:.2f}%" y1="6" y2="14"/>'
+        '<line class="whisker" x1="{1:.2f}%" x2="{1:.2f}%" y1="6" y2="14"/>'
+    )
+    parts += bar.format(rate * 100) + whisker.format(low * 100, high * 100)
+    return _svg(20, f"{percent(rate)}, 95% interval {percent(low)} to {percent(high)}", parts)
+
+
+def _decades(values: Sequence[float]) -> tuple[float, float]:
+    """The smallest stretch of whole decades that holds the values."""
+    low = max((d for d in _DECADES if d <= min(values)), default=_DECADES[0])
+    high = min((d for d in _DECADES if d >= max(values)), default=_DECADES[-1])
+    return (low, high) if high > low else (low, low * 10)
+
+
+class LogAxis:
+    """A logarithmic axis of milliseconds over whole decades.
+
+    Args:
+        shown: everything that will be drawn on it.
+    """
+
+    def __init__(self, shown: Sequence[Quantiles]) -> None:
+        ends = [
+            value for one in shown for value in (one["p50"], one["p95"]) if value is not None and value > 0
+        ]
+        self.low, self.high = _decades(ends or [1.0])
+
+    def place(self, value: float) -> float:
+        """Where a value lies, percent."""
+        share = math.log(max(value, self.low) / self.low) / math.log(self.high / self.low)
+        return 100 * min(1.0, share)
+
+    def ticks(self) -> list[tuple[float, str]]:
+        """Places of the decades, percent, and what to write there."""
+        return [(self.place(d), milliseconds(d)) for d in _DECADES if self.low <= d <= self.high]
+
+    def span(self, quantiles: Quantiles) -> Markup:
+        """From the median (full dot) to the 95th percentile (ring)."""
+        grid = Markup('<line class="grid" x1="{0:.2f}%" x2="{0:.2f}%" y1="0" y2="20"/>')
+        parts = Markup().join(grid.format(place) for place, _ in self.ticks())
+        p50, p95 = quantiles["p50"], quantiles["p95"]
+        if p50 is None or p95 is None:
+            return _svg(20, "nothing measured", parts)
+        span = Markup(
+            '<line class="span" x1="{0:.2f}%" x2="{1:.2f}%" y1="10" y2="10"/>'
+            '<circle class="p95" cx="{1:.2f}%" cy="10" r="4"/>'
+            '<circle class="p50" cx="{0:.2f}%" cy="10" r="5"/>'
+        )
+        parts += span.format(self.place(p50), self.place(p95))
+        return _svg(20, f"median {milliseconds(p50)}, 95th percentile {milliseconds(p95)}", parts)
+
+
+_COLUMNS = 48
+"""Columns of a histogram at most; beyond it, one stands for several lengths."""
+_HEIGHT = 64
+
+
+class Histogram:
+    """How many steps attempts took, stacked by outcome; several share one axis.
+
+    Args:
+        counts: per row of the chart, how many attempts took so many steps and ended so.
+    """
+
+    def __init__(self, counts: Mapping[str, Mapping[tuple[int, str], int]]) -> None:
+        self._counts = counts
+        self.longest = max((steps for row in counts.values() for steps, _ in row), default=0)
+        self._bin = max(1, math.ceil((self.longest + 1) / _COLUMNS))
+        self._columns = self.longest // self._bin + 1
+
+    def ticks(self) -> list[tuple[float, str]]:
+        """Places, percent, and numbers of steps, about five."""
+        raw = max(1, self.longest) / 5
+        scale = 10 ** math.floor(math.log10(raw))
+        every = max(1, int(next(m * scale for m in (1, 2, 5, 10) if m * scale >= raw)))
+        return [
+            (100 * (number // self._bin + 0.5) / self._columns, str(number))
+            for number in range(0, self.longest + 1, every)
+        ]
+
+    def row(self, name: str) -> Markup:
+        """The chart of one row."""
+        columns: dict[int, dict[str, int]] = {}
+        for (steps, outcome), count in self._counts[name].items():
+            column = columns.setdefault(steps // self._bin, {})
+            column[outcome] = column.get(outcome, 0) + count
+        tallest = max((sum(column.values()) for column in columns.values()), default=1)
+        width = 100 / self._columns
+        part = Markup(
+            '<rect x="{:.3f}%" y="{:.2f}" width="{:.3f}%" height="{:.2f}" style="fill:var(--{})">'
+            "<title>{} steps, {}: {}</title></rect>"
+        )
+        parts = Markup('<line class="base" x1="0" x2="100%" y1="{0}" y2="{0}"/>').format(_HEIGHT - 0.5)
+        for number, column in sorted(columns.items()):
+            top = _HEIGHT - 1.0
+            lengths = (
+                str(number) if self._bin == 1 else f"{number * self._bin}–{(number + 1) * self._bin - 1}"
+            )
+            for outcome in Outcome:
+                count = column.get(outcome.value, 0)
+                if count:
+                    height = count / tallest * (_HEIGHT - 4)
+                    top -= height
+                    place = (number * width + width * 0.08, top, width * 0.84, height)
+                    parts += part.format(*place, outcome.value, lengths, outcome_name(outcome), count)
+        return _svg(_HEIGHT, f"Steps per attempt, {name}", parts)

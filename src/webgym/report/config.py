@@ -1,0 +1,37 @@
+"""What a report may cost."""
+
+from __future__ import annotations
+
+import os
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class ReportConfig(BaseModel):
+    """How ``report.html`` is made."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    image_width: int = Field(default=800, ge=64)
+    """Width of an embedded screenshot, pixels; the height follows. Smaller ones are left as they are."""
+
+    image_quality: int = Field(default=70, ge=1, le=100)
+    """WebP quality. At 70 and 800 pixels, text of 14 CSS pixels stays readable at 20-50 kB a picture."""
+
+    image_budget_bytes: int = Field(default=48 * 2**20, ge=0)
+    """How much of the file pictures may take. Those beyond it are linked to in the run folder."""
+
+    threads: int = Field(default_factory=lambda: len(os.sched_getaffinity(0)), ge=1)
+    """Pictures made smaller at the same time."""
+
+
+class ViewConfig(BaseModel):
+    """How a run is served."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    port: int = Field(default=0, ge=0, le=65535)
+    """Which port to listen on; 0 takes a free one."""
+
+    refresh_seconds: float = Field(default=2.0, gt=0)
+    """How often an open page asks for what is new."""

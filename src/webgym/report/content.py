@@ -1,0 +1,224 @@
+"""Trajectories as the pages need them: a row of the table, and a page of its own.
+
+What comes from outside (page titles, replies, answers) is passed on as it is. It is made safe where it
+enters a page: as inert JSON in the file, as text nodes in the document.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypedDict
+from urllib.parse import urlsplit
+
+from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
+from webgym.core.observation import Element, Observation
+from webgym.core.task import Task
+from webgym.core.trajectory import Failure, Step, Trajectory
+from webgym.core.verdict import Judgement, Verdict
+from webgym.rollout.summary import environment_milliseconds
+
+_SNIPPET = 200
+"""Characters of an answer that the table can be searched for."""
+
+
+class Row(TypedDict):
+    """A line of the table of trajectories."""
+
+    id: str
+    outcome: str
+    task: str
+    site: str
+    domain: str
+    subdomain: str
+    level: str
+    difficulty: int
+    steps: int
+    seconds: float
+    started: float
+    answer: str
+    code: str
+
+
+def site_of(website: str) -> str:
+    """The host of a website's address, as people read it."""
+    return (urlsplit(website if "://" in website else f"//{website}").hostname or website).removeprefix(
+        "www."
+    )
+
+
+def row(trajectory: Trajectory, task: Task | None) -> Row:
+    """A trajectory in one line."""
+    episode = trajectory.episode
+    failure = episode.failure or trajectory.judge_failure
+    return {
+        "id": episode.attempt_id,
+        "outcome": trajectory.outcome.value,
+        "task": task.instruction if task else episode.task_id,
+        "site": site_of(task.website) if task else "",
+        "domain": task.domain if task else "",
+        "subdomain": task.subdomain if task else "",
+        "level": task.level if task else "",
+        "difficulty": task.difficulty if task else 0,
+        "steps": len(episode.steps),
+        "seconds": round(episode.seconds, 2),
+        "started": episode.started_at,
+        "answer": (episode.answer or "")[:_SNIPPET],
+        "code": failure.code if failure else "",
+    }
+
+
+def page(trajectory: Trajectory, task: Task | None) -> dict[str, Any]:
+    """A trajectory with everything that its own page shows. Boxes and points are percent of the picture."""
+    episode, verdict = trajectory.episode, trajectory.verdict
+    waited = [*environment_milliseconds(episode.steps), None]
+    return {
+        "id": episode.attempt_id,
+        "outcome": trajectory.outcome.value,
+        "ending": episode.ending.value,
+        "policy": episode.policy,
+        "seed": str(episode.seed),  # beyond what a double holds
+        "started": episode.started_at,
+        "seconds": episode.seconds,
+        "judgeSeconds": trajectory.judge_seconds,
+        "task": _task(task, episode.task_id),
+        "groups": _groups(task, verdict),
+        "verdict": _verdict(verdict),
+        "failure": _failure(episode.failure),
+        "judgeFailure": _failure(trajectory.judge_failure),
+        "answer": episode.answer,
+        "steps": [_step(step, wait) for step, wait in zip(episode.steps, waited, strict=False)],
+        "final": _look(episode.final) if episode.final else None,
+    }
+
+
+def _task(task: Task | None, task_id: str) -> dict[str, Any]:
+    if task is None:
+        return {"id": task_id, "instruction": task_id}
+    return {
+        "id": task.id,
+        "instruction": task.instruction,
+        "site": site_of(task.website),
+        "domain": task.domain,
+        "subdomain": task.subdomain,
+        "level": task.level,
+        "difficulty": task.difficulty,
+        "split": task.split,
+        "reference": task.reference_answer,
+    }
+
+
+def _groups(task: Task | None, verdict: Verdict | None) -> list[dict[str, Any]]:
+    found = {(fact.group, fact.index): fact for fact in verdict.facts} if verdict else {}
+    if task is None:
+        facts = [{"text": fact.fact, **_judgement(fact.judgement)} for fact in found.values()]
+        return [{"description": "", "facts": facts}] if facts else []
+    groups: dict[int, dict[str, Any]] = {}
+    for group, index, text in task.rubric.facts():
+        shown = groups.setdefault(group.id, {"description": group.description, "facts": []})
+        fact = found.get((group.id, index))
+        shown["facts"].append({"text": text, **(_judgement(fact.judgement) if fact else {"passed": None})})
+    return list(groups.values())
+
+
+def _judgement(judgement: Judgement) -> dict[str, Any]:
+    return {"passed": judgement.passed, "reason": judgement.reason, "steps": judgement.steps}
+
+
+def _verdict(verdict: Verdict | None) -> dict[str, Any] | None:
+    if verdict is None:
+        return None
+    findings = {"response": verdict.response, "reference": verdict.reference, "blocked": verdict.blocked}
+    return {
+        "judge": verdict.judge,
+        "reward": verdict.reward,
+        **{name: _judgement(finding) if finding else None for name, finding in findings.items()},
+    }
+
+
+def _failure(failure: Failure | None) -> dict[str, str] | None:
+    return {"code": failure.code, "message": failure.message} if failure else None
+
+
+def _look(observation: Observation) -> dict[str, Any]:
+    width, height = observation.viewport
+    return {
+        "shot": observation.screenshot,
+        "url": observation.url,
+        "title": observation.title,
+        "status": observation.status,
+        "size": [width, height],
+        "scroll": observation.scroll,
+        "notices": [[notice.kind, notice.text] for notice in observation.notices],
+        "ms": {name: round(value, 1) for name, value in observation.milliseconds.items()},
+    }
+
+
+def _step(step: Step, waited: float | None) -> dict[str, Any]:
+    """One turn. ``waited`` is the time from the reply to the next look, milliseconds; None if unknown."""
+    reply = step.reply
+    return {
+        **_look(step.observation),
+        "at": round(step.at, 2),
+        "reply": reply.text,
+        "finish": reply.finish_reason,
+        "replyMs": round(reply.seconds * 1000, 1),
+        "tokens": [reply.prompt_tokens, reply.completion_tokens],
+        "waited": None if waited is None else round(waited, 1),
+        "changed": step.changed,
+        "error": step.parse_error,
+        "action": _action(step.action, step.observation) if step.action else None,
+    }
+
+
+def _action(action: Action, seen: Observation) -> dict[str, Any]:
+    match action:
+        case LeftClick(target):
+            return {"name": "click", **_place(target, seen)}
+        case Type(target, text):
+            return {"name": "type", "text": text, **_place(target, seen)}
+        case Scroll(direction):
+            return {"name": "scroll", "direction": direction}
+        case Wait(seconds):
+            return {"name": "wait", "seconds": seconds}
+        case GoBack():
+            return {"name": "back"}
+        case Navigate(url):
+            return {"name": "navigate", "text": url}
+        case Answer(text):
+            return {"name": "answer", "text": text}
+
+
+def _place(target: Target, seen: Observation) -> dict[str, Any]:
+    """Where an action lands on the picture, and on what."""
+    place: dict[str, Any] = {}
+    if target.coordinate is not None:
+        place["point"] = [round(value * 100 / GRID, 3) for value in target.coordinate]
+        element = _element_at(target.coordinate, seen)
+    else:
+        place["mark"] = target.element
+        element = next((one for one in seen.elements or () if one.number == target.element), None)
+        if element is not None:
+            place["box"] = _percent(element, seen)
+    if element is not None:
+        place["on"] = element.name
+        place["role"] = element.role
+    return place
+
+
+def _percent(element: Element, seen: Observation) -> list[float]:
+    width, height = seen.viewport
+    x, y, w, h = element.box
+    return [
+        round(value, 3) for value in (x * 100 / width, y * 100 / height, w * 100 / width, h * 100 / height)
+    ]
+
+
+def _element_at(coordinate: tuple[float, float], seen: Observation) -> Element | None:
+    """The smallest element under a grid point, if the elements were recorded."""
+    x, y = (value * size / GRID for value, size in zip(coordinate, seen.viewport, strict=True))
+
+    def is_hit(element: Element) -> bool:
+        left, top, width, height = element.box
+        return left <= x <= left + width and top <= y <= top + height
+
+    hit = [element for element in seen.elements or () if is_hit(element)]
+    return min(hit, key=lambda element: element.box[2] * element.box[3], default=None)

@@ -1,0 +1,167 @@
+"""The pages of a run over HTTP: full-size pictures, and what is new while the run goes on.
+
+For the person at this machine: it listens on loopback, answers only to loopback names (so that no
+website can reach it by a name of its own), changes nothing, and serves nothing but the run.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import uvicorn
+from starlette.applications import Starlette
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from webgym.core.errors import ConfigError, StoreError
+from webgym.report.config import ViewConfig
+from webgym.report.content import Row, page, row
+from webgym.report.overview import Overview
+from webgym.report.template import Page
+from webgym.rollout.store import RunReader
+
+LOOPBACK = "127.0.0.1"
+"""The only address served: a run holds hidden truth. From elsewhere, come through a tunnel."""
+_FOREVER = {"Cache-Control": "private, max-age=31536000, immutable"}
+_SAFE = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-store"}
+
+
+class LiveRun:
+    """A run as far as it has come. Blocks: call it from a thread, one call at a time.
+
+    Raises:
+        RunFolderError: the folder is no run.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.reader = RunReader(path, skip_corrupt=True)
+        self.rows: list[Row] = []
+        self.overview = Overview(self.reader)
+
+    def refresh(self) -> None:
+        """Take in what was written since."""
+        ended = list(self.reader.attempts)
+        for attempt_id in ended[len(self.rows) :]:
+            trajectory = self.reader.trajectory(attempt_id)
+            self.overview.add(trajectory)
+            self.rows.append(row(trajectory, self.reader.tasks.get(trajectory.episode.task_id)))
+
+
+def _json(value: Any) -> Response:
+    return Response(msgspec.json.encode(value), media_type="application/json", headers=_SAFE)
+
+
+class _Pages:
+    """The answers. One lock: a run is read by one thread at a time."""
+
+    def __init__(self, run: LiveRun, config: ViewConfig) -> None:
+        self._run = run
+        self._page = Page(run.reader.path.resolve().name, live=True, refresh_seconds=config.refresh_seconds)
+        self._lock = asyncio.Lock()
+
+    async def _read(self, call: Callable[..., Any], *args: Any) -> Any:
+        async with self._lock:
+            return await asyncio.to_thread(call, *args)
+
+    async def document(self, _: Request) -> Response:
+        """The page itself."""
+        text = await self._read(self._document)
+        return HTMLResponse(text, headers={**_SAFE, "Content-Security-Policy": self._page.policy})
+
+    def _document(self) -> str:
+        self._run.refresh()
+        return self._page.head(self._run.overview.html(), self._run.rows) + self._page.tail()
+
+    async def news(self, request: Request) -> Response:
+        """Rows after the first so many, and the figures if there are any."""
+        after = request.query_params.get("after", "")
+        if not after.isdecimal():
+            return PlainTextResponse("after: how many rows are known", status_code=400, headers=_SAFE)
+        return _json(await self._read(self._news, int(after)))
+
+    def _news(self, after: int) -> dict[str, Any]:
+        self._run.refresh()
+        rows = self._run.rows[after:]
+        return {"rows": rows, "overview": self._run.overview.html() if rows else ""}
+
+    async def trajectory(self, request: Request) -> Response:
+        """Everything about one attempt."""
+        try:
+            shown = await self._read(self._trajectory, request.query_params.get("id", ""))
+        except KeyError:
+            return PlainTextResponse("no such trajectory", status_code=404, headers=_SAFE)
+        return _json(shown)
+
+    def _trajectory(self, attempt_id: str) -> dict[str, Any]:
+        trajectory = self._run.reader.trajectory(attempt_id)
+        return page(trajectory, self._run.reader.tasks.get(trajectory.episode.task_id))
+
+    async def picture(self, request: Request) -> Response:
+        """A screenshot as it was taken."""
+        try:
+            path = self._run.reader.image_path(request.path_params["name"])
+        except StoreError:
+            path = None
+        if path is None or not await asyncio.to_thread(path.is_file):
+            return PlainTextResponse("no such picture", status_code=404, headers=_SAFE)
+        return FileResponse(path, media_type="image/png", headers={**_SAFE, **_FOREVER})
+
+
+async def _store_failed(_: Request, error: Exception) -> Response:
+    return PlainTextResponse(str(error), status_code=500, headers=_SAFE)
+
+
+def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
+    """The application that serves a run.
+
+    Raises:
+        RunFolderError: the folder is no run.
+    """
+    config = config or ViewConfig()
+    pages = _Pages(LiveRun(run_path), config)
+    return Starlette(
+        routes=[
+            Route("/", pages.document),
+            Route("/api/news", pages.news),
+            Route("/api/trajectory", pages.trajectory),
+            Route("/screenshots/{prefix}/{name}.png", pages.picture),
+        ],
+        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[LOOPBACK, "localhost"])],
+        exception_handlers={StoreError: _store_failed},
+    )
+
+
+async def serve_view(run_path: Path, config: ViewConfig, ready: Callable[[str], None]) -> None:
+    """Serve a run until cancelled or interrupted.
+
+    Args:
+        run_path: the run folder.
+        config: which port, and how often pages ask.
+        ready: is told the address as soon as it can be opened.
+
+    Raises:
+        RunFolderError: the folder is no run.
+        ConfigError: the port cannot be listened on.
+    """
+    app = await asyncio.to_thread(view_app, run_path, config)
+    with socket.socket() as listener:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listener.bind((LOOPBACK, config.port))
+        except OSError as error:
+            raise ConfigError(
+                f"cannot listen on {LOOPBACK}:{config.port}: {error.strerror}",
+                hint="choose another port, or leave --port out for a free one",
+            ) from error
+        listener.listen()
+        server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="off"))
+        ready(f"http://{LOOPBACK}:{listener.getsockname()[1]}/")
+        await server.serve(sockets=[listener])

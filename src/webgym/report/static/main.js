@@ -1,0 +1,107 @@
+// Routes, keys and the theme.
+
+let playing = null;      // what drawTrajectory returned
+let open = null;         // id of the trajectory that is shown
+let scrolled = 0;        // where the list was left
+
+function crumbs(id) {
+  const at = fitting.findIndex((row) => row.id === id);
+  const to = (index, path, name) => h("button", { type: "button", class: "quiet", "aria-label": name, title: name,
+    disabled: at < 0 || !fitting[index], onclick: () => { location.hash = addressOf(fitting[index].id); } }, icon(path));
+  return h("nav", { class: "crumbs", "aria-label": "Trajectories" },
+    h("a", { class: "quiet", href: listAddress(), id: "back" }, icon(LEFT), "All trajectories"), h("span", { class: "grow" }),
+    at >= 0 && h("span", { class: "where" }, `${at + 1} of ${fitting.length}`),
+    to(at - 1, LEFT, "Previous trajectory ([)"), to(at + 1, RIGHT, "Next trajectory (])"));
+}
+
+async function showTrajectory(id, step) {
+  const place = byId("trajectory");
+  if (open === id && playing) { playing.go(step || 1); return; }
+  if (open === null) scrolled = scrollY;
+  open = id;
+  playing = null;
+  byId("home").hidden = true;
+  place.hidden = false;
+  const body = h("div", {}, h("p", { class: "muted" }, "Loading…"));
+  place.replaceChildren(crumbs(id), body);
+  scrollTo(0, 0);
+  try {
+    const it = await trajectory(id);
+    if (open !== id) return;
+    document.title = `${shorten(it.task.instruction, 60)} · WebGym`;
+    playing = drawTrajectory(it, body, (number) => history.replaceState(null, "", addressOf(id, number)));
+    playing.go(Math.min(step || 1, playing.count));
+  } catch (error) {
+    if (open === id) body.replaceChildren(h("p", { class: "failure-box" }, String(error.message || error)));
+  }
+}
+
+const title = document.title;
+
+function showList(query) {
+  open = playing = null;
+  document.title = title;
+  byId("trajectory").hidden = true;
+  byId("trajectory").replaceChildren();
+  byId("home").hidden = false;
+  readState(query);
+  scrollTo(0, scrolled);
+}
+
+function route() {
+  const [, id, step] = location.hash.match(/^#\/t\/([^/]+)(?:\/(\d+))?$/) || [];
+  if (id !== undefined) {
+    showTrajectory(decodeURIComponent(id), Number(step) || 1);
+    return;
+  }
+  if (location.hash === "#content") return;
+  showList((location.hash.split("?")[1]) || "");
+}
+
+function neighbour(by) {
+  const at = fitting.findIndex((row) => row.id === open);
+  if (at >= 0 && fitting[at + by]) location.hash = addressOf(fitting[at + by].id);
+}
+
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, textarea")) return;
+  if (open === null) {
+    if (event.key === "/") { event.preventDefault(); byId("search").focus(); }
+    return;
+  }
+  const act = { ArrowLeft: () => playing && playing.go(playing.current - 1), ArrowRight: () => playing && playing.go(playing.current + 1),
+    Home: () => playing && playing.go(1), End: () => playing && playing.go(playing.count),
+    "[": () => neighbour(-1), "]": () => neighbour(1), Escape: () => { location.hash = listAddress(); } }[event.key];
+  if (act) { event.preventDefault(); act(); }
+});
+
+// The theme: the system's, until somebody chooses. Storage may be refused, as for some local files.
+function stored(value) {
+  try {
+    if (value !== undefined) localStorage.setItem("webgym-theme", value);
+    return localStorage.getItem("webgym-theme");
+  } catch { return null; }
+}
+if (stored()) document.documentElement.style.colorScheme = stored();
+byId("theme").addEventListener("click", () => {
+  const chosen = document.documentElement.style.colorScheme;
+  const dark = chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+  document.documentElement.style.colorScheme = dark ? "light" : "dark";
+  stored(dark ? "light" : "dark");
+});
+
+function localTimes() {
+  for (const time of document.querySelectorAll("time")) time.textContent = moment(Date.parse(time.dateTime) / 1000);
+}
+
+beginTable();
+localTimes();
+addEventListener("hashchange", route);
+if (location.hash.startsWith("#/t/")) { readState(""); }
+route();
+follow((overview) => {
+  byId("overview").replaceChildren(...new DOMParser().parseFromString(overview, "text/html").body.childNodes);
+  localTimes();
+  fillFilters();
+  if (open === null) drawTable();
+});

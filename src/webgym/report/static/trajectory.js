@@ -1,0 +1,162 @@
+// The page of one trajectory.
+
+/** The steps, and as the last frame what the page looked like after them. */
+function framesOf(it) {
+  const frames = it.steps.map((step, index) => ({ ...step, number: index + 1, label: `Step ${index + 1}` }));
+  if (it.final) frames.push({ ...it.final, number: it.steps.length + 1, label: "End", action: null, end: true });
+  return frames;
+}
+
+function sign(passed) {
+  const [css, path, said] = passed === true ? ["yes", CHECK, "holds"] : passed === false ? ["no", CROSS, "does not hold"] : ["", DASH, "not judged"];
+  return h("span", { class: `sign ${css}`, role: "img", "aria-label": said }, icon(path, 14));
+}
+
+const cite = (it, number, text, go) => h("button", { type: "button", class: "cite", "data-step": number, onclick: () => go(number) }, text);
+
+/** A reason, with the steps that it names as links, and after it those that it rests on but does not name. */
+function reason(it, judged, go) {
+  const named = new Set();
+  const parts = judged.reason.split(/\b(step \d+)\b/i).map((part, index) => {
+    const number = index % 2 ? Number(part.slice(5)) : 0;
+    if (number < 1 || number > it.steps.length) return part;
+    named.add(number - 1);
+    return cite(it, number, part, go);
+  });
+  const others = (judged.steps || []).filter((index) => !named.has(index));
+  return h("div", { class: "why" }, parts, others.map((index) => [" ", cite(it, index + 1, index < it.steps.length ? `step ${index + 1}` : "end", go)]));
+}
+
+function finding(it, what, judged, go) {
+  const passed = judged ? judged.passed : null;
+  return h("li", { class: "finding", "data-passed": String(passed) }, sign(passed),
+    h("div", {}, h("div", { class: "what" }, what), judged && judged.reason && reason(it, judged, go)));
+}
+
+function rubricCard(it, go) {
+  const facts = it.groups.flatMap((group) => group.facts);
+  const held = facts.filter((fact) => fact.passed).length;
+  return h("section", { class: "card", id: "rubric" },
+    h("h2", {}, it.verdict ? `Facts: ${held} of ${facts.length} hold` : `Facts: ${facts.length}, not judged`),
+    it.groups.map((group) => [
+      it.groups.length > 1 && group.description && h("h3", {}, group.description),
+      h("ul", {}, group.facts.map((fact) => finding(it, fact.text, fact, go))),
+    ]));
+}
+
+function answerCard(it, go) {
+  const verdict = it.verdict;
+  const found = verdict && [
+    verdict.reference && finding(it, "The answer is the reference answer", verdict.reference, go),
+    verdict.response && finding(it, "Every claim in the answer was visible", verdict.response, go),
+    verdict.blocked && verdict.blocked.passed && finding(it, "The website kept the agent out", { ...verdict.blocked, passed: null }, go),
+  ].filter(Boolean);
+  return h("section", { class: "card", id: "answer" }, h("h2", {}, "Answer"),
+    it.answer === null ? h("p", { class: "muted" }, "No answer was given.") : h("p", { class: "answer" }, it.answer),
+    it.task.reference && [h("h3", {}, "Reference"), h("p", { class: "answer" }, it.task.reference)],
+    found && found.length > 0 && [h("h3", {}, `Judged by ${verdict.judge}`), h("ul", {}, found)]);
+}
+
+function failureCard(it) {
+  const failure = it.failure || it.judgeFailure;
+  return failure && h("section", { class: "card", id: "failure" }, h("h2", {}, it.failure ? "What ended it" : "Why there is no verdict"),
+    h("div", { class: "failure-box" }, h("code", {}, failure.code), h("p", {}, failure.message)));
+}
+
+const ENDINGS = { answered: "answered", budget_spent: "step budget spent", straggler: "ended as a straggler",
+  environment_failed: "environment failed", policy_failed: "policy failed", cancelled: "cancelled" };
+
+function taskHead(it) {
+  const task = it.task;
+  const fact = (name, value) => value && h("span", {}, `${name} `, h("b", {}, value));
+  return h("header", { class: "task-head" },
+    h("h1", {}, task.instruction),
+    h("span", { class: "verdict-badge" }, outcomeTag(it.outcome)),
+    h("div", { class: "meta" },
+      fact("website", task.site), fact("domain", [task.domain, task.subdomain].filter(Boolean).join(" / ")),
+      fact("difficulty", task.level && `${task.level}, ${task.difficulty} ${task.difficulty === 1 ? "fact" : "facts"}`),
+      fact("ending", ENDINGS[it.ending] || it.ending), fact("took", seconds(it.seconds))));
+}
+
+function aboutCard(it) {
+  const facts = [["attempt", it.id], ["policy", it.policy], ["judge", it.verdict && it.verdict.judge], ["split", it.task.split],
+    ["seed", it.seed], ["started", moment(it.started)], ["judging took", it.judgeSeconds && milliseconds(it.judgeSeconds * 1000)]];
+  return h("section", { class: "card" }, h("h2", {}, "Attempt"),
+    h("dl", { class: "about" }, facts.filter(([, value]) => value).map(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])));
+}
+
+const NOTICES = { navigation_failed: "Navigation failed", download_refused: "Download refused", action_failed: "Action failed", dialog: "Dialog",
+  popup: "Popup", still_loading: "Still loading", crashed: "Crashed", reply_unreadable: "Reply unreadable", unchanged: "Nothing changed" };
+const BAD = new Set(["navigation_failed", "action_failed", "crashed", "reply_unreadable"]);
+
+function noticeList(frame) {
+  const notices = frame.notices.map(([kind, text]) => h("p", { class: `notice ${BAD.has(kind) ? "bad" : ""}` }, h("b", {}, NOTICES[kind] || kind), " ", text));
+  if (frame.error) notices.push(h("p", { class: "notice bad" }, h("b", {}, "This reply held no action"), " ", frame.error));
+  return notices.length ? h("div", { class: "notices" }, notices) : null;
+}
+
+function timeList(frame) {
+  const shownTimes = [["reply", frame.replyMs], ["until the next look", frame.waited], ...Object.entries(frame.ms)];
+  const tokens = frame.tokens && (frame.tokens[0] || frame.tokens[1]) ? `${frame.tokens[0]} + ${frame.tokens[1]}` : null;
+  return h("div", { class: "times" },
+    frame.at !== undefined && h("span", {}, "at ", h("b", {}, seconds(frame.at))),
+    shownTimes.filter(([, value]) => value !== null && value !== undefined).map(([name, value]) => h("span", {}, `${name} `, h("b", {}, milliseconds(value)))),
+    tokens && h("span", {}, "tokens ", h("b", {}, tokens)),
+    h("a", { href: wholePicture(frame.shot), target: "_blank", rel: "noopener" }, "full picture"));
+}
+
+function frameView(it, frame, count, go, open) {
+  const did = frame.end ? "After the last action" : frame.action ? sentence(frame.action) : "No action";
+  const at = frame.number;
+  const step = (to, path, name) => h("button", { type: "button", class: "quiet", "aria-label": name, title: name, disabled: to < 1 || to > count, onclick: () => go(to) }, icon(path));
+  const reply = !frame.end && h("details", { class: "reply", open }, h("summary", {}, "Reply"), h("pre", {}, frame.reply || "(empty)"));
+  return [
+    h("div", { class: "now" },
+      h("div", { class: "did", id: "did" }, h("b", {}, did),
+        frame.changed === false && h("span", { class: "muted" }, "  · nothing changed")),
+      h("span", { class: "count" }, `${frame.label}${frame.end ? "" : ` of ${it.steps.length}`}`),
+      step(at - 1, LEFT, "Previous step (←)"), step(at + 1, RIGHT, "Next step (→)")),
+    h("div", { class: "address", title: frame.title }, frame.status !== null && h("span", { class: `status ${frame.status >= 400 ? "bad" : ""}` }, String(frame.status)),
+      h("span", { class: "url" }, frame.url)),
+    stage(frame, frame.action, `Screenshot, ${frame.label.toLowerCase()}: ${frame.title}. ${did}`),
+    noticeList(frame), timeList(frame), reply,
+  ];
+}
+
+function filmstrip(it, frames, go) {
+  const proven = new Set(it.groups.flatMap((group) => group.facts).filter((fact) => fact.passed).flatMap((fact) => fact.steps || []));
+  return h("div", { class: "film", role: "group", "aria-label": "Steps" }, frames.map((frame, index) =>
+    h("button", { type: "button", class: "frame", "data-step": frame.number, "aria-label": `${frame.label}: ${frame.action ? sentence(frame.action) : frame.end ? "after the last action" : "no action"}`, onclick: () => go(frame.number) },
+      image(frame.shot, "", true), proven.has(index) && h("span", { class: "proof", title: "A fact rests on this step" }),
+      h("span", { class: "cap" }, h("span", {}, frame.end ? "End" : String(frame.number)), h("span", {}, frame.end ? "" : frame.action ? SHORT[frame.action.name] : "no action")))));
+}
+
+/** Draw a trajectory; returns what goes to one of its frames. */
+function drawTrajectory(it, place, moved) {
+  const frames = framesOf(it);
+  const view = h("div", { class: "view" });
+  let current = 0, open = true;
+  function go(number) {
+    const frame = frames[number - 1];
+    if (!frame || number === current) return;
+    const reply = view.querySelector("details.reply");
+    if (reply) open = reply.open;
+    current = number;
+    view.replaceChildren(...frameView(it, frame, frames.length, go, open).filter(Boolean));
+    for (const thumb of film.children) {
+      if (Number(thumb.dataset.step) === number) {
+        thumb.setAttribute("aria-current", "step");
+        film.scrollTo({ top: thumb.offsetTop - film.clientHeight / 2 + thumb.clientHeight / 2 });
+      } else thumb.removeAttribute("aria-current");
+    }
+    moved(number);
+  }
+  const film = filmstrip(it, frames, go);
+  const player = frames.length ? h("section", { class: "card player", "aria-label": "Steps" }, h("div", { class: "reel" }, film), view)
+    : h("section", { class: "card" }, h("p", { class: "muted" }, "Nothing was seen: the attempt ended before its first step."));
+  place.replaceChildren(taskHead(it), h("div", { class: "columns" },
+    h("div", {}, player),
+    h("aside", { class: "side" }, failureCard(it), rubricCard(it, go), answerCard(it, go), aboutCard(it),
+      h("p", { class: "hint" }, h("span", {}, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " steps"), h("span", {}, h("kbd", {}, "["), " ", h("kbd", {}, "]"), " trajectories"), h("span", {}, h("kbd", {}, "Esc"), " list")))));
+  return { go, get current() { return current; }, count: frames.length };
+}

@@ -1,0 +1,112 @@
+"""The page around it all: one HTML document, its style and script inside it.
+
+A Content-Security-Policy lets only our own script run, by its hash, and nothing be loaded from outside:
+what a hostile page or reply may hold stays text even if we should fail to treat it as such.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from importlib.resources import files
+from typing import Any
+
+import msgspec
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from webgym.core.outcome import Outcome
+from webgym.report import charts, words
+
+_SCRIPTS = ("dom.js", "source.js", "table.js", "stage.js", "trajectory.js", "main.js")
+_UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+
+
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("webgym.report"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals.update(charts=charts, words=words, outcomes=[outcome.value for outcome in Outcome])
+    return environment
+
+
+ENVIRONMENT = _environment()
+
+
+def inert(value: Any) -> Markup:
+    """JSON that may stand inside a ``<script type="application/json">``: it cannot end the element."""
+    text = msgspec.json.encode(value).decode()
+    for character, escape in _UNSAFE.items():
+        text = text.replace(character, escape)
+    return Markup(text)  # noqa: S704 - no character that means anything to HTML is left
+
+
+def _static(name: str) -> str:
+    return files("webgym.report").joinpath("static", name).read_text(encoding="utf-8")
+
+
+def _hash(text: str) -> str:
+    return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+class Page:
+    """The parts of the document, in order, so that they can be written as they are made.
+
+    Args:
+        title: of the document.
+        live: whether a server stands behind it; else everything is in the file.
+        refresh_seconds: how often a live page asks for what is new.
+    """
+
+    def __init__(self, title: str, *, live: bool, refresh_seconds: float = 0.0) -> None:
+        words_ = {
+            outcome.value: [words.outcome_name(outcome), words.outcome_meaning(outcome)]
+            for outcome in Outcome
+        }
+        settings = inert({"live": live, "refresh": refresh_seconds, "outcomes": words_})
+        scripts = "\n".join(_static(name) for name in _SCRIPTS)
+        self._script = f'(() => {{\n"use strict";\n{scripts}\n}})();'
+        style = _static("report.css")
+        self.policy = "; ".join(
+            (
+                "default-src 'none'",
+                f"script-src 'sha256-{_hash(self._script)}'",
+                f"style-src 'sha256-{_hash(style)}'",
+                "style-src-attr 'unsafe-inline'",
+                "img-src 'self' data: file:",
+                "connect-src 'self'" if live else "connect-src 'none'",
+                "base-uri 'none'",
+                "form-action 'none'",
+            )
+        )
+        self._shown: dict[str, Any] = {
+            "title": title,
+            "settings": settings,
+            "style": Markup(style),  # noqa: S704 - our own file
+            "policy": self.policy,
+        }
+
+    def head(self, overview: Markup, rows: list[Any]) -> str:
+        """Everything up to the data: shown at once, while the rest is still being read."""
+        template = ENVIRONMENT.get_template("page.html.j2")
+        script = Markup(self._script)  # noqa: S704 - our own files
+        return template.render(self._shown, overview=overview, rows=inert(rows), script=script)
+
+    @staticmethod
+    def data(element_id: str, value: Any) -> str:
+        """A piece of inert data."""
+        return f'<script type="application/json" id="{element_id}">{inert(value)}</script>\n'
+
+    @staticmethod
+    def picture(name: str, data: str) -> str:
+        """An embedded picture, by the name of its screenshot."""
+        return f'<script type="text/plain" id="p-{name}">{data}</script>\n'
+
+    @staticmethod
+    def tail() -> str:
+        """The end of the document."""
+        return "</body>\n</html>\n"

@@ -1,0 +1,66 @@
+"""Figures and names as people read them."""
+
+from __future__ import annotations
+
+_OUTCOMES = {
+    "success": "Success",
+    "failure": "Failure",
+    "truncated": "Truncated",
+    "blocked": "Blocked",
+    "environment_error": "Environment error",
+    "policy_error": "Policy error",
+    "judge_error": "Judge error",
+    "cancelled": "Cancelled",
+}
+
+_MEANINGS = {
+    "success": "answered, and the judge found everything",
+    "failure": "answered, and the judge found something missing or wrong",
+    "truncated": "the step budget was spent without an answer",
+    "blocked": "the website kept the agent out",
+    "environment_error": "the browser, the server or the website failed",
+    "policy_error": "the policy or its endpoint failed",
+    "judge_error": "no verdict could be had",
+    "cancelled": "the run was stopped first",
+}
+
+
+def outcome_name(outcome: str) -> str:
+    """``"environment_error"`` as ``"Environment error"``."""
+    return _OUTCOMES[outcome]
+
+
+def outcome_meaning(outcome: str) -> str:
+    """What an outcome says, in a few words."""
+    return _MEANINGS[outcome]
+
+
+def percent(share: float | None) -> str:
+    """A share; a dash for none."""
+    return "–" if share is None else f"{share * 100:.1f}%"
+
+
+def milliseconds(value: float | None) -> str:
+    """A short time with its unit; a dash for none."""
+    if value is None:
+        return "–"
+    if value < 10:
+        return f"{value:.1f} ms" if value % 1 else f"{value:.0f} ms"
+    if value < 1_000:
+        return f"{value:.0f} ms"
+    seconds = value / 1_000
+    return f"{seconds:.0f} s" if seconds >= 10 or seconds % 1 == 0 else f"{seconds:.2f} s"
+
+
+def duration(seconds: float) -> str:
+    """A long time with its units."""
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes:02d} min" if hours else f"{minutes} min {rest:02d} s"
+
+
+def number(value: float) -> str:
+    """With thin spaces between thousands; one digit after the point below a hundred, unless whole."""
+    return f"{value:,.0f}".replace(",", " ") if value >= 100 or value == int(value) else f"{value:.1f}"

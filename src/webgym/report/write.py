@@ -1,0 +1,91 @@
+"""``report.html``: one file that works from anywhere, without a network."""
+
+from __future__ import annotations
+
+import os
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Protocol
+
+from webgym.core.trajectory import Trajectory
+from webgym.report.config import ReportConfig
+from webgym.report.content import page, row
+from webgym.report.overview import Overview
+from webgym.report.template import Page
+from webgym.report.thumbnails import thumbnails
+from webgym.rollout.files import REPORT, TORN, disk_errors
+from webgym.rollout.store import RunReader
+
+
+class ReportProgress(Protocol):
+    """Is told how far the writing has come."""
+
+    def __call__(self, what: str, done: int, total: int) -> None:
+        """``done`` of ``total`` things of this kind (``"trajectories"``, ``"pictures"``) are written."""
+        ...
+
+
+def _quiet(what: str, done: int, total: int) -> None:
+    """For those who do not ask."""
+
+
+def write_report(
+    run_path: Path, *, config: ReportConfig | None = None, progress: ReportProgress = _quiet
+) -> Path:
+    """Write the report of a run, which may still be going on. Blocks.
+
+    Trajectories are read twice, one in memory at a time: for the figures and the table, then for their
+    pages. Corrupt records are left out and counted on the page.
+
+    Args:
+        run_path: the run folder.
+        config: what the report may cost.
+        progress: is told how far it has come.
+
+    Returns:
+        Path of ``report.html`` in the run folder.
+
+    Raises:
+        RunFolderError: the folder is no run.
+        StoreFull: there is no space.
+    """
+    reader = RunReader(run_path, skip_corrupt=True)
+    target = run_path / REPORT
+    torn = target.with_name(f".{target.name}.{uuid.uuid4().hex}{TORN}")
+    with disk_errors("writing the report"):
+        try:
+            with torn.open("w", encoding="utf-8") as file:
+                for part in _parts(reader, config or ReportConfig(), progress):
+                    file.write(part)
+                file.flush()
+                os.fsync(file.fileno())
+            torn.replace(target)
+        finally:
+            torn.unlink(missing_ok=True)
+    return target
+
+
+def _parts(reader: RunReader, config: ReportConfig, progress: ReportProgress) -> Iterator[str]:
+    """The document, piece by piece: what is seen first stands first."""
+    tasks = reader.tasks
+    overview = Overview(reader)
+    rows, names = [], dict[str, None]()
+    for trajectory in reader.trajectories():
+        overview.add(trajectory)
+        rows.append(row(trajectory, tasks.get(trajectory.episode.task_id)))
+        names |= dict.fromkeys(_shown(trajectory))
+    document = Page(reader.path.resolve().name, live=False)
+    yield document.head(overview.html(), rows)
+    for number, told in enumerate(rows):
+        trajectory = reader.trajectory(told["id"])
+        yield document.data(f"t-{number}", page(trajectory, tasks.get(trajectory.episode.task_id)))
+        progress("trajectories", number + 1, len(rows))
+    for number, small in enumerate(thumbnails(reader.path, names, config)):
+        yield document.picture(small.name, small.data)
+        progress("pictures", number + 1, len(names))
+    yield document.tail()
+
+
+def _shown(trajectory: Trajectory) -> list[str]:
+    return [observation.screenshot for observation in trajectory.episode.observations]

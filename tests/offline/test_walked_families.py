@@ -18,13 +18,14 @@ import pytest
 
 from webgym.core.task import Task
 from webgym.core.truth import Back, Choose, Click, Fill, Give, Home, See
+from webgym.offline.families.jobs import Jobs
 from webgym.offline.families.recipes import Recipes
 from webgym.offline.look import look
 from webgym.offline.parts import Place, write
 from webgym.offline.seeds import number
 from webgym.offline.website import State, Visit, Website
 
-FAMILIES: tuple[type[Website], ...] = (Recipes,)
+FAMILIES: tuple[type[Website], ...] = (Jobs, Recipes)
 SITES = 6
 
 

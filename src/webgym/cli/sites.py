@@ -14,6 +14,9 @@ def serve(
     host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
     port: int = typer.Option(8123, "--port", min=0, max=65535, help="Port; 0 takes a free one."),
     seed: int | None = typer.Option(None, "--seed", help="Of every website.", show_default="7"),
+    per_family: int | None = typer.Option(
+        None, "--per-family", min=1, help="Websites per family.", show_default="50"
+    ),
     latency: float = typer.Option(1.0, "--latency", min=0, help="Scale of simulated latency; 0 for none."),
 ) -> None:
     """Serve the offline web until Ctrl-C, and say how a browser gets there.
@@ -27,13 +30,14 @@ def serve(
 
     from webgym.cli._run import SITES_TOKEN, run
     from webgym.offline.app import SitesConfig, serving
-    from webgym.offline.web import DEFAULT_SEED
+    from webgym.offline.web import DEFAULT_SEED, WEBSITES_PER_FAMILY
 
     given = os.environ.get(SITES_TOKEN)
     config = SitesConfig(
         host=host,
         port=port,
         seed=DEFAULT_SEED if seed is None else seed,
+        per_family=per_family or WEBSITES_PER_FAMILY,
         latency=latency,
         token=SecretStr(given) if given else None,
     )
@@ -42,11 +46,11 @@ def serve(
         async with serving(config) as sites:
             rules = ", ".join(sites.host_rules)
             first = next(iter(sites.web.specs))
-            print(f"{len(sites.web.specs)} websites at {sites.address}")
+            print(f"{len(sites.web.specs)} websites at {sites.address}", flush=True)
             if not given:
                 print(f"token    {sites.token}")
             print(f"browse   chromium --host-resolver-rules='{rules}' http://{first}/")
-            print("list     webgym sites list")
+            print("list     webgym sites list", flush=True)
             await asyncio.Event().wait()
 
     run(forever)

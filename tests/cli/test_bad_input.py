@@ -1,0 +1,199 @@
+"""Bad input and broken surroundings: one clear line, an exit code, and no lost trajectory."""
+
+from __future__ import annotations
+
+import asyncio
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+import yaml
+from tests.conftest import Commands
+from tests.llm.endpoint import Endpoint, serve
+
+from webgym.collect import RunConfig, collect
+from webgym.core.errors import PolicyError, StoreFull, WebGymError
+from webgym.core.outcome import Outcome
+from webgym.core.task import Task
+from webgym.offline import OfflineWeb
+from webgym.rollout.store import RunReader
+from webgym.server import ServerConfig, running_server
+from webgym.tasks import draw, write_tasks
+
+SITES = {"per_family": 2, "latency": 0}
+
+
+def tasks(count: int) -> list[Task]:
+    web = OfflineWeb(per_family=2)
+    hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
+    return draw((task for host in hosts for task in web.tasks_of(host)), count, seed=8)
+
+
+def leaves(error: BaseException) -> list[BaseException]:
+    """The errors inside nested groups."""
+    if isinstance(error, BaseExceptionGroup):
+        return [leaf for inner in error.exceptions for leaf in leaves(inner)]
+    return [error]
+
+
+def one_line(said: str) -> str:
+    """The one line that an error consists of."""
+    (line,) = [each for each in said.splitlines() if each.startswith("webgym:")]
+    assert "Traceback" not in said
+    return line
+
+
+def test_an_unknown_task_file(tmp_path: Path, commands: Commands) -> None:
+    code, said = commands.run("rollout", "--tasks", tmp_path / "none.jsonl", "--out", tmp_path / "run")
+    assert code == 2
+    assert "none.jsonl" in one_line(said)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ((), "--out or --resume"),
+        (("--out", "x", "--resume", "y"), "--out or --resume"),
+        (("--out", "x", "--split", "dev"), "split"),
+        (("--out", "x", "--policy", "oracle"), "oracle"),
+        (("--out", "x", "--policy", "openai"), "--base-url"),
+        (("--out", "x", "--base-url", "ftp://x", "--model", "m"), "http"),
+        (("--out", "x", "--config", "none.yaml"), "none.yaml"),
+        (("--resume", "nowhere"), "not a run"),
+        (("--out", "x", "--sessions", "0"), "--sessions"),
+        (("--out", "x", "--token-file", "none"), "token file"),
+        (("--out", "x", "--limit", "3", "--server", "http://127.0.0.1:9"), "sites"),
+    ],
+)
+def test_options_that_make_no_run(
+    tmp_path: Path, commands: Commands, options: tuple[str, ...], expected: str
+) -> None:
+    given = [str(tmp_path / each) if each in ("x", "y", "none.yaml", "nowhere") else each for each in options]
+    code, said = commands.run("rollout", *given)
+    assert code == 2
+    assert expected in one_line(said)
+
+
+@pytest.mark.parametrize(
+    "text", ["seed: [", "- a list", "sed: 3", "collector: {sessions: 0}", "sites: {latency: fast}"]
+)
+def test_settings_that_make_no_run(tmp_path: Path, commands: Commands, text: str) -> None:
+    (tmp_path / "run.yaml").write_text(text)
+    code, said = commands.run("rollout", "--config", tmp_path / "run.yaml", "--out", tmp_path / "run")
+    assert code == 2
+    assert "run.yaml" in one_line(said)
+
+
+@pytest.mark.browser
+def test_a_broken_line_is_named_and_the_rest_runs(tmp_path: Path, commands: Commands) -> None:
+    file, settings = tmp_path / "tasks.jsonl", tmp_path / "run.yaml"
+    write_tasks(file, tasks(2))
+    file.write_bytes(file.read_bytes() + b'{"id": "half", "instr\n')
+    settings.write_text(yaml.safe_dump({"sites": SITES}))
+    code, said = commands.run(
+        "rollout", "--config", settings, "--tasks", file, "--out", tmp_path / "run", "--no-report"
+    )
+    assert code == 0, said
+    assert "tasks.jsonl:3: " in said
+    summary = RunReader(tmp_path / "run").summary
+    assert summary is not None
+    assert summary["attempts"] == 2
+
+
+def without_truth(path: Path) -> Path:
+    write_tasks(path, [msgspec.structs.replace(task, truth=None) for task in tasks(1)])
+    return path
+
+
+def test_an_unreachable_server(tmp_path: Path, commands: Commands) -> None:
+    file = without_truth(tmp_path / "tasks.jsonl")
+    options = ("--tasks", file, "--out", tmp_path / "run", "--server", "http://127.0.0.1:9")
+    code, said = commands.run("rollout", *options, WEBGYM_TOKEN="x" * 20)
+    assert code == 1
+    assert "127.0.0.1:9" in one_line(said)
+
+
+@pytest.mark.browser
+async def test_a_wrong_token(tmp_path: Path, commands: Commands) -> None:
+    file = without_truth(tmp_path / "tasks.jsonl")
+    async with running_server(ServerConfig(slots=1)) as server:
+        options = ("--tasks", file, "--out", tmp_path / "run", "--server", server.url)
+        code, said = await asyncio.to_thread(commands.run, "rollout", *options, WEBGYM_TOKEN="x" * 20)
+    assert code == 1
+    assert "token" in one_line(said)
+
+
+def test_a_missing_browser(tmp_path: Path, commands: Commands) -> None:
+    options = ("rollout", "--limit", 1, "--out", tmp_path / "run")
+    code, said = commands.run(*options, WEBGYM_BROWSER=str(tmp_path / "no-browser"))
+    assert code == 1
+    assert "no-browser" in one_line(said)
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of its own with room for a few screenshots."""
+    path = tmp_path / "disk"
+    path.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=600k", "tmpfs", str(path)], capture_output=True, check=False
+    )
+    if mounted.returncode != 0:
+        pytest.skip("mounting a small file system needs rights that this user has not")
+    yield path
+    subprocess.run(["umount", str(path)], check=True)
+
+
+@pytest.mark.browser
+async def test_a_full_disk_stops_the_run_and_what_was_counted_stays(tmp_path: Path, small_disk: Path) -> None:
+    write_tasks(tmp_path / "tasks.jsonl", tasks(12))
+    settings = RunConfig.model_validate(
+        {"tasks": {"file": tmp_path / "tasks.jsonl"}, "sites": SITES, "collector": {"sessions": 2}}
+    )
+    with pytest.raises((StoreFull, ExceptionGroup)) as caught:
+        await collect(settings, small_disk / "run")
+    assert any(isinstance(error, StoreFull) for error in leaves(caught.value))
+    for trajectory in RunReader(small_disk / "run").trajectories():
+        for seen in trajectory.episode.observations:
+            assert RunReader(small_disk / "run").image(seen.screenshot)
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("behaviour", ["500", "html", "nothing", "trickle"])
+async def test_an_endpoint_that_never_completes_stops_the_run(tmp_path: Path, behaviour: str) -> None:
+    async with serve() as endpoint:
+        await endpoint_stops_the_run(tmp_path, endpoint, behaviour)
+
+
+async def endpoint_stops_the_run(tmp_path: Path, endpoint: Endpoint, behaviour: str) -> None:
+    write_tasks(tmp_path / "tasks.jsonl", tasks(8))
+    chat = {
+        "base_url": endpoint.url(behaviour),
+        "model": "tiny-1",
+        "total_seconds": 2.0,
+        "retry": {"tries": 2, "first_seconds": 0.01},
+    }
+    settings = RunConfig.model_validate(
+        {
+            "tasks": {"file": tmp_path / "tasks.jsonl"},
+            "policy": {"name": "openai", "chat": chat},
+            "sites": SITES,
+            "collector": {"sessions": 2, "give_up_after": 4},
+            "retries": 0,
+        }
+    )
+    with pytest.raises((WebGymError, ExceptionGroup)) as caught:
+        await collect(settings, tmp_path / "run")
+    (error,) = leaves(caught.value)
+    assert isinstance(error, PolicyError)
+    assert "attempts in a row" in str(error)
+    trajectories = list(RunReader(tmp_path / "run").trajectories())
+    assert len(trajectories) >= 4
+    assert {each.outcome for each in trajectories} <= {Outcome.POLICY_ERROR, Outcome.CANCELLED}
+    summary = RunReader(tmp_path / "run").summary
+    assert summary is not None
+    assert sum(summary["outcomes"].values()) == len(trajectories)
+    assert summary["success_rate"]["overall"] is None

@@ -1,0 +1,130 @@
+"""Pulling the plug: kill -9 of the collector and of the server while a run goes on."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import socket
+import subprocess
+from collections import Counter
+from pathlib import Path
+
+import pytest
+import yaml
+from tests.conftest import Commands, wait_until
+
+from webgym.core.errors import RunFolderError
+from webgym.core.outcome import Outcome
+from webgym.offline import OfflineWeb
+from webgym.rollout.store import RunReader
+from webgym.tasks import draw, write_tasks
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(240)]
+
+TASKS = 9
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Path:
+    """A small run: tasks of well-behaved websites, three browsers, retries."""
+    web = OfflineWeb(per_family=3)
+    hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
+    tasks = draw((task for host in hosts for task in web.tasks_of(host)), TASKS, seed=5)
+    write_tasks(tmp_path / "tasks.jsonl", tasks)
+    held = {
+        "retries": 3,
+        "tasks": {"file": str(tmp_path / "tasks.jsonl")},
+        "sites": {"per_family": 3},
+        "collector": {"sessions": 3},
+    }
+    path = tmp_path / "run.yaml"
+    path.write_text(yaml.safe_dump(held))
+    return path
+
+
+def recorded(run: Path) -> int:
+    """How many attempts are on disk."""
+    try:
+        return len(RunReader(run).attempts)
+    except RunFolderError:
+        return 0
+
+
+def check_books(run: Path) -> Counter[Outcome]:
+    """Every task came to a success, no attempt is there twice, and the summary adds up."""
+    reader = RunReader(run)
+    trajectories = list(reader.trajectories())
+    outcomes = Counter(each.outcome for each in trajectories)
+    assert len({each.episode.attempt_id for each in trajectories}) == len(trajectories)
+    successes = Counter(each.episode.task_id for each in trajectories if each.outcome is Outcome.SUCCESS)
+    assert successes == dict.fromkeys(reader.tasks, 1)
+    assert len(reader.tasks) == TASKS
+    summary = reader.summary
+    assert summary is not None
+    assert summary["attempts"] == len(trajectories) == sum(summary["outcomes"].values())
+    return outcomes
+
+
+def test_a_killed_collector_loses_only_what_was_in_flight(
+    tmp_path: Path, settings: Path, commands: Commands
+) -> None:
+    run = tmp_path / "run"
+    first = commands.start("rollout", "--config", settings, "--out", run)
+    wait_until(lambda: recorded(run) >= 2 or first.poll() is not None)
+    os.kill(first.pid, signal.SIGKILL)
+    first.wait()
+    wait_until(lambda: not commands.left_over(), 20)  # the browsers went with it
+    before = {entry.attempt_id: entry for entry in RunReader(run).attempts.values()}
+    assert 2 <= len(before) < TASKS, commands.output(first)
+
+    code, said = commands.run("rollout", "--resume", run, "--no-report")
+    assert code == 0, said
+    after = RunReader(run).attempts
+    assert {name: after[name] for name in before} == before
+    assert check_books(run).total() == TASKS
+
+    code, said = commands.run("rollout", "--resume", run, "--no-report")  # nothing is left to do
+    assert code == 0, said
+    assert len(RunReader(run).attempts) == TASKS
+    assert not commands.left_over()
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def test_a_killed_server_costs_attempts_and_no_trajectory(
+    tmp_path: Path, settings: Path, commands: Commands
+) -> None:
+    tokens = {"WEBGYM_TOKEN": "the-token-of-the-server", "WEBGYM_SITES_TOKEN": "the-token-of-the-sites"}
+    sites = commands.start("sites", "serve", "--port", 0, "--per-family", 3, **tokens)
+    wait_until(lambda: "list " in commands.output(sites))
+    found = re.search(r"websites at (\S+)", commands.output(sites))
+    assert found is not None
+    port = free_port()
+
+    def serve() -> subprocess.Popen[str]:
+        rule = f"MAP *.webgym.test {found[1]}"
+        server = commands.start("serve", "--port", port, "--slots", 3, "--host-rule", rule, **tokens)
+        wait_until(lambda: "slots " in commands.output(server), 30)
+        return server
+
+    server = serve()
+    run, address = tmp_path / "run", f"http://127.0.0.1:{port}"
+    rollout = commands.start(
+        "rollout", "--config", settings, "--out", run, "--no-report",
+        "--server", address, "--sites", f"http://{found[1]}", **tokens,
+    )  # fmt: skip
+    wait_until(lambda: recorded(run) >= 2 or rollout.poll() is not None)
+    os.kill(server.pid, signal.SIGKILL)
+    server.wait()
+    serve()
+    assert rollout.wait(120) == 0, commands.output(rollout)
+    outcomes = check_books(run)
+    assert set(outcomes) <= {Outcome.SUCCESS, Outcome.ENVIRONMENT_ERROR}
+    commands.end()
+    wait_until(lambda: not commands.left_over(), 20)

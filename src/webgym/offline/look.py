@@ -9,24 +9,24 @@ from webgym.offline.seeds import pick, stream
 
 PALETTES: tuple[tuple[str, str, str, str, str], ...] = (
     # primary, on primary, accent, page, surface
-    ("#1f4e79", "#ffffff", "#e07a1f", "#f4f6f9", "#ffffff"),
-    ("#14532d", "#ffffff", "#ca8a04", "#f5f7f2", "#ffffff"),
+    ("#1f4e79", "#ffffff", "#b45309", "#f4f6f9", "#ffffff"),
+    ("#14532d", "#ffffff", "#854d0e", "#f5f7f2", "#ffffff"),
     ("#7c2d12", "#ffffff", "#0f766e", "#faf6f2", "#ffffff"),
-    ("#4c1d95", "#ffffff", "#db2777", "#f7f5fb", "#ffffff"),
+    ("#4c1d95", "#ffffff", "#be185d", "#f7f5fb", "#ffffff"),
     ("#0f172a", "#ffffff", "#2563eb", "#f1f5f9", "#ffffff"),
     ("#9f1239", "#ffffff", "#1d4ed8", "#fdf4f5", "#ffffff"),
-    ("#155e75", "#ffffff", "#d9480f", "#f0f7f9", "#ffffff"),
+    ("#155e75", "#ffffff", "#bf3f0a", "#f0f7f9", "#ffffff"),
     ("#3f3f46", "#ffffff", "#b45309", "#f4f4f5", "#ffffff"),
     ("#1e3a8a", "#ffffff", "#047857", "#eef2ff", "#ffffff"),
     ("#5b4636", "#ffffff", "#2f6f4f", "#f6f1ea", "#fffdf9"),
     ("#0b7285", "#ffffff", "#c2255c", "#f3fafb", "#ffffff"),
     ("#fde047", "#1c1917", "#1c1917", "#fafaf5", "#ffffff"),
-    ("#111827", "#f9fafb", "#16a34a", "#ffffff", "#f6f7f8"),
+    ("#111827", "#f9fafb", "#166534", "#ffffff", "#f6f7f8"),
     ("#86198f", "#ffffff", "#0369a1", "#fcf5fd", "#ffffff"),
     ("#c2410c", "#ffffff", "#334155", "#fff8f3", "#ffffff"),
     ("#065f46", "#ffffff", "#be123c", "#f1f8f5", "#ffffff"),
     ("#e2e8f0", "#0f172a", "#7c3aed", "#f8fafc", "#ffffff"),
-    ("#334155", "#f8fafc", "#ea580c", "#eceff3", "#ffffff"),
+    ("#334155", "#f8fafc", "#bf3f0a", "#eceff3", "#ffffff"),
 )
 """Every foreground on its background has a contrast of at least 4.5 to 1."""
 

@@ -1,0 +1,186 @@
+"""The offline web over real HTTP: hosts, visitors, administration, misbehaviour, latency."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import Any
+
+import httpx
+import pytest
+from pydantic import SecretStr, ValidationError
+
+from webgym.core.errors import SitesError
+from webgym.offline import latency
+from webgym.offline.app import VISITOR_COOKIE, RunningSites, SitesConfig, serving
+from webgym.offline.web import OfflineWeb
+from webgym.offline.website import Behaviour
+
+TOKEN = "a token for tests"
+
+
+@pytest.fixture(scope="module")
+def web() -> OfflineWeb:
+    return OfflineWeb(11, per_family=10)
+
+
+@asynccontextmanager
+async def served(web: OfflineWeb, **settings: Any) -> AsyncIterator[tuple[RunningSites, httpx.AsyncClient]]:
+    config = SitesConfig(latency=0, token=SecretStr(TOKEN), **settings)
+    async with serving(config, web) as sites, httpx.AsyncClient(base_url=sites.url, timeout=20) as client:
+        yield sites, client
+
+
+def host_of(web: OfflineWeb, behaviour: Behaviour = "good", nth: int = 0) -> str:
+    return [host for host, spec in web.specs.items() if spec.behaviour == behaviour][nth]
+
+
+async def consent(client: httpx.AsyncClient, host: str, visitor: str, choice: str) -> None:
+    headers = {"host": host, "cookie": f"{VISITOR_COOKIE}={visitor}"}
+    answer = await client.post("/consent", data={"choice": choice}, headers=headers)
+    assert answer.status_code == 204
+
+
+async def test_the_host_decides_which_website_answers(web: OfflineWeb) -> None:
+    async with served(web) as (_, client):
+        for nth in (0, 1, -9):
+            host = host_of(web, nth=nth)
+            for spelling in (host, host.upper(), f"{host}:80"):
+                answer = await client.get("/", headers={"host": spelling})
+                assert answer.status_code == 200
+                assert web.specs[host].brand.replace("&", "&amp;") in answer.text
+        stranger = await client.get("/", headers={"host": "nobody.webgym.test"})
+        assert stranger.status_code == 404
+
+
+async def test_assets_and_pictures_come_with_their_types(web: OfflineWeb) -> None:
+    host = {"host": host_of(web)}
+    async with served(web) as (_, client):
+        types = {
+            path: (await client.get(path, headers=host)).headers["content-type"]
+            for path in ("/assets/site.css", "/assets/site.js", "/picture/thing/mug.svg")
+        }
+        assert types["/assets/site.css"].startswith("text/css")
+        assert types["/assets/site.js"].startswith("text/javascript")
+        assert types["/picture/thing/mug.svg"].startswith("image/svg+xml")
+        for outside in ("/assets/../app.py", "/assets/%2e%2e/app.py", "/assets/none.css"):
+            assert (await client.get(outside, headers=host)).status_code == 404
+
+
+async def test_a_new_visitor_is_given_a_cookie_and_a_known_one_is_not(web: OfflineWeb) -> None:
+    async with served(web) as (_, client):
+        new = await client.get("/", headers={"host": host_of(web)})
+        assert VISITOR_COOKIE in new.headers["set-cookie"]
+        assert "HttpOnly" in new.headers["set-cookie"]
+        known = {"host": host_of(web), "cookie": f"{VISITOR_COOKIE}=ann"}
+        assert "set-cookie" not in (await client.get("/", headers=known)).headers
+
+
+async def test_what_a_visitor_does_stays_with_the_visitor_and_the_website(web: OfflineWeb) -> None:
+    with_banner = [
+        host
+        for host, spec in web.specs.items()
+        if (site := web.website(host)) and site.look.consent != "none" and spec.behaviour == "good"
+    ][:2]
+
+    async with served(web) as (_, client):
+        await consent(client, with_banner[0], "ann", "all")
+
+        async def has_banner(host: str, visitor: str) -> bool:
+            headers = {"host": host, "cookie": f"{VISITOR_COOKIE}={visitor}"}
+            return 'data-do="consent"' in (await client.get("/", headers=headers)).text
+
+        assert not await has_banner(with_banner[0], "ann")
+        assert await has_banner(with_banner[0], "bob")
+        assert await has_banner(with_banner[1], "ann")
+
+
+async def test_the_administration_needs_its_token(web: OfflineWeb) -> None:
+    async with served(web) as (sites, client):
+        assert sites.token == TOKEN
+        for path in ("/websites", f"/visitors/ann/{host_of(web)}", "/"):
+            for given in ({}, {"authorization": "Bearer wrong"}, {"authorization": f"Bearer {TOKEN}x"}):
+                assert (await client.get(path, headers=given)).status_code == 401
+        right = {"authorization": f"Bearer {TOKEN}"}
+        listed = (await client.get("/websites", headers=right)).json()
+        assert {entry["host"] for entry in listed} == set(web.specs)
+        assert (await client.get("/nothing", headers=right)).status_code == 404
+        # No website answers for the administration, whatever token comes along.
+        elsewhere = {**right, "host": host_of(web)}
+        assert (await client.get("/websites", headers=elsewhere)).status_code == 404
+
+
+async def test_the_state_of_a_visitor_is_told_unless_there_is_none(web: OfflineWeb) -> None:
+    right = {"authorization": f"Bearer {TOKEN}"}
+    host, forgetful = host_of(web), host_of(web, "forgets")
+    async with served(web) as (_, client):
+        assert (await client.get(f"/visitors/ann/{host}", headers=right)).status_code == 404
+        await consent(client, host, "ann", "all")
+        told = await client.get(f"/visitors/ann/{host}", headers=right)
+        assert told.status_code == 200
+        site = web.website(host)
+        assert site is not None
+        assert told.json() == site.report({"consent": "all"})
+        await consent(client, forgetful, "ann", "all")
+        lost = await client.get(f"/visitors/ann/{forgetful}", headers=right)
+        assert lost.status_code == 404
+        assert forgetful in lost.json()["error"]
+        assert (await client.get("/visitors/ann/nobody.webgym.test", headers=right)).status_code == 404
+
+
+async def test_a_website_that_blocks_answers_every_page_with_a_challenge(web: OfflineWeb) -> None:
+    headers = {"host": host_of(web, "blocks")}
+    async with served(web) as (_, client):
+        for path in ("/", "/anything"):
+            answer = await client.get(path, headers=headers)
+            assert answer.status_code == 403
+            assert "Verify you are human" in answer.text
+
+
+async def test_a_website_that_nags_says_so_in_its_pages(web: OfflineWeb) -> None:
+    async with served(web) as (_, client):
+        nagging = await client.get("/", headers={"host": host_of(web, "nags")})
+        assert "alert(" in nagging.text
+        calm = await client.get("/", headers={"host": host_of(web)})
+        assert "alert(" not in calm.text
+
+
+async def test_a_slow_website_takes_its_time_and_no_other_does(web: OfflineWeb) -> None:
+    async with served(web, slow_seconds=0.4) as (_, client):
+
+        async def took(behaviour: Behaviour, path: str) -> float:
+            began = time.monotonic()
+            await client.get(path, headers={"host": host_of(web, behaviour)})
+            return time.monotonic() - began
+
+        assert await took("slow", "/") >= 0.4
+        assert min([await took("slow", "/picture/thing/x.svg") for _ in range(3)]) < 0.4
+        assert min([await took("good", "/") for _ in range(3)]) < 0.4
+
+
+async def test_simulated_latency_is_waited_for(web: OfflineWeb) -> None:
+    host, path = host_of(web), "/picture/thing/x.svg"
+    scale = 0.3 / latency.seconds(web.seed, host, path, 1, 1.0)
+    async with (
+        serving(SitesConfig(latency=min(scale, 100)), web) as sites,
+        httpx.AsyncClient(base_url=sites.url) as client,
+    ):
+        began = time.monotonic()
+        await client.get(path, headers={"host": host})
+        assert time.monotonic() - began >= 0.3
+
+
+async def test_an_address_that_is_taken_is_named(web: OfflineWeb) -> None:
+    async with served(web) as (sites, _):
+        port = int(sites.address.rpartition(":")[2])
+        with pytest.raises(SitesError, match=str(port)) as caught:
+            async with serving(SitesConfig(port=port), web):
+                pass
+        assert "port" in (caught.value.hint or "")
+
+
+def test_a_configuration_with_nonsense_is_refused() -> None:
+    for wrong in ({"latency": -1}, {"port": 70_000}, {"per_family": 0}, {"sed": 1}):
+        with pytest.raises(ValidationError):
+            SitesConfig.model_validate(wrong)

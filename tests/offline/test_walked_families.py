@@ -26,7 +26,7 @@ from webgym.offline.seeds import number
 from webgym.offline.website import State, Visit, Website
 
 FAMILIES: tuple[type[Website], ...] = (Jobs, Recipes)
-SITES = 6
+SITES = 4
 
 
 def make(family: type[Website], index: int) -> Website:

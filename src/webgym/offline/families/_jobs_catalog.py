@@ -14,6 +14,7 @@ from webgym.offline.website import TODAY, slug
 LEVELS = ("Entry level", "Mid level", "Senior", "Lead")
 CONTRACTS = ("Full-time", "Part-time", "Fixed-term", "Freelance")
 PLACES = ("On site", "Hybrid", "Remote")
+SHIFTS = ("Day shifts", "Night shifts", "Rotating shifts")
 CURRENCIES = ("£", "€", "$")
 
 
@@ -36,6 +37,7 @@ class Job:
     """An advert. Pay is yearly, in the board's currency.
 
     Attributes:
+        place: from where one works, or in what shifts.
         posted, closes: the first and the last day.
         hours: in a week.
         leave: days of holiday in a year.
@@ -175,7 +177,7 @@ def _job(
         town=company.town if rng.random() < 0.5 else rng.choice(towns),
         level=level,
         contract=rng.choice((*CONTRACTS, "Full-time", "Full-time")),
-        place=rng.choice((*PLACES, "On site")),
+        place=rng.choice((*SHIFTS, SHIFTS[0]) if sector.shifts else (*PLACES, PLACES[0])),
         low=low,
         high=low + rng.randint(20, 140) * 100,
         posted=TODAY - timedelta(days=rng.randint(1, 40)),

@@ -134,13 +134,13 @@ class OneAdvert:
         here, staff = exactly(path), f"{company.employees:,} employees"
         lists = exactly(site.path("/~firms"))
         return Part(
-            f"find out which employer is looking for a {job.title}, in what year it was founded and "
+            f"find out which employer has the opening {job.title}, in what year it was founded and "
             "how many people "
             "it employs",
             f"The employer behind {job.title}",
             (
                 Fact(
-                    f"The employer looking for a {job.title} is found",
+                    f"The employer with the opening {job.title} is found",
                     (shown(deeds.at(site, job), company.name), shown(here, company.name, job.title)),
                     answer=(company.name,),
                     wrong=tuple(one.name for one in site.companies if one != company)[:2],
@@ -165,7 +165,7 @@ class OneAdvert:
                 Click(path=path),
                 See((f"since {company.founded}", staff)),
             ),
-            f"{company.name} is looking; it was founded in {company.founded} and employs "
+            f"{company.name} has it; it was founded in {company.founded} and employs "
             f"{company.employees:,} people.",
         )
 

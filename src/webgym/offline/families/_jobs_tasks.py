@@ -8,13 +8,23 @@ from typing import TYPE_CHECKING
 from webgym.core.truth import Click, Move, See
 from webgym.offline.families import _jobs_deeds as deeds
 from webgym.offline.families._asking import compose, count, shown
-from webgym.offline.families._jobs_catalog import Job
+from webgym.offline.families._jobs_catalog import Job, sector_of
 from webgym.offline.families._jobs_one import OneAdvert, money
 from webgym.offline.parts import Assignment, Fact, Part
 from webgym.offline.seeds import stream
 
 if TYPE_CHECKING:
     from webgym.offline.families.jobs import Jobs
+
+
+_SETTINGS = {
+    "On site": "are done on site",
+    "Hybrid": "are hybrid",
+    "Remote": "are remote",
+    "Day shifts": "are in day shifts",
+    "Night shifts": "are in night shifts",
+    "Rotating shifts": "are in rotating shifts",
+}
 
 
 def assignments(site: Jobs) -> Iterator[Assignment]:
@@ -152,9 +162,7 @@ class Lists:
         return {
             "field": f"are in {text}",
             "town": f"are in the town of {text}",
-            "place": {"On site": "are done on site", "Hybrid": "are hybrid", "Remote": "are remote"}.get(
-                text, ""
-            ),
+            "place": _SETTINGS.get(text, ""),
             "contract": f"are {text.lower()}",
             "level": f"are for the level {text}",
             "floor": f"pay at least {text}",
@@ -233,10 +241,11 @@ class Lists:
             if len(found) < 5:
                 continue
             top = found[1].low // 1000 * 1000
-            good = [job for job in found if job.place == "Remote" or job.low >= top]
+            good = [job for job in found if job.place in ("Remote", "Night shifts") or job.low >= top]
             if not 2 <= len(good) <= 6 or len(good) == len(found) or found[1] not in good:
                 continue
-            goal = f"is remote OR pays at least {site.money(top)}"
+            special = "is remote" if not sector_of(site.sector).shifts else "is in night shifts"
+            goal = f"{special} OR pays at least {site.money(top)}"
             lists, best = site.finder.regex(field=field), found[1]
             seen = [shown(lists, job.title, job.place, site.range(job)) for job in good]
             seen += [shown(deeds.at(site, job), job.title) for job in good]

@@ -19,6 +19,7 @@ class Sector:
         duties: what one does there.
         companies: second words of employers.
         pay: yearly pay of a middling role, in thousands.
+        shifts: whether its adverts name shifts rather than say from where one works.
     """
 
     suffixes: tuple[str, ...]
@@ -30,6 +31,7 @@ class Sector:
     duties: tuple[str, ...]
     companies: tuple[str, ...]
     pay: int
+    shifts: bool = False
 
 
 SECTORS: dict[str, Sector] = {
@@ -45,7 +47,7 @@ SECTORS: dict[str, Sector] = {
         (
             "Paediatric",
             "Community",
-            "Night",
+            "Palliative",
             "Acute Care",
             "Outpatient",
             "Rehabilitation",
@@ -69,6 +71,7 @@ SECTORS: dict[str, Sector] = {
         ),
         ("Hospital Trust", "Clinics", "Care Homes", "Medical Centre", "Health Group"),
         41,
+        shifts=True,
     ),
     "Software": Sector(
         ("Devs", "Tech Jobs", "Stack Careers"),
@@ -121,7 +124,7 @@ SECTORS: dict[str, Sector] = {
             "Front desk": ("Receptionist", "Concierge"),
             "Housekeeping": ("Housekeeper", "Linen Supervisor"),
         },
-        ("Breakfast", "Banqueting", "Seasonal", "Fine Dining", "Seaside", "Night", "Rooftop", "Spa"),
+        ("Breakfast", "Banqueting", "Seasonal", "Fine Dining", "Seaside", "Poolside", "Rooftop", "Spa"),
         ("menu costing", "wine service", "till systems", "allergen rules", "second language", "stock taking"),
         ("Food hygiene level 2", "Personal licence", "First aid at work"),
         (
@@ -132,6 +135,7 @@ SECTORS: dict[str, Sector] = {
         ),
         ("Hotels", "Restaurants", "Inns", "Resorts", "Catering"),
         31,
+        shifts=True,
     ),
     "Logistics": Sector(
         ("Freight Jobs", "Moving Careers", "Dock to Door"),
@@ -142,7 +146,7 @@ SECTORS: dict[str, Sector] = {
             "Planning": ("Transport Planner", "Customs Clerk", "Fleet Analyst"),
             "Workshop": ("Vehicle Mechanic", "Tyre Fitter"),
         },
-        ("Long-Distance", "Night", "Chilled Goods", "City", "Port", "Parcel", "Rail", "Weekend"),
+        ("Long-Distance", "Express", "Chilled Goods", "City", "Port", "Parcel", "Rail", "Weekend"),
         ("route planning", "tachograph rules", "stock systems", "load securing", "customs forms"),
         ("Lorry licence", "Forklift licence", "Dangerous goods certificate"),
         (
@@ -153,6 +157,7 @@ SECTORS: dict[str, Sector] = {
         ),
         ("Freight", "Haulage", "Parcels", "Shipping", "Depots"),
         34,
+        shifts=True,
     ),
     "Building": Sector(
         ("Trades", "Site Jobs", "Builders Board"),
@@ -174,6 +179,7 @@ SECTORS: dict[str, Sector] = {
         ),
         ("Construction", "Builders", "Contractors", "Engineering", "Joinery"),
         43,
+        shifts=True,
     ),
     "Design": Sector(
         ("Creatives", "Studio Jobs", "Portfolio Board"),
@@ -288,6 +294,7 @@ SECTORS: dict[str, Sector] = {
         ),
         ("Farms", "Estates", "Vineyards", "Nurseries", "Forests"),
         30,
+        shifts=True,
     ),
     "Energy": Sector(
         ("Energy Jobs", "Grid Careers", "Watt Works"),

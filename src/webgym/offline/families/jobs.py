@@ -15,6 +15,7 @@ from webgym.offline.families._jobs_catalog import (
     CURRENCIES,
     LEVELS,
     PLACES,
+    SHIFTS,
     Account,
     Company,
     Guide,
@@ -27,7 +28,7 @@ from webgym.offline.families._jobs_catalog import (
     make_pay,
     sector_of,
 )
-from webgym.offline.families._jobs_words import SECTORS
+from webgym.offline.families._jobs_words import SECTORS, Sector
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import number, pick, stream
@@ -52,6 +53,7 @@ _SAYS: dict[str, tuple[str, ...]] = {
     "field": ("Field", "Area", "Department", "Category"),
     "town": ("Location", "Town", "Where", "Place"),
     "place": ("Work from", "Remote work", "Workplace"),
+    "shifts": ("Shifts", "Working hours", "Shift pattern"),
     "contract": ("Contract", "Type of contract", "Employment type"),
     "level": ("Level", "Seniority", "Experience level"),
     "floor": ("Pay from", "Minimum salary", "Salary at least"),
@@ -124,15 +126,15 @@ class Jobs(Website):
         self.account = make_account(self.seed, self.jobs)
         self.guarded = stream(self.seed, "guarded").random() < 0.5
         self.page_size = pick((8, 10, 12), self.seed, "page size")
-        self.finder = self._make_finder(sorted(sector.fields), sector.pay)
+        self.finder = self._make_finder(sorted(sector.fields), sector)
 
-    def _make_finder(self, fields: list[str], pay: int) -> Finder:
+    def _make_finder(self, fields: list[str], sector: Sector) -> Finder:
         say = self.says
 
         def options(texts: Iterable[str]) -> tuple[tuple[str, str], ...]:
             return tuple((slug(text), text) for text in texts)
 
-        floors = [round(pay * factor / 5) * 5000 for factor in (0.8, 1.0, 1.2, 1.4)]
+        floors = [round(sector.pay * factor / 5) * 5000 for factor in (0.8, 1.0, 1.2, 1.4)]
         extra = (
             Facet("contract", say["contract"], options(CONTRACTS)),
             Facet("level", say["level"], options(LEVELS)),
@@ -142,7 +144,9 @@ class Jobs(Website):
             facets=(
                 Facet("field", say["field"], options(fields), "All"),
                 Facet("town", say["town"], options(self.towns), "Anywhere"),
-                Facet("place", say["place"], options(PLACES)),
+                Facet("place", say["shifts"], options(SHIFTS))
+                if sector.shifts
+                else Facet("place", say["place"], options(PLACES)),
                 *(extra if pick((True, False), self.seed, "extra") else extra[:1]),
                 Facet("floor", say["floor"], tuple((str(n), self.money(n)) for n in dict.fromkeys(floors))),
             ),

@@ -43,7 +43,7 @@ class Box:
     height: float = 30
     href: str | None = None
     value: str | None = None
-    deed: Deed | None = None
+    deed: Deed | None = field(default=None, repr=False)
     fixed: bool = False
 
 
@@ -69,6 +69,7 @@ class Shop:
     is_open: bool = False
     is_modal: bool = False
     loading: int = 0
+    is_animated: bool = False
     actions: list[Action] = field(default_factory=list)
 
     # --- the tab ------------------------------------------------------------------------------------
@@ -83,7 +84,9 @@ class Shop:
         text = "\n".join(box.name for box in boxes)
         is_loading = self.loading > 0
         self.loading = max(0, self.loading - 1)
-        look = f"{self.url} {self.offset} {boxes}" if not is_loading else f"{self.url} loading"
+        look = (
+            f"{self.url} {self.offset} {boxes} {self._frame()}" if not is_loading else f"{self.url} loading"
+        )
         return Observation(
             screenshot=hashlib.sha256(look.encode()).hexdigest(),
             url=self.url,
@@ -96,6 +99,9 @@ class Shop:
             text="" if is_loading else text,
             elements=() if is_loading else elements,
         )
+
+    def _frame(self) -> int:
+        return len(self.actions) if self.is_animated else 0
 
     def act(self, action: Action | None) -> None:
         if action is None:

@@ -152,6 +152,26 @@ async def test_what_is_nowhere_is_given_up_honestly(play: Play) -> None:
     assert answer_of(steps) == 'I could not click "Teapot 3".'
     offsets = [step.observation.scroll for step in steps]
     assert max(offset + 768 for offset, _ in offsets) >= max(extent for _, extent in offsets)
+    last = actions_of(steps)[-2]
+    assert isinstance(last, Wait)  # waited for what might be late, but did not look through it all again
+
+
+async def test_what_comes_late_is_found(play: Play) -> None:
+    class Late(Shop):
+        def act(self, action: Action | None) -> None:
+            super().act(action)
+            if isinstance(action, Wait):
+                self.tall = 40
+
+    shop = Late(tall=3, url="http://mugs.webgym.test/search?q=mug")
+    steps = await play(Agent(ScriptedPolicy()), shop, task(Click("Mug 12"), See(("£12.50",)), GIVE))
+    assert answer_of(steps) == GIVE.text
+
+
+async def test_a_page_that_never_stands_still_is_not_searched_for_ever(play: Play) -> None:
+    shop = Shop(is_animated=True, tall=3, url="http://mugs.webgym.test/search?q=mug")
+    steps = await play(Agent(ScriptedPolicy()), shop, task(See(("Teapot",)), GIVE), budget=40)
+    assert answer_of(steps) == 'I could not see "Teapot".'
 
 
 async def test_texts_that_never_stand_together_are_given_up(play: Play) -> None:

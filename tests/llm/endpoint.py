@@ -160,7 +160,7 @@ async def serve() -> AsyncIterator[Endpoint]:
         server = uvicorn.Server(config)
         async with asyncio.TaskGroup() as group:
             group.create_task(server.serve(sockets=[listener]))
-            while not server.started:  # noqa: ASYNC110 - uvicorn has no event for it
+            while not server.started:
                 await asyncio.sleep(0.005)
             try:
                 yield endpoint

@@ -59,6 +59,10 @@ LOADING_WAIT_SECONDS: Final = 1.0
 MAX_WAITS: Final = 3
 """How many times in a row a page that is still loading is waited for."""
 
+MAX_INNER_SCROLLS: Final = 5
+"""How often in a row the wheel is turned while the window stays where it is: a box in the page may scroll,
+or an animation may only look like it."""
+
 MAX_TRIES: Final = 2
 _POINTS: Final = ((0.5, 0.5), (0.2, 0.3))
 """Where an element is hit at the first and the second try."""
@@ -77,11 +81,17 @@ class Act:
 
 @dataclasses.dataclass
 class _Sweep:
-    """A search by scrolling: the ends of the page still to be visited, and the last look."""
+    """A search by scrolling.
+
+    ``ends`` are the ends of the page still to be visited; ``seen``, ``offset`` and ``idle`` are the last
+    picture, the window's place, and how often it was the same in a row.
+    """
 
     page: str
     ends: list[Direction]
     seen: str = ""
+    offset: float = -1.0
+    idle: int = 0
 
 
 @dataclasses.dataclass
@@ -274,7 +284,6 @@ class Solver:
             return Act(Scroll(direction), f"Scroll {direction} to {in_words(move)}")
         if not self._effort.waited:
             self._effort.waited = True
-            self._effort.sweep = None
             return Act(Wait(LOADING_WAIT_SECONDS), "Wait in case the page is not complete yet")
         return self._without(move, observation, mode)
 
@@ -282,13 +291,16 @@ class Solver:
         """Where to scroll next; ``None`` once both ends of the page have been seen."""
         page = path_of(observation.url)
         sweep = self._effort.sweep
-        if sweep is None or sweep.page != page:
+        is_over = sweep is not None and not sweep.ends and sweep.seen != observation.screenshot
+        if sweep is None or sweep.page != page or is_over:  # another page, or more of this one
             sweep = self._effort.sweep = _Sweep(page, _ends(move, observation))
-        elif sweep.seen == observation.screenshot and sweep.ends:
+        sweep.idle = sweep.idle + 1 if sweep.offset == observation.scroll[0] else 0
+        if sweep.ends and (sweep.seen == observation.screenshot or sweep.idle >= MAX_INNER_SCROLLS):
             sweep.ends.pop(0)
+            sweep.idle = 0
         while sweep.ends and _is_at_end(observation, sweep.ends[0]):
             sweep.ends.pop(0)
-        sweep.seen = observation.screenshot
+        sweep.seen, sweep.offset = observation.screenshot, observation.scroll[0]
         return sweep.ends[0] if sweep.ends else None
 
     def _without(self, move: Move, observation: Observation, mode: Mode) -> Act:

@@ -13,7 +13,8 @@ from __future__ import annotations
 import asyncio
 import uuid
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -156,12 +157,17 @@ async def collect(
         WebGymError: the run could not start, or could not go on; what was collected is on disk.
     """
     tasks, broken = choose_tasks(config)
-    for record in broken:
-        _say(tell, f"skipped {record}")
+    for line in broken:
+        _say(tell, f"skipped {line}")
     held = config.model_dump(mode="json", exclude={"sites": {"token"}})
     stamp = {"run_id": uuid.uuid4().hex, "started": datetime.now(UTC).isoformat(timespec="seconds")}
-    async with await RunWriter.create(out, {**stamp, "skipped_records": len(broken), **held}, tasks) as store:
-        return await _carry_out(config, stamp["run_id"], tasks, store, secrets or Secrets(), show, tell)
+    record = {**stamp, "skipped_records": len(broken), **held}
+    async with (
+        _company(config, secrets or Secrets(), tasks, tell) as company,
+        # Not before all else is there: a run that cannot start leaves no folder.
+        await RunWriter.create(out, record, tasks) as store,
+    ):
+        return await _carry_out(config, stamp["run_id"], tasks, company, store, show)
 
 
 async def resume(
@@ -192,13 +198,16 @@ async def resume(
     config, run_id = read_config(reader)
     if server is not None:
         config = config.model_copy(update={"server": server})
-    async with await RunWriter.reopen(out, skip_corrupt=skip_corrupt) as store:
+    tasks = list(reader.tasks.values())
+    async with (
+        await RunWriter.reopen(out, skip_corrupt=skip_corrupt) as store,
+        _company(config, secrets or Secrets(), tasks, tell) as company,
+    ):
         if store.torn_bytes:
             _say(tell, f"cut off {store.torn_bytes} bytes of an unfinished record")
         for line in store.skipped:
             _say(tell, f"skipped {line}")
-        tasks = list(reader.tasks.values())
-        return await _carry_out(config, run_id, tasks, store, secrets or Secrets(), show, tell)
+        return await _carry_out(config, run_id, tasks, company, store, show)
 
 
 def read_config(reader: RunReader) -> tuple[RunConfig, str]:
@@ -219,36 +228,52 @@ def read_config(reader: RunReader) -> tuple[RunConfig, str]:
         raise RunFolderError(f"{reader.path}/config.yaml: {where}: {first['msg']}") from error
 
 
+@dataclass(frozen=True)
+class _Company:
+    """Everything that a run talks to."""
+
+    backstage: Backstage | None
+    client: BrowserClient
+    agent: Agent
+
+
+@asynccontextmanager
+async def _company(
+    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], tell: Tell | None
+) -> AsyncIterator[_Company]:
+    choice = config.policy
+    policy = create_policy(choice.name, mistake_rate=choice.mistakes, chat=choice.chat)
+    async with (
+        _sites(config, secrets, tasks) as (backstage, host_rules),
+        _browsers(config, secrets, host_rules, tell) as client,
+        Agent(policy, config.agent) as agent,
+    ):
+        yield _Company(backstage, client, agent)
+
+
 async def _carry_out(
     config: RunConfig,
     run_id: str,
     tasks: Sequence[Task],
+    company: _Company,
     store: RunWriter,
-    secrets: Secrets,
     show: Show | None,
-    tell: Tell | None,
 ) -> Summary:
     plan = Plan(tasks, samples=config.samples, retries=config.retries, recorded=list(store.attempts.values()))
     progress = Progress(total=plan.total)
-    policy = create_policy(config.policy.name, mistake_rate=config.policy.mistakes, chat=config.policy.chat)
     judge: Judge = OfflineJudge()
+    stage = Stage(
+        client=company.client,
+        agent=company.agent,
+        store=store,
+        config=config.attempt,
+        progress=progress,
+        backstage=company.backstage,
+        run_id=run_id,
+        seed=config.seed,
+    )
     try:
-        async with AsyncExitStack() as stack:
-            backstage, host_rules = await stack.enter_async_context(_sites(config, secrets, tasks))
-            client = await stack.enter_async_context(_browsers(config, secrets, host_rules, tell))
-            agent = await stack.enter_async_context(Agent(policy, config.agent))
-            if show is not None:
-                await stack.enter_async_context(show(progress))
-            stage = Stage(
-                client=client,
-                agent=agent,
-                store=store,
-                config=config.attempt,
-                progress=progress,
-                backstage=backstage,
-                run_id=run_id,
-                seed=config.seed,
-            )
+        async with show(progress) if show else nullcontext():
             await Collector(stage, judge, _pictures(store.path), config.collector).run(plan)
     finally:
         # Also of a run that was stopped: what is on disk has a summary.

@@ -186,6 +186,8 @@ async def _go_back(page: Page) -> None:
 
 async def _navigate(page: Page, url: str) -> None:
     wanted = url.strip()
+    if len(wanted) > page.config.url_length:
+        raise NavigationFailed(f"an address of {len(wanted)} characters was not opened")
     if wanted.lower().startswith(_SCHEMES):
         await page.navigate(wanted)
     elif not wanted or "://" in wanted or wanted.split(":")[0].lower() in _OTHER_SCHEMES:

@@ -115,6 +115,9 @@ class BrowserConfig(BaseModel):
     scroll_fraction: float = Field(default=0.75, gt=0, le=2)
     """Of the viewport's height, per scroll. A quarter stays in view, so that no line is skipped."""
 
+    url_length: int = Field(default=16_384, gt=0)
+    """Longest address that is opened, characters: a model that repeats itself writes longer ones."""
+
     dialogs_per_action: int = Field(default=20, gt=0)
     """Dialogs that are answered within one action; then the script that opens them is ended."""
 

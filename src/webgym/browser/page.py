@@ -39,8 +39,7 @@ _SAID_LENGTH = 300
 """Characters of a dialog's message, or of an address, that a notice repeats."""
 
 _SCRIPTS = resources.files("webgym.browser") / "scripts"
-_PAGE_SCRIPT = (_SCRIPTS / "page.js").read_text("utf-8")
-_OBSERVE_SCRIPT = (_SCRIPTS / "observe.js").read_text("utf-8")
+_SCRIPT = "".join((_SCRIPTS / name).read_text("utf-8") for name in ("page.js", "observe.js")) + "0"
 
 _WORLD_IS_GONE = (
     "Cannot find context",
@@ -111,14 +110,12 @@ class Page:
         """Set the tab up and let it run."""
         width, height = self.options.viewport
         metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
-        script = {"source": _PAGE_SCRIPT, "worldName": _WORLD, "runImmediately": True}
         commands: list[tuple[str, dict[str, Any]]] = [
             ("Page.enable", {}),
             ("Inspector.enable", {}),
             ("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0}),
             ("Emulation.setDeviceMetricsOverride", metrics),
             ("Emulation.setFocusEmulationEnabled", {"enabled": True}),
-            ("Page.addScriptToEvaluateOnNewDocument", script),
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
         ]
         if self.options.cookies:
@@ -191,11 +188,11 @@ class Page:
         if self._world is None:
             created = await self.session.call(
                 "Page.createIsolatedWorld",
-                {"frameId": self.target_id, "worldName": _WORLD, "grantUniveralAccess": True},
+                {"frameId": self.target_id, "worldName": _WORLD},
                 reply=World,
                 seconds=seconds,
             )
-            await self._evaluate(f"{_PAGE_SCRIPT};{_OBSERVE_SCRIPT};0", created.execution_context_id, seconds)
+            await self._evaluate(_SCRIPT, created.execution_context_id, seconds)
             self._world = created.execution_context_id
         return self._world
 

@@ -1,4 +1,4 @@
-// Runs in the same isolated world as page.js, once per observation: what the viewport shows.
+// Runs in the same isolated world as page.js: what the viewport shows, and marks over it.
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.observe) return;
@@ -54,20 +54,12 @@
         }
         return element;
       }
-      const frame = element.localName === 'iframe' ? documentOf(element) : null;
+      const frame = element.localName === 'iframe' ? element.contentDocument : null;
       if (!frame) return element;
       const origin = frameOrigin(element);
       left += origin.x;
       top += origin.y;
       root = frame;
-    }
-  };
-
-  const documentOf = (frame) => {
-    try {
-      return frame.contentDocument;
-    } catch (error) {
-      return null;
     }
   };
 
@@ -306,7 +298,7 @@
   const SKIPPED = new Set(['script', 'style', 'noscript', 'template', 'head', 'svg', 'canvas', 'video', 'audio', 'object']);
 
   const walkFrame = (frame, place, found) => {
-    const inner = documentOf(frame);
+    const inner = frame.contentDocument; // null for a frame of another origin
     if (!inner || !inner.documentElement) return;
     const origin = frameOrigin(frame);
     const x = place.x + origin.x;
@@ -349,7 +341,7 @@
 
   // {text, elements, marks}: what is wanted; marks are drawn over the elements until `unmark`.
   webgym.observe = ({ text, elements, marks: isMarked }) => {
-    webgym.hold();
+    webgym.attach();
     const page = document.scrollingElement || document.documentElement;
     const look = {
       title: document.title,

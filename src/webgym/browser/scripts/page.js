@@ -1,5 +1,6 @@
-// Runs in an isolated world of every frame, before the page's own scripts. The page cannot see it.
-// What it keeps: when the page last changed, in-page lists for <select>, and how to fill a field.
+// Runs once per document of the main frame, in an isolated world: the page cannot see it, and it
+// reaches into all frames of the page's own origin. What it keeps: when the page last changed, in-page
+// lists for <select>, and how to fill a field.
 (() => {
   if (globalThis.webgym) return;
   const state = { changedAt: 0, changes: 0, ours: new WeakSet(), roots: new WeakMap(), list: null };
@@ -7,11 +8,20 @@
 
   const fold = (text) => (text || '').replace(/\s+/g, ' ').trim();
   webgym.fold = fold;
-  // The shadow root below an element, our own closed ones included, whatever frame it is in.
-  webgym.rootOf = (element) => {
-    if (element.shadowRoot) return element.shadowRoot;
-    const view = element.ownerDocument.defaultView;
-    return (view && view.webgym && view.webgym.state.roots.get(element)) || null;
+  // The shadow root below an element, our own closed ones included.
+  webgym.rootOf = (element) => element.shadowRoot || state.roots.get(element) || null;
+
+  // The windows that we may look into: the main frame's and those of its origin below it.
+  const views = (view = window, found = []) => {
+    found.push(view);
+    for (let i = 0; i < view.length; i++) {
+      try {
+        if (view[i].document) views(view[i], found);
+      } catch (error) {
+        if (error.name !== 'SecurityError') throw error; // a frame of another origin
+      }
+    }
+    return found;
   };
 
   // --- what changes -----------------------------------------------------------------------------
@@ -26,30 +36,20 @@
   const observer = new MutationObserver((records) => {
     if (!records.every(isOurs)) changed();
   });
-  const watched = new WeakSet();
-  webgym.watch = (root) => {
-    if (watched.has(root)) return;
-    watched.add(root);
+  webgym.watch = (root) =>
     observer.observe(root, { subtree: true, childList: true, attributes: true, characterData: true });
-  };
-  webgym.watch(document);
-  for (const name of ['scroll', 'input', 'resize', 'transitionend', 'animationend'])
-    addEventListener(name, changed, { capture: true, passive: true });
 
-  const frames = () => {
-    const found = [];
-    const walk = (view) => {
-      for (let i = 0; i < view.length; i++) {
-        try {
-          if (view[i].webgym) found.push(view[i].webgym);
-          walk(view[i]);
-        } catch (error) {
-          if (!(error instanceof DOMException)) throw error; // a frame that we may not look into
-        }
-      }
-    };
-    walk(window);
-    return found;
+  const listeners = []; // [event, handler, options]: in every window
+  for (const name of ['scroll', 'input', 'resize', 'transitionend', 'animationend'])
+    listeners.push([name, changed, { capture: true, passive: true }]);
+
+  // Listen in every window. What is there already is not added twice.
+  webgym.attach = () => {
+    for (const view of views()) {
+      webgym.watch(view.document);
+      for (const [name, handler, options] of listeners) view.addEventListener(name, handler, options);
+      hold(view);
+    }
   };
 
   const isMoving = () =>
@@ -62,32 +62,35 @@
   const frame = () =>
     Promise.race([new Promise((resolve) => requestAnimationFrame(() => resolve())), pause(50)]);
 
-  webgym.changes = () => frames().reduce((sum, other) => sum + other.state.changes, state.changes);
-
   // Resolves once the page showed no change for a while: {reason, changes}. `since` is the number of
   // changes before the action; a page that has not changed since gets the shorter `reaction` time.
   webgym.quiet = async (since, reaction, quiet, limit) => {
     const start = Date.now();
+    webgym.attach();
     await frame();
     for (;;) {
-      const changes = webgym.changes();
-      const last = Math.max(start, state.changedAt, ...frames().map((other) => other.state.changedAt));
+      const isSame = state.changes === since;
       const now = Date.now();
-      const left = changes === since ? start + reaction - now : last + quiet - now;
-      if (left <= 0 && !isMoving()) return { reason: changes === since ? 'unchanged' : 'quiet', changes };
-      if (now - start >= limit) return { reason: 'busy', changes };
+      const left = isSame ? start + reaction - now : Math.max(start, state.changedAt) + quiet - now;
+      if (left <= 0 && !isMoving()) return { reason: isSame ? 'unchanged' : 'quiet', changes: state.changes };
+      if (now - start >= limit) return { reason: 'busy', changes: state.changes };
       await pause(Math.max(1, Math.min(left > 0 ? left : 16, start + limit - now)));
+      webgym.attach();
     }
   };
 
   // --- the same picture for the same page ---------------------------------------------------------
 
-  const still = new CSSStyleSheet();
-  still.replaceSync('*, *::before, *::after { caret-color: transparent !important; }');
-  webgym.hold = () => {
-    if (!document.adoptedStyleSheets.includes(still)) document.adoptedStyleSheets.push(still);
+  const sheets = new WeakMap();
+  const hold = (view) => {
+    if (!sheets.has(view.document)) {
+      const sheet = new view.CSSStyleSheet();
+      sheet.replaceSync('*, *::before, *::after { caret-color: transparent !important; }');
+      sheets.set(view.document, sheet);
+    }
+    const sheet = sheets.get(view.document);
+    if (!view.document.adoptedStyleSheets.includes(sheet)) view.document.adoptedStyleSheets.push(sheet);
   };
-  webgym.hold();
 
   // --- native pop-ups that no screenshot shows ----------------------------------------------------
 
@@ -123,7 +126,7 @@
   };
 
   const row = (select, option) => {
-    const element = document.createElement('div');
+    const element = select.ownerDocument.createElement('div');
     const off = option.disabled || (option.parentElement.localName === 'optgroup' && option.parentElement.disabled);
     element.className = option.parentElement.localName === 'optgroup' ? 'option inner' : 'option';
     element.setAttribute('role', 'option');
@@ -146,7 +149,7 @@
       const parent = option.parentElement;
       if (parent.localName === 'optgroup' && parent !== group) {
         group = parent;
-        const title = document.createElement('div');
+        const title = select.ownerDocument.createElement('div');
         title.className = 'group';
         title.textContent = parent.label;
         list.append(title);
@@ -157,6 +160,7 @@
 
   const placeList = (select, list) => {
     const box = select.getBoundingClientRect();
+    const { innerWidth, innerHeight } = select.ownerDocument.defaultView;
     const margin = 4;
     const below = innerHeight - box.bottom - margin;
     const above = box.top - margin;
@@ -174,13 +178,13 @@
 
   // Everything of ours lies in the top layer, above modal dialogs, and in a root that the page cannot enter.
   webgym.overlay = (parent, style) => {
-    const host = document.createElement('div');
+    const host = parent.ownerDocument.createElement('div');
     host.setAttribute('popover', 'manual');
     host.style.cssText =
       'all: initial; position: fixed; inset: 0; width: auto; height: auto; margin: 0; padding: 0;' +
       'border: 0; background: none; overflow: visible; display: block; pointer-events: none;';
     const root = host.attachShadow({ mode: 'closed' });
-    const sheet = new CSSStyleSheet();
+    const sheet = new parent.ownerDocument.defaultView.CSSStyleSheet();
     sheet.replaceSync(style);
     root.adoptedStyleSheets = [sheet];
     state.ours.add(host);
@@ -191,9 +195,9 @@
   };
 
   const openList = (select) => {
-    const parent = select.closest('dialog[open]') || document.body || document.documentElement;
+    const parent = select.closest('dialog[open]') || select.ownerDocument.body;
     const { host, root } = webgym.overlay(parent, LIST_STYLE);
-    const list = document.createElement('div');
+    const list = select.ownerDocument.createElement('div');
     list.className = 'list';
     list.style.pointerEvents = 'auto';
     list.setAttribute('role', 'listbox');
@@ -208,60 +212,66 @@
 
   const eventTarget = (event) => event.composedPath()[0];
 
-  addEventListener(
-    'mousedown',
-    (event) => {
-      const target = eventTarget(event);
-      const open = state.list;
-      if (open && event.composedPath().includes(open.host)) return;
-      closeList();
-      const select = target.localName === 'option' ? target.closest('select') : target;
-      if (!isPopupSelect(select)) return;
-      event.preventDefault(); // no native list
-      if (select.disabled) return;
-      select.focus({ preventScroll: true });
-      if (!open || open.select !== select) openList(select);
-    },
-    true,
-  );
-  addEventListener('scroll', (event) => event.target === document && closeList(), true);
-  addEventListener('resize', closeList);
-  addEventListener('keydown', (event) => event.key === 'Escape' && closeList(), true);
-  addEventListener(
-    'click',
-    (event) => {
-      const target = eventTarget(event);
-      const pickers = ['date', 'time', 'month', 'week', 'datetime-local', 'color'];
-      if (target.localName === 'input' && pickers.includes(target.type)) event.preventDefault();
-    },
-    true,
-  );
+  const onMouseDown = (event) => {
+    const target = eventTarget(event);
+    const open = state.list;
+    if (open && event.composedPath().includes(open.host)) return;
+    closeList();
+    const select = target.localName === 'option' ? target.closest('select') : target;
+    if (!isPopupSelect(select)) return;
+    event.preventDefault(); // no native list
+    if (select.disabled) return;
+    select.focus({ preventScroll: true });
+    if (!open || open.select !== select) openList(select);
+  };
+
+  // The native pickers of these fields are in no picture either; their values are typed.
+  const PICKERS = ['date', 'time', 'month', 'week', 'datetime-local', 'color'];
+  const onClick = (event) => {
+    const target = eventTarget(event);
+    if (target.localName === 'input' && PICKERS.includes(target.type)) event.preventDefault();
+  };
+
   // A form that wants a new window keeps its method and body if it is sent in this one.
-  addEventListener(
-    'submit',
-    (event) => {
-      const form = event.target;
-      const target = (event.submitter && event.submitter.getAttribute('formtarget')) || form.target;
-      if (!target || target.startsWith('_') ? target !== '_blank' : target in window.frames) return;
-      form.target = '_self';
-      if (event.submitter) event.submitter.removeAttribute('formtarget');
-    },
-    true,
+  const onSubmit = (event) => {
+    const form = event.target;
+    const target = (event.submitter && event.submitter.getAttribute('formtarget')) || form.target;
+    if (!target || (target.startsWith('_') ? target !== '_blank' : target in form.ownerDocument.defaultView)) return;
+    form.target = '_self';
+    if (event.submitter) event.submitter.removeAttribute('formtarget');
+  };
+
+  listeners.push(
+    ['mousedown', onMouseDown, true],
+    ['click', onClick, true],
+    ['submit', onSubmit, true],
+    ['scroll', (event) => event.target.nodeType === Node.DOCUMENT_NODE && closeList(), true],
+    ['resize', closeList, false],
+    ['keydown', (event) => event.key === 'Escape' && closeList(), true],
   );
+
+  const frameOf = (element) => element.ownerDocument.defaultView.frameElement;
 
   // Where the wheel turns: over an open list, else the middle of the viewport.
   webgym.scrollPoint = () => {
     if (!state.list) return { point: null };
     const box = state.list.list.getBoundingClientRect();
-    return { point: [box.left + box.width / 2, box.top + box.height / 2] };
+    let [x, y] = [box.left + box.width / 2, box.top + box.height / 2];
+    for (let frame = frameOf(state.list.host); frame; frame = frameOf(frame)) {
+      const { left, top } = frame.getBoundingClientRect();
+      [x, y] = [x + left + frame.clientLeft, y + top + frame.clientTop];
+    }
+    return { point: [x, y] };
   };
 
   // --- typing -------------------------------------------------------------------------------------
 
+  // What has the focus, through shadow roots and frames.
   const focused = () => {
     let element = document.activeElement;
     for (;;) {
-      const inner = element && webgym.rootOf(element);
+      if (!element) return null;
+      const inner = webgym.rootOf(element) || (element.localName === 'iframe' && element.contentDocument);
       if (!inner || !inner.activeElement) return element;
       element = inner.activeElement;
     }
@@ -324,9 +334,9 @@
 
   const selectAll = (element) => {
     if (element.isContentEditable) {
-      const range = document.createRange();
+      const range = element.ownerDocument.createRange();
       range.selectNodeContents(element);
-      const selection = getSelection();
+      const selection = element.ownerDocument.getSelection();
       selection.removeAllRanges();
       selection.addRange(range);
       return element.textContent !== '';
@@ -339,13 +349,6 @@
   // there is any), "set" and "chosen" (done here), "refused" (why), "none" (no field has the focus).
   webgym.prepareTyping = (text) => {
     const element = focused();
-    if (element && (element.localName === 'iframe' || element.localName === 'frame')) {
-      try {
-        return element.contentWindow.webgym.prepareTyping(text);
-      } catch (error) {
-        return { kind: 'none' };
-      }
-    }
     if (!element) return { kind: 'none' };
     if (element.disabled || element.readOnly) return { kind: 'refused', why: 'the field cannot be changed' };
     if (element.localName === 'select') return choose(element, text);

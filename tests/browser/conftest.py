@@ -1,0 +1,175 @@
+"""A small website, and slots with a real Chromium."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+import uvicorn
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response
+from starlette.types import Receive, Scope, Send
+
+from webgym.browser import BrowserConfig, Look, PageOptions, ProfileRoot, Slot
+from webgym.browser.find import find_browser
+from webgym.core.action import Navigate, Target
+from webgym.core.observation import Element
+
+Handler = Callable[[Request], Awaitable[Response]]
+
+
+class Site:
+    """Pages by path, each answered by a handler; what was asked for is kept in ``hits``."""
+
+    def __init__(self, port: int) -> None:
+        self.port = port
+        self.hits: list[str] = []
+        self._handlers: dict[str, Handler] = {}
+        self._count = 0
+
+    def url(self, path: str = "/") -> str:
+        return f"http://127.0.0.1:{self.port}{path}"
+
+    def page(self, body: str, path: str | None = None, *, status: int = 200) -> str:
+        """Serve this HTML; its URL."""
+        self._count += 1
+        path = path or f"/page{self._count}"
+
+        async def answer(_: Request) -> Response:
+            return HTMLResponse(f"<!doctype html><meta charset=utf-8>{body}", status)
+
+        return self.on(path, answer)
+
+    def on(self, path: str, handler: Handler) -> str:
+        self._handlers[path] = handler
+        return self.url(path)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        request = Request(scope, receive)
+        self.hits.append(request.url.path)
+        handler = self._handlers.get(request.url.path)
+        response = await handler(request) if handler else Response("nothing here", 404)
+        await response(scope, receive, send)
+
+
+class _Quiet(uvicorn.Server):
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+@asynccontextmanager
+async def serving() -> AsyncIterator[Site]:
+    with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
+        site = Site(listener.getsockname()[1])
+        config = uvicorn.Config(site, lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1)
+        server = _Quiet(config)
+        task = asyncio.create_task(server.serve(sockets=[listener]))
+        try:
+            yield site
+        finally:
+            server.should_exit = True
+            await task
+
+
+@pytest.fixture(scope="session")
+def executable() -> Path:
+    return find_browser().path
+
+
+@pytest.fixture(scope="module")
+def profiles(tmp_path_factory: pytest.TempPathFactory) -> ProfileRoot:
+    return ProfileRoot(tmp_path_factory.mktemp("profiles"))
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def module_site() -> AsyncIterator[Site]:
+    async with serving() as site:
+        yield site
+
+
+@pytest.fixture
+def site(module_site: Site) -> Site:
+    module_site.hits.clear()
+    return module_site
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def shared_slot(executable: Path, profiles: ProfileRoot) -> AsyncIterator[Slot]:
+    """One browser for a whole module: every test has an episode of its own in it."""
+    slot = Slot(BrowserConfig(), executable, profiles)
+    yield slot
+    await slot.stop()
+
+
+class Tab:
+    """A slot with an open episode, and the last look."""
+
+    def __init__(self, slot: Slot, options: PageOptions) -> None:
+        self.slot = slot
+        self.options = options
+        self.last: Look | None = None
+
+    async def step(self, action: object = None) -> Look:
+        self.last = await self.slot.step(action)  # type: ignore[arg-type]
+        return self.last
+
+    async def goto(self, url: str) -> Look:
+        return await self.step(Navigate(url))
+
+    def find(self, name: str, role: str | None = None) -> Element:
+        assert self.last is not None
+        elements = self.last.observation.elements or ()
+        found = [one for one in elements if one.name == name and role in (None, one.role)]
+        assert found, f"no {name!r} among {[(one.role, one.name) for one in elements]}"
+        return found[0]
+
+    def at(self, name: str, role: str | None = None) -> Target:
+        """Where to click this element, in the tab's mode."""
+        element = self.find(name, role)
+        if self.options.mode == "marks":
+            return Target(element=element.number)
+        x, y, width, height = element.box
+        wide, tall = self.options.viewport
+        return Target(coordinate=((x + width / 2) / wide * 1000, (y + height / 2) / tall * 1000))
+
+    @property
+    def text(self) -> list[str]:
+        assert self.last is not None
+        return (self.last.observation.text or "").split("\n")
+
+    @property
+    def notices(self) -> list[tuple[str, str]]:
+        assert self.last is not None
+        return [(notice.kind, notice.text) for notice in self.last.observation.notices]
+
+
+Open = Callable[..., Awaitable[Tab]]
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def open_tab(executable: Path, profiles: ProfileRoot, shared_slot: Slot) -> AsyncIterator[Open]:
+    """Open an episode: in the shared browser, or with a config of its own in one of its own."""
+    slots: list[Slot] = []
+
+    async def open_one(mode: str = "coordinates", config: BrowserConfig | None = None, **more: object) -> Tab:
+        options = PageOptions(mode=mode, text=True, elements=True, **more)  # type: ignore[arg-type]
+        slot = Slot(config, executable, profiles) if config else shared_slot
+        slots.append(slot)
+        await slot.open(options)
+        return Tab(slot, options)
+
+    yield open_one
+    for slot in slots:
+        await (slot.close() if slot is shared_slot else slot.stop())
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def tab(open_tab: Open) -> Tab:
+    return await open_tab()

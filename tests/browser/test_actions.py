@@ -1,0 +1,284 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response
+
+from webgym.core.action import GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+FORM = """
+<title>Form</title>
+<form action=/sent>
+  <label>Name <input name=name value="old value"></label>
+  <label>Colour <select name=colour><option>Red<option>Green<option value=b>Light blue</select></label>
+  <label>Day <input type=date name=day></label>
+  <label>At <input type=time name=at></label>
+  <label>Note <textarea name=note></textarea></label>
+  <button>Send</button>
+</form>
+<script>
+  document.querySelector('select').addEventListener('change', (e) => {
+    document.title = 'changed to ' + e.target.value;
+  });
+</script>
+"""
+
+
+async def echo(request: Request) -> Response:
+    return HTMLResponse(f"<title>Sent</title><pre>{json.dumps(dict(request.query_params))}</pre>")
+
+
+async def form(site: Site, tab: Tab) -> None:
+    site.on("/sent", echo)
+    await tab.goto(site.page(FORM))
+
+
+def sent(tab: Tab) -> dict[str, str]:
+    assert tab.last is not None
+    assert tab.last.observation.title == "Sent"
+    result: dict[str, str] = json.loads(tab.text[0])
+    return result
+
+
+@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+async def test_typing_replaces_what_was_there_and_enter_submits(
+    site: Site, open_tab: Open, mode: str
+) -> None:
+    tab = await open_tab(mode)
+    await form(site, tab)
+    await tab.step(Type(tab.at("Name"), "Zoë 😀 日本語"))
+    assert sent(tab)["name"] == "Zoë 😀 日本語"
+
+
+async def test_typing_nothing_clears_the_field(site: Site, tab: Tab) -> None:
+    await form(site, tab)
+    await tab.step(Type(tab.at("Name"), ""))
+    assert sent(tab)["name"] == ""
+
+
+@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+async def test_a_dropdown_opens_in_the_page_and_takes_a_click(site: Site, open_tab: Open, mode: str) -> None:
+    tab = await open_tab(mode)
+    await form(site, tab)
+    before = tab.last
+    await tab.step(LeftClick(tab.at("Colour")))
+    assert before is not None
+    assert tab.last is not None
+    assert tab.last.observation.screenshot != before.observation.screenshot, "the list is in the picture"
+    assert {"Red", "Green", "Light blue"} <= set(tab.text)
+    await tab.step(LeftClick(tab.at("Light blue", "option")))
+    assert tab.find("Colour").value == "Light blue"
+    assert tab.last.observation.title == "changed to b", "the page heard of it"
+    assert "Green" not in tab.text, "the list is closed"
+
+
+async def test_a_click_elsewhere_closes_an_open_list(site: Site, tab: Tab) -> None:
+    await form(site, tab)
+    await tab.step(LeftClick(tab.at("Colour")))
+    await tab.step(LeftClick(Target(coordinate=(900, 900))))
+    assert "Green" not in tab.text
+    assert tab.find("Colour").value == "Red"
+
+
+async def test_a_long_list_is_scrolled_by_the_wheel(site: Site, tab: Tab) -> None:
+    options = "".join(f"<option>City {number}" for number in range(120))
+    await tab.goto(site.page(f"<label>City <select>{options}</select></label>"))
+    await tab.step(LeftClick(tab.at("City")))
+    assert "City 3" in tab.text
+    assert "City 119" not in tab.text
+    for _ in range(8):
+        await tab.step(Scroll("down"))
+    assert "City 119" in tab.text
+    await tab.step(LeftClick(tab.at("City 119", "option")))
+    assert tab.find("City", "combobox").value == "City 119"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [("Green", "Green"), ("  light BLUE ", "Light blue"), ("gre", "Green"), ("blue", "Light blue")],
+)
+async def test_typing_into_a_dropdown_picks_the_option(site: Site, tab: Tab, text: str, value: str) -> None:
+    await form(site, tab)
+    await tab.step(Type(tab.at("Colour"), text))
+    assert tab.find("Colour").value == value
+    assert tab.notices == []
+
+
+async def test_an_option_that_is_not_there_is_said(site: Site, tab: Tab) -> None:
+    await form(site, tab)
+    await tab.step(Type(tab.at("Colour"), "Purple"))
+    [(kind, text)] = tab.notices
+    assert kind == "action_failed"
+    assert "Purple" in text
+    assert "Green" in text
+    assert tab.find("Colour").value == "Red"
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "key", "value"),
+    [
+        ("Day", "2026-03-14", "day", "2026-03-14"),
+        ("Day", "March 14, 2026", "day", "2026-03-14"),
+        ("Day", "3/14/2026", "day", "2026-03-14"),
+        ("At", "18:30", "at", "18:30"),
+        ("At", "6:30 pm", "at", "18:30"),
+    ],
+)
+async def test_dates_and_times_are_typed(
+    site: Site, tab: Tab, field: str, text: str, key: str, value: str
+) -> None:
+    await form(site, tab)
+    await tab.step(Type(tab.at(field), text))
+    assert sent(tab)[key] == value
+
+
+async def test_a_date_that_is_none_is_refused_with_the_format(site: Site, tab: Tab) -> None:
+    await form(site, tab)
+    await tab.step(Type(tab.at("Day"), "soon"))
+    [(kind, text)] = tab.notices
+    assert kind == "action_failed"
+    assert "YYYY-MM-DD" in text
+
+
+async def test_typing_where_no_field_is(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<h1>Nothing to fill</h1>"))
+    await tab.step(Type(Target(coordinate=(500, 500)), "hello"))
+    assert [kind for kind, _ in tab.notices] == ["action_failed"]
+
+
+async def test_a_click_may_open_the_field_that_is_typed_into(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            '<button onclick="setTimeout(() => { d.showModal(); i.focus(); }, 20)">Search</button>'
+            "<dialog id=d><input id=i aria-label=Query "
+            "onkeydown=\"if (event.key === 'Enter') document.title = this.value\"></dialog>"
+        )
+    )
+    look = await tab.step(Type(tab.at("Search"), "boots"))
+    assert look.observation.title == "boots"
+
+
+async def test_editable_content_and_its_key_handlers(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<div contenteditable role=textbox aria-label=Post>draft</div><p id=keys></p>"
+            "<script>addEventListener('keyup', (e) => keys.append(e.key + ' '))</script>"
+        )
+    )
+    await tab.step(Type(tab.at("Post"), "hello"))
+    assert tab.text[0] == "hello"
+    assert "o Enter" in tab.text[-1]
+
+
+async def test_a_read_only_field_and_a_file_field_are_refused(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<input readonly aria-label=Fixed value=x><input type=file aria-label=Upload>"))
+    await tab.step(Type(tab.at("Fixed"), "y"))
+    assert "cannot be changed" in tab.notices[0][1]
+    await tab.step(LeftClick(tab.at("Upload")))
+    assert "files cannot be uploaded" in tab.notices[0][1]
+
+
+async def test_scrolling_moves_by_a_share_of_the_viewport(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<div style='height:3000px'>top</div>"))
+    look = await tab.step(Scroll("down"))
+    assert look.observation.scroll[0] == pytest.approx(768 * 0.75)
+    look = await tab.step(Scroll("up"))
+    assert look.observation.scroll[0] == 0
+
+
+async def test_scrolling_inside_what_lies_in_the_middle(site: Site, tab: Tab) -> None:
+    rows = "".join(f"<p>Row {number}</p>" for number in range(100))
+    await tab.goto(site.page(f"<div style='position:fixed;inset:0;overflow:auto'>{rows}</div>"))
+    assert "Row 0" in tab.text
+    await tab.step(Scroll("down"))
+    assert "Row 0" not in tab.text
+
+
+async def test_going_back_and_its_beginning(site: Site, tab: Tab) -> None:
+    first = site.page("<title>First</title><a href='#part'>Part</a>")
+    second = site.page("<title>Second</title>")
+    await tab.step(GoBack())
+    assert [kind for kind, _ in tab.notices] == ["action_failed"]
+    await tab.goto(first)
+    await tab.step(LeftClick(tab.at("Part")))
+    assert tab.last is not None
+    assert tab.last.observation.url == f"{first}#part"
+    await tab.goto(second)
+    await tab.step(GoBack())
+    assert tab.last.observation.url == f"{first}#part"
+    await tab.step(GoBack())
+    assert tab.last.observation.url == first
+    await tab.step(GoBack())
+    assert [kind for kind, _ in tab.notices] == ["action_failed"]
+    assert tab.last.observation.url == first
+
+
+async def test_going_back_in_a_script_made_history(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<h1>List</h1><button onclick=\"history.pushState(0,'','/detail');h.textContent='Detail'\">"
+            "Open</button><p id=h></p><script>onpopstate = () => { h.textContent = 'Back'; }</script>"
+        )
+    )
+    await tab.step(LeftClick(tab.at("Open")))
+    assert "Detail" in tab.text
+    await tab.step(GoBack())
+    assert "Back" in tab.text
+    assert tab.notices == []
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["file:///etc/passwd", "javascript:alert(1)", "chrome://version", "data:text/html,x", "about:blank", ""],
+)
+async def test_only_web_addresses_are_opened(site: Site, tab: Tab, url: str) -> None:
+    home = site.page("<title>Home</title>")
+    await tab.goto(home)
+    look = await tab.step(Navigate(url))
+    assert [kind for kind, _ in tab.notices] == ["navigation_failed"]
+    assert look.observation.url == home
+
+
+async def test_a_very_long_address_is_refused(site: Site, tab: Tab) -> None:
+    await tab.step(Navigate(site.url("/" + "x" * 100_000)))
+    [(kind, text)] = tab.notices
+    assert kind == "navigation_failed"
+    assert len(text) < 1000
+
+
+async def test_an_address_without_a_scheme_is_opened(site: Site, tab: Tab) -> None:
+    site.page("<title>Here</title>", "/here")
+    look = await tab.step(Navigate(f"127.0.0.1:{site.port}/here"))
+    assert look.observation.title == "Here"
+
+
+async def test_a_number_of_an_earlier_picture_clicks_nothing(site: Site, open_tab: Open) -> None:
+    tab = await open_tab("marks")
+    await tab.goto(site.page("<a href=/next>Next</a>"))
+    old = tab.at("Next")
+    await tab.goto(site.page("<p>no links</p>"))
+    await tab.step(LeftClick(old))
+    assert [kind for kind, _ in tab.notices] == ["action_failed"]
+
+
+async def test_a_click_lands_on_an_element_that_is_half_covered(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<button style='position:fixed;left:0;top:0;width:200px;height:100px' onclick=\"document.title='hit'\">"
+            "Wide</button><div style='position:fixed;left:60px;top:0;width:400px;height:100px;background:#ccc'></div>"
+        )
+    )
+    look = await tab.step(LeftClick(tab.at("Wide")))
+    assert look.observation.title == "hit"
+
+
+async def test_waiting_lets_the_page_go_on(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<script>setTimeout(() => { document.title = 'later' }, 700)</script>"))
+    look = await tab.step(Wait(0.8))
+    assert look.observation.title == "later"

@@ -1,0 +1,250 @@
+from __future__ import annotations
+
+import hashlib
+import io
+
+import pytest
+from PIL import Image, ImageChops
+
+from webgym.core.action import LeftClick, Scroll, Type
+from webgym.core.observation import Element
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+
+def names(tab: Tab) -> list[tuple[str, str]]:
+    assert tab.last is not None
+    return [(element.role, element.name) for element in tab.last.observation.elements or ()]
+
+
+async def test_the_text_is_what_can_be_read_now(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            """
+            <style>.cover { position: fixed; left: 0; top: 300px; width: 600px; height: 100px; background: #eee }
+            .under { position: absolute; top: 330px }</style>
+            <h1>Fernhill <em>Books</em></h1>
+            <p>Price: <span>$5</span><span style="margin-left: 8px">each</span></p>
+            <p>one<br>two</p>
+            <ul><li>first<li>second</ul>
+            <p style="display: none">not displayed</p><p style="visibility: hidden">hidden</p>
+            <p style="opacity: 0">transparent</p>
+            <div style="height: 10px; overflow: hidden"><br><br>clipped away</div>
+            <div class=under>under a banner</div><div class=cover>Cookies?</div>
+            <div style="position: absolute; top: 5000px">far below</div>
+            <noscript>no script</noscript><script>var inScript</script>
+            """
+        )
+    )
+    assert tab.text == ["Fernhill Books", "Price: $5 each", "one", "two", "first", "second", "Cookies?"]
+
+
+async def test_the_text_holds_what_fields_show(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<input value=filled><input placeholder='Your name'><input type=password value=secret>"
+            "<select><option>Red<option selected>Green</select><textarea>long note</textarea>"
+            "<input type=submit value=Send><input type=checkbox value=x checked>"
+        )
+    )
+    assert tab.text == ["filled Your name •••••• Green long note Send"]
+
+
+async def test_far_text_comes_into_view_by_scrolling(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<p>top</p><div style='height:1000px'></div><p>bottom</p>"))
+    assert tab.text == ["top"]
+    await tab.step(Scroll("down"))
+    assert tab.text == ["bottom"]
+
+
+NAMED = """
+<a href=/next>Next <img alt=page src=data:,></a>
+<a>no link</a>
+<button aria-label="Close dialog">x</button>
+<button disabled>Not now</button>
+<span id=city>City</span><input aria-labelledby=city>
+<label for=mail>E-mail</label><input id=mail type=email value=a@b.c>
+<label>Agree <input type=checkbox checked></label>
+<label>Small <input type=radio name=size></label>
+<input type=search placeholder="Search books">
+<input type=number title=Count value=2>
+<input type=submit value=Go>
+<input type=hidden value=x>
+<select aria-label=Colour><option>Red<option>Green</select>
+<select aria-label=Toppings multiple><option>Ham<option selected>Olives</select>
+<div role=tab tabindex=0>Details</div>
+<div style="cursor: pointer">Card <b>one</b></div>
+<div onclick="1">Row</div>
+<summary>More</summary>
+<div contenteditable aria-label=Post>text</div>
+"""
+
+
+async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(NAMED))
+    assert names(tab) == [
+        ("link", "Next page"),
+        ("button", "Close dialog"),
+        ("textbox", "City"),
+        ("textbox", "E-mail"),
+        ("checkbox", "Agree"),
+        ("radio", "Small"),
+        ("searchbox", "Search books"),
+        ("spinbutton", "Count"),
+        ("button", "Go"),
+        ("combobox", "Colour"),
+        ("listbox", "Toppings"),
+        ("option", "Ham"),
+        ("option", "Olives"),
+        ("tab", "Details"),
+        ("button", "Card one"),
+        ("button", "Row"),
+        ("button", "More"),
+        ("textbox", "Post"),
+    ]
+    assert tab.find("Next page").href == site.url("/next")
+    assert tab.find("E-mail").value == "a@b.c"
+    assert tab.find("Agree").value == "true"
+    assert tab.find("Small").value == "false"
+    assert tab.find("Colour").value == "Red"
+    assert tab.find("Olives").value == "true"
+
+
+async def test_a_hidden_box_is_clicked_by_its_label(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<label><input type=checkbox style='position:absolute;opacity:0;width:0;height:0'> Gift wrap</label>"
+        )
+    )
+    assert tab.find("Gift wrap").value == "false"
+    await tab.step(LeftClick(tab.at("Gift wrap")))
+    assert tab.find("Gift wrap").value == "true"
+
+
+async def test_what_a_dialog_covers_is_left_out(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<button>Behind</button><p>background text</p>"
+            "<div style='position:fixed;inset:0;background:#fff'><button>Front</button></div>"
+        )
+    )
+    assert names(tab) == [("button", "Front")]
+    assert tab.text == ["Front"]
+
+
+async def test_shadow_roots_and_frames_are_part_of_the_page(site: Site, tab: Tab) -> None:
+    inner = site.page("<button onclick=\"this.textContent = 'Done'\">Inner</button><p>inner text</p>")
+    style = "width:300px;height:120px;border:7px solid;display:block;margin:11px"
+    await tab.goto(
+        site.page(
+            f"<iframe src={inner} style='{style}'></iframe>"
+            "<div id=host></div><script>"
+            "const root = host.attachShadow({ mode: 'open' });"
+            "root.innerHTML = '<button>Shadow</button><slot></slot><p>shadow text</p>';"
+            "root.firstChild.onclick = (e) => { e.target.textContent = 'Clicked' };</script>"
+        )
+    )
+    assert names(tab) == [("button", "Inner"), ("button", "Shadow")]
+    assert "inner text" in tab.text
+    assert "shadow text" in tab.text
+    await tab.step(LeftClick(tab.at("Inner")))
+    await tab.step(LeftClick(tab.at("Shadow")))
+    assert names(tab) == [("button", "Done"), ("button", "Clicked")]
+
+
+async def test_typing_and_choosing_inside_a_frame(site: Site, tab: Tab) -> None:
+    inner = site.page("<label>Name <input></label><label>Size <select><option>S<option>M</select></label>")
+    await tab.goto(site.page(f"<iframe src={inner} style='width:600px;height:300px'></iframe>"))
+    await tab.step(Type(tab.at("Name"), "Ann"))
+    assert tab.find("Name").value == "Ann"
+    await tab.step(LeftClick(tab.at("Size")))
+    await tab.step(LeftClick(tab.at("M", "option")))
+    assert tab.find("Size").value == "M"
+
+
+async def test_numbers_stay_with_their_elements(site: Site, tab: Tab) -> None:
+    rows = "".join(f"<p style='height:120px'><a href=/{number}>Link {number}</a></p>" for number in range(30))
+    await tab.goto(site.page(rows))
+    first = {element.name: element.number for element in elements(tab)}
+    await tab.step(Scroll("down"))
+    second = {element.name: element.number for element in elements(tab)}
+    await tab.step(Scroll("up"))
+    third = {element.name: element.number for element in elements(tab)}
+    common = first.keys() & second.keys()
+    assert common
+    assert second.keys() - first.keys()
+    assert all(first[name] == second[name] for name in common)
+    assert third == first
+    assert len({*first.values(), *second.values()}) == len({*first, *second})
+
+
+def elements(tab: Tab) -> tuple[Element, ...]:
+    assert tab.last is not None
+    return tab.last.observation.elements or ()
+
+
+async def test_boxes_are_where_the_page_says(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<style>* { margin: 0 }</style>"
+            "<button style='position:absolute;left:100px;top:50px;width:80px;height:30px'>Whole</button>"
+            "<button style='position:absolute;left:-40px;top:200px;width:100px;height:30px'>Cut</button>"
+            "<div style='position:absolute;left:300px;top:300px;transform:rotate(90deg) scale(2);width:50px;"
+            "height:20px' role=button>Turned</div>"
+        )
+    )
+    assert tab.find("Whole").box == (100, 50, 80, 30)
+    assert tab.find("Cut").box == (0, 200, 60, 30)
+    assert tab.find("Turned").box == pytest.approx((305, 260, 40, 100))
+
+
+async def test_marks_are_drawn_where_the_elements_are(site: Site, open_tab: Open) -> None:
+    url = site.page(
+        NAMED + "<script>new MutationObserver(() => { document.title = 'noticed' })"
+        ".observe(document.body, { childList: true, subtree: true })</script>"
+    )
+    plain = await open_tab("coordinates")
+    without = Image.open(io.BytesIO((await plain.goto(url)).image)).convert("RGB")
+    assert plain.find("Next page")
+    boxes = [element.box for element in elements(plain)]
+    marked = await open_tab("marks")
+    look = await marked.goto(url)
+    with_marks = Image.open(io.BytesIO(look.image)).convert("RGB")
+    assert with_marks.size == (1280, 768)
+    assert [element.box for element in elements(marked)] == boxes
+    changed = ImageChops.difference(without, with_marks)
+    for x, y, width, height in boxes:
+        edge = changed.crop((int(x), int(y), int(x + width), int(y + 2)))
+        assert edge.getbbox() is not None, f"no frame around {x, y, width, height}"
+    assert look.observation.title == "", "the page did not notice"
+    bare = Image.open(io.BytesIO(await marked.slot.screenshot())).convert("RGB")
+    assert ImageChops.difference(without, bare).getbbox() is None, "the marks are gone afterwards"
+
+
+async def test_the_same_page_gives_the_same_picture(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<input autofocus value=text><style>* { caret-color: red }</style>"))
+    look = await tab.step()
+    name = look.observation.screenshot
+    assert name == hashlib.sha256(look.image).hexdigest()
+    for _ in range(3):
+        assert (await tab.step()).observation.screenshot == name
+
+
+async def test_the_viewport_is_as_asked_for(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(viewport=(800, 600))
+    look = await tab.goto(site.page("<script>document.title = innerWidth + 'x' + innerHeight</script>"))
+    assert look.observation.title == "800x600"
+    assert Image.open(io.BytesIO(look.image)).size == (800, 600)
+
+
+async def test_a_page_that_tampers_with_its_prototypes_is_still_seen(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<button>Plain</button><script>Element.prototype.getBoundingClientRect = () => { throw 1 };"
+            "Document.prototype.elementFromPoint = () => null; window.webgym = 'mine';"
+            "Array.prototype.map = () => { throw 2 }; window.getComputedStyle = null</script>"
+        )
+    )
+    assert names(tab) == [("button", "Plain")]

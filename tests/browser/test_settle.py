@@ -1,0 +1,149 @@
+"""When a look is taken: after what an action set off has ended, and not much later."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+
+import pytest
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response, StreamingResponse
+
+from webgym.browser import BrowserConfig
+from webgym.core.action import LeftClick, Target
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+NOWHERE = LeftClick(Target(coordinate=(990, 990)))
+
+
+async def slow(request: Request) -> Response:
+    await asyncio.sleep(float(request.query_params["seconds"]))
+    return Response("arrived")
+
+
+def settle_ms(tab: Tab) -> float:
+    assert tab.last is not None
+    return tab.last.observation.milliseconds["settle"]
+
+
+def reason(tab: Tab) -> str:
+    assert tab.last is not None
+    return tab.last.observation.settled
+
+
+LATE = """<p id=out>loading</p><script>
+  const load = async () => { out.textContent = await (await fetch('/slow?seconds=0.6')).text(); };
+</script>"""
+
+
+async def test_nothing_happened(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<p>still</p>"))
+    times = []
+    for _ in range(5):
+        await tab.step(NOWHERE)
+        assert reason(tab) == "unchanged"
+        times.append(settle_ms(tab))
+    assert min(times) < 100
+
+
+async def test_late_data_is_waited_for(site: Site, tab: Tab) -> None:
+    site.on("/slow", slow)
+    await tab.goto(site.page(LATE + "<script>load()</script><button onclick=load()>Again</button>"))
+    assert "arrived" in tab.text
+    assert reason(tab) == "quiet"
+    await tab.step(LeftClick(tab.at("Again")))
+    assert settle_ms(tab) >= 600
+
+
+async def test_an_endless_spinner_is_not(site: Site, tab: Tab) -> None:
+    spin = "@keyframes spin { to { transform: rotate(360deg) } } i { animation: spin 1s infinite linear }"
+    await tab.goto(site.page(f"<style>{spin}</style><i style='display:block'>*</i><p>text</p>"))
+    assert reason(tab) == "quiet"
+
+
+async def test_a_page_that_never_stops_changing(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page("<p id=p></p><script>setInterval(() => { p.textContent = performance.now() }, 20)</script>")
+    )
+    assert reason(tab) == "busy"
+    assert settle_ms(tab) < 4000
+
+
+async def test_long_polls_and_streams_are_not_waited_for(site: Site, open_tab: Open) -> None:
+    async def stream(_: Request) -> Response:
+        async def events() -> AsyncIterator[str]:
+            yield "data: hello\n\n"
+            await asyncio.Event().wait()
+
+        return StreamingResponse(events(), media_type="text/event-stream")
+
+    tab = await open_tab(config=BrowserConfig(long_poll_seconds=0.5))
+    site.on("/slow", slow)
+    site.on("/stream", stream)
+    await tab.goto(site.page("<p>text</p><script>fetch('/slow?seconds=30')</script>"))
+    assert reason(tab) == "long_poll"
+    assert 400 < settle_ms(tab) < 3000
+    await tab.step(NOWHERE)
+    assert settle_ms(tab) < 400, "known by now"
+    await tab.goto(
+        site.page(
+            "<p id=p></p><script>new EventSource('/stream').onmessage = (e) => p.append(e.data)</script>"
+        )
+    )
+    assert reason(tab) == "quiet"
+
+
+async def test_redirects_by_header_and_by_script(site: Site, tab: Tab) -> None:
+    async def hop(request: Request) -> Response:
+        left = int(request.query_params["left"])
+        return RedirectResponse(f"/hop?left={left - 1}" if left else "/scripted")
+
+    site.on("/hop", hop)
+    site.page("<script>location.replace('/meta')</script>", "/scripted")
+    site.page("<meta http-equiv=refresh content='0;url=/end'>", "/meta")
+    site.page("<title>End</title>", "/end")
+    look = await tab.goto(site.url("/hop?left=3"))
+    assert look.observation.title == "End"
+
+
+async def test_images_are_there_before_the_look(site: Site, tab: Tab) -> None:
+    async def image(_: Request) -> Response:
+        await asyncio.sleep(0.4)
+        svg = "<svg xmlns='http://www.w3.org/2000/svg' width='80' height='80'><rect width='80' height='80'/></svg>"
+        return Response(svg, media_type="image/svg+xml")
+
+    site.on("/image", image)
+    await tab.goto(site.page("<img src=/image onload=\"document.title = 'shown'\"><p>text</p>", "/pictures"))
+    assert tab.last is not None
+    assert tab.last.observation.title == "shown"
+
+
+async def test_a_transition_ends_before_the_look(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<div id=d style='position:fixed;left:0;top:100px;transition:left .5s'>Moving</div>"
+            "<button onclick=\"d.style.left = '700px'\">Move</button>"
+            "<script>d.ontransitionend = () => { document.title = 'ended' }</script>"
+        )
+    )
+    look = await tab.step(LeftClick(tab.at("Move")))
+    assert look.observation.title == "ended"
+
+
+async def test_the_deadline_is_hard_and_said(site: Site, open_tab: Open) -> None:
+    async def endless(_: Request) -> Response:
+        async def parts() -> AsyncIterator[str]:
+            yield "<!doctype html><p>first part</p>"
+            await asyncio.Event().wait()
+
+        return StreamingResponse(parts(), media_type="text/html")
+
+    tab = await open_tab(config=BrowserConfig(settle_seconds=0.8))
+    look = await tab.goto(site.on("/endless", endless))
+    assert reason(tab) == "deadline"
+    assert [notice.kind for notice in look.observation.notices] == ["still_loading"]
+    assert tab.text == ["first part"]
+    assert settle_ms(tab) < 3000

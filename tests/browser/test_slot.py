@@ -1,0 +1,202 @@
+"""A slot's life: fresh state for every episode, and nothing left of a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response
+
+from webgym.browser import BrowserConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.config import Cookie
+from webgym.core.action import Navigate
+from webgym.core.errors import BrowserLaunchFailed
+
+from .conftest import Site
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+OPTIONS = PageOptions(text=True)
+
+REMEMBERS = """<script>
+  const said = [localStorage.mark, sessionStorage.mark, document.cookie].join(',');
+  localStorage.mark = sessionStorage.mark = 'seen'; document.cookie = 'mark=seen';
+  navigator.serviceWorker.getRegistrations().then((found) => {
+    document.title = `${said}|${found.length}|${history.length}`;
+    navigator.serviceWorker.register('/worker.js');
+  });
+</script>"""
+
+
+async def test_no_state_passes_from_one_episode_to_the_next(site: Site, shared_slot: Slot) -> None:
+    async def worker(_: Request) -> Response:
+        return Response("onfetch = () => {}", media_type="text/javascript")
+
+    async def cached(_: Request) -> Response:
+        cached.count += 1  # type: ignore[attr-defined]
+        return Response("1", headers={"cache-control": "max-age=3600"})
+
+    cached.count = 0  # type: ignore[attr-defined]
+    site.on("/worker.js", worker)
+    site.on("/cached", cached)
+    url = site.page(REMEMBERS + "<script src=/cached></script>")
+    titles = []
+    for _ in range(2):
+        await shared_slot.open(OPTIONS)
+        titles.append((await shared_slot.step(Navigate(url))).observation.title)
+        await shared_slot.close()
+    assert titles[0] == titles[1]
+    assert titles[0].startswith(",,|0|")
+    assert cached.count == 2  # type: ignore[attr-defined]
+
+
+async def test_cookies_are_set_before_the_first_page(site: Site, shared_slot: Slot) -> None:
+    async def show(request: Request) -> Response:
+        return HTMLResponse(f"<p>{request.cookies.get('visitor')}</p>")
+
+    options = PageOptions(text=True, cookies=(Cookie("visitor", "v-17", "127.0.0.1"),))
+    await shared_slot.open(options)
+    look = await shared_slot.step(Navigate(site.on("/show", show)))
+    assert look.observation.text == "v-17"
+    await shared_slot.close()
+
+
+async def test_host_rules_lead_names_to_addresses(
+    site: Site, executable: Path, profiles: ProfileRoot
+) -> None:
+    config = BrowserConfig(host_rules=(f"MAP *.webgym.test 127.0.0.1:{site.port}",))
+    slot = Slot(config, executable, profiles)
+    try:
+        await slot.open(OPTIONS)
+        site.page("<p>welcome</p>", "/home")
+        look = await slot.step(Navigate("http://fernhill.webgym.test/home"))
+        assert (look.observation.text, look.observation.url) == (
+            "welcome",
+            "http://fernhill.webgym.test/home",
+        )
+    finally:
+        await slot.stop()
+
+
+async def test_a_browser_is_replaced_after_its_share_of_episodes(
+    executable: Path, profiles: ProfileRoot
+) -> None:
+    slot = Slot(BrowserConfig(recycle_episodes=2), executable, profiles)
+    try:
+        for _ in range(5):
+            await slot.open(OPTIONS)
+            await slot.close()
+        assert slot.launches == 3
+    finally:
+        await slot.stop()
+
+
+def group(pid: int) -> list[psutil.Process]:
+    found = []
+    for process in psutil.process_iter():
+        try:
+            if os.getpgid(process.pid) == pid and process.status() != psutil.STATUS_ZOMBIE:
+                found.append(process)
+        except (ProcessLookupError, psutil.NoSuchProcess):
+            continue
+    return found
+
+
+async def test_nothing_is_left_of_a_stopped_browser(executable: Path, tmp_path: Path) -> None:
+    root = ProfileRoot(tmp_path)
+    slot = Slot(BrowserConfig(), executable, root)
+    await slot.open(OPTIONS)
+    assert slot.process is not None
+    pid = slot.process.pid
+    assert len(group(pid)) >= 3
+    assert list(root.path.iterdir())
+    await slot.stop()
+    await slot.stop()
+    assert group(pid) == []
+    assert not root.path.exists()
+    with pytest.raises(ChildProcessError):
+        os.waitpid(-pid, os.WNOHANG)  # no zombie of ours either
+
+
+@pytest.mark.parametrize("program", ["/no/such/chromium", "/bin/false", "/bin/cat"])
+async def test_what_is_no_browser_is_a_typed_error(program: str, tmp_path: Path) -> None:
+    root = ProfileRoot(tmp_path)
+    slot = Slot(BrowserConfig(launch_seconds=2), Path(program), root)
+    with pytest.raises(BrowserLaunchFailed):
+        await slot.start()
+    assert not root.path.exists()
+
+
+async def test_a_demanded_sandbox_is_never_given_up_silently(executable: Path, tmp_path: Path) -> None:
+    slot = Slot(BrowserConfig(sandbox="on"), executable, ProfileRoot(tmp_path))
+    try:
+        await slot.start()
+    except BrowserLaunchFailed:
+        return  # this machine cannot have it, and says so
+    finally:
+        await slot.stop()
+    assert slot.sandbox is not None
+    assert slot.sandbox.on
+
+
+ORPHANS = """
+import asyncio, sys
+from pathlib import Path
+from webgym.browser import BrowserConfig, PageOptions, ProfileRoot, Slot
+
+async def main():
+    slot = Slot(BrowserConfig(), Path(sys.argv[1]), ProfileRoot(Path(sys.argv[2])))
+    await slot.open(PageOptions())
+    print(slot.process.pid, flush=True)
+    await asyncio.Event().wait()
+
+asyncio.run(main())
+"""
+
+
+async def test_a_killed_server_leaves_no_browser_and_the_sweep_no_folder(
+    executable: Path, tmp_path: Path
+) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", ORPHANS, str(executable), str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    ) as owner:
+        assert owner.stdout is not None
+        browser = int(await asyncio.to_thread(owner.stdout.readline))
+        assert group(browser)
+        owner.send_signal(signal.SIGKILL)
+        owner.wait()
+    async with asyncio.timeout(10):
+        while group(browser):
+            await asyncio.sleep(0.02)
+    root = ProfileRoot(tmp_path)
+    assert len(root.sweep()) == 1
+    assert list(root.path.parent.iterdir()) == []
+
+
+async def test_the_sweep_ends_browsers_that_outlived_their_server(executable: Path, tmp_path: Path) -> None:
+    folder = ProfileRoot(tmp_path).path.parent / "999999999-1" / "1-x" / "profile"
+    folder.mkdir(parents=True)
+    with subprocess.Popen(
+        [executable, "--no-sandbox", "--headless", f"--user-data-dir={folder}", "--remote-debugging-port=0"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    ) as orphan:
+        async with asyncio.timeout(10):
+            while len(group(orphan.pid)) < 3:
+                await asyncio.sleep(0.02)
+        await asyncio.to_thread(ProfileRoot(tmp_path).sweep)
+        async with asyncio.timeout(10):
+            while group(orphan.pid):
+                await asyncio.sleep(0.02)
+    assert not folder.exists()

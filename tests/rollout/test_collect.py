@@ -237,3 +237,14 @@ async def test_a_run_that_cannot_start_says_so_before_it_makes_attempts(tmp_path
         await collect(config(file, server=ServerChoice(url="http://127.0.0.1:9")), tmp_path / "c")
     with pytest.raises(RunFolderError):
         await resume(tmp_path / "nowhere")
+
+
+async def test_every_attempt_may_be_late_at_any_moment(tmp_path: Path) -> None:
+    """The grace period is over at once, whatever the attempts are doing: opening, acting, closing."""
+    file = task_file(tmp_path, 6)
+    late = CollectorConfig(sessions=3, straggler_share=0.1, straggler_seconds=0.0)
+    await collect(config(file, collector=late), tmp_path / "run")
+    outcomes = Counter(each.outcome for each in add_up(tmp_path / "run"))
+    assert outcomes[Outcome.SUCCESS] >= 1
+    assert outcomes[Outcome.TRUNCATED] >= 1
+    assert outcomes.total() == 6

@@ -20,7 +20,7 @@ from typing import Any
 
 import uvicorn
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.types import Receive, Scope, Send
 
@@ -90,10 +90,13 @@ class SitesApp:
             return
         request = Request(scope, receive)
         host = (request.url.hostname or "").lower()
-        if host.endswith(f".{TOP_LEVEL_DOMAIN}"):
-            response = await self._website(request, host)
-        else:
-            response = self._administration(request)
+        try:
+            if host.endswith(f".{TOP_LEVEL_DOMAIN}"):
+                response = await self._website(request, host)
+            else:
+                response = self._administration(request)
+        except ClientDisconnect:
+            return  # the browser left before its form was read: there is nobody to answer
         await response(scope, receive, send)
 
     async def _website(self, request: Request, host: str) -> Response:

@@ -154,17 +154,19 @@ class Attempt:
             asyncio.CancelledError: the run is being stopped.
         """
         self._session = session.id
+        clock = self._clock = asyncio.timeout(self._longest)
         try:
-            async with asyncio.timeout(self._longest) as self._clock:
+            async with clock:
                 self._ending = await self._play(session)
         except StoreError:
             raise
         except Exception as error:
-            if isinstance(error, TimeoutError) and self._clock is not None and self._clock.expired():
+            if isinstance(error, TimeoutError) and clock.expired():
                 self._ending = Ending.STRAGGLER
             else:
                 self._fail(error)
         finally:
+            self._clock = None
             self._move(None)
             self._seconds = time.monotonic() - self._started
         await self._look_backstage()

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 from webgym.offline.families._shop_catalogue import Product
+from webgym.offline.seeds import pick
 from webgym.offline.website import Visit, slug
 
 if TYPE_CHECKING:
@@ -106,6 +107,16 @@ def make_facets(shop: Shop) -> tuple[Facet, ...]:
         Facet("stock", key["k_stock"], "Availability", (("1", say["stock"]),), False),
         Facet("sale", key["k_sale"], "Bargains", (("1", say["sale"]),), False),
     )
+
+
+def displayed(shop: Shop) -> dict[str, list[Product]]:
+    """What the front page shows: ``popular`` products and ``reduced`` ones."""
+    popular = sorted(shop.products, key=lambda p: (-p.ratings, p.code))
+    reduced = [product for product in shop.products if product.was]
+    return {
+        "popular": popular[: pick((4, 5, 8), shop.seed, "popular")],
+        "reduced": reduced[: pick((3, 4, 5), shop.seed, "reduced")],
+    }
 
 
 def select(products: Sequence[Product], facets: Sequence[Facet], visit: Visit) -> list[Product]:

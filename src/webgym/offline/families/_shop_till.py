@@ -209,7 +209,8 @@ def open_account(state: State, given: Mapping[str, str]) -> None:
 
 def passwords(shop: Shop, state: State) -> dict[str, str]:
     """The password of every account, by e-mail address."""
-    return {shop.account.email: shop.account.password} | state.get("accounts", {})
+    opened: dict[str, str] = state.get("accounts", {})
+    return {shop.account.email: shop.account.password} | opened
 
 
 def check_message(

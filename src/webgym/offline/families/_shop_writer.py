@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from webgym.offline.families._shop_catalogue import Product
 from webgym.offline.families._shop_guide import Guide
+from webgym.offline.families._shop_shelf import displayed
 from webgym.offline.families.shop import Shop
 
 
@@ -28,13 +29,14 @@ class Writer:
         self.rng = rng
         self.guide = Guide(shop)
         self._taken: set[int] = set()
+        self._displayed = {p.code for products in displayed(shop).values() for p in products}
 
     # --- choosing -------------------------------------------------------------------------------------
 
     def take(self, wanted: Callable[[Product], bool] = _any) -> Product | None:
         """A product that was not taken yet, rather one that the front page does not show."""
         found = [p for p in self.shop.products if p.code not in self._taken and wanted(p)]
-        found = [p for p in found if p not in self.shop.popular and p not in self.shop.reduced] or found
+        found = [p for p in found if p.code not in self._displayed] or found
         if not found:
             return None
         chosen = self.rng.choice(found)

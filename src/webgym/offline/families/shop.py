@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any, ClassVar
 
+from webgym.offline.families import _shop_art
 from webgym.offline.families import _shop_till as till
 from webgym.offline.families._shop_catalogue import (
     Account,
@@ -22,7 +22,7 @@ from webgym.offline.families._shop_catalogue import (
     sector_of,
 )
 from webgym.offline.families._shop_schema import Category, Sector
-from webgym.offline.families._shop_shelf import Facet, Order, make_facets, matches, ordered, select
+from webgym.offline.families._shop_shelf import Facet, Order, displayed, make_facets, matches, ordered, select
 from webgym.offline.families._shop_words import TOPICS, VOICE
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
@@ -168,17 +168,6 @@ class Shop(Website):
         """The product with an article number."""
         return self._by_code[code]
 
-    @cached_property
-    def popular(self) -> list[Product]:
-        """What the front page shows as much liked."""
-        count = pick((4, 5, 8), self.seed, "popular")
-        return sorted(self.products, key=lambda p: (-p.ratings, p.code))[:count]
-
-    @cached_property
-    def reduced(self) -> list[Product]:
-        """What the front page shows as reduced."""
-        return [product for product in self.products if product.was][: pick((3, 4, 5), self.seed, "reduced")]
-
     def _named(self, visit: Visit) -> Product | None:
         code = visit.form.get("code", "")
         return self._by_code.get(int(code)) if code.isdecimal() else None
@@ -203,6 +192,13 @@ class Shop(Website):
         """Pieces in the cart."""
         return sum(line["count"] for line in state.get("cart", []))
 
+    @page("/picture/goods/{name}")
+    def picture_of(self, visit: Visit, name: str) -> Response:
+        """A product's picture."""
+        del visit
+        drawn = _shop_art.draw(name.removesuffix(".svg"), cover=self.sector.naming == "title")
+        return Response(drawn.encode(), media_type="image/svg+xml")
+
     # --- shelves -------------------------------------------------------------------------------------
 
     @page("/")
@@ -210,7 +206,7 @@ class Shop(Website):
         """Front page."""
         blocks = ["tiles", "popular", "reduced"]
         stream(self.seed, "front").shuffle(blocks)
-        return self.render("shop/front.html", visit, blocks=blocks)
+        return self.render("shop/front.html", visit, blocks=blocks, displayed=displayed(self))
 
     @page("/~category/{name}")
     def category(self, visit: Visit, name: str) -> Response:

@@ -26,7 +26,8 @@ def command(
     """Write RUN/report.html, one file that needs no network, and print its path."""
     config = ReportConfig(image_width=width, image_budget_bytes=megabytes * 2**20)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bars:
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         bar = bars.add_task("trajectories", total=None)
 
         def show(what: str, done: int, total: int) -> None:

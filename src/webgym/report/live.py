@@ -90,7 +90,7 @@ class _Pages:
     def _news(self, after: int) -> dict[str, Any]:
         self._run.refresh()
         rows = self._run.rows[after:]
-        return {"rows": rows, "overview": self._run.overview.html() if rows else ""}
+        return {"rows": rows, "overview": str(self._run.overview.html()) if rows else ""}
 
     async def trajectory(self, request: Request) -> Response:
         """Everything about one attempt."""

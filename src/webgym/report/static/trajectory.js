@@ -19,7 +19,7 @@ function reason(it, judged, go) {
   const named = new Set();
   const parts = judged.reason.split(/\b(step \d+)\b/i).map((part, index) => {
     const number = index % 2 ? Number(part.slice(5)) : 0;
-    if (number < 1 || number > it.steps.length) return part;
+    if (number < 1 || number > it.steps.length + (it.final ? 1 : 0)) return part;
     named.add(number - 1);
     return cite(it, number, part, go);
   });

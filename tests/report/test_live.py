@@ -1,0 +1,121 @@
+"""What `webgym view` answers over HTTP."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import signal
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from webgym.core.errors import ConfigError, RunFolderError
+from webgym.report.config import ViewConfig
+from webgym.report.live import serve_view, view_app
+from webgym.rollout.store import RunReader
+
+
+@pytest.fixture
+async def client(run_folder: Path) -> AsyncIterator[httpx.AsyncClient]:
+    transport = httpx.ASGITransport(app=view_app(run_folder))
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:1234") as client:
+        yield client
+
+
+async def test_the_page_forbids_foreign_scripts(client: httpx.AsyncClient) -> None:
+    reply = await client.get("/")
+    assert reply.status_code == 200
+    policy = reply.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "script-src 'sha256-" in policy
+    assert reply.text.count('"outcome":') >= 12
+
+
+async def test_news_are_what_came_after(client: httpx.AsyncClient) -> None:
+    all_rows = (await client.get("/api/news", params={"after": 0})).json()["rows"]
+    assert len(all_rows) == 12
+    last = (await client.get("/api/news", params={"after": 11})).json()
+    assert last["rows"] == all_rows[11:]
+    assert "Success rate" in last["overview"]
+    assert (await client.get("/api/news", params={"after": 12})).json() == {"rows": [], "overview": ""}
+    assert (await client.get("/api/news", params={"after": "-1"})).status_code == 400
+
+
+async def test_a_trajectory_by_its_id(client: httpx.AsyncClient, run_folder: Path) -> None:
+    for attempt_id in RunReader(run_folder).attempts:
+        reply = await client.get("/api/trajectory", params={"id": attempt_id})
+        assert reply.json()["id"] == attempt_id
+    assert (await client.get("/api/trajectory", params={"id": "none"})).status_code == 404
+
+
+async def test_pictures_are_those_of_the_store_and_nothing_else(
+    client: httpx.AsyncClient, run_folder: Path
+) -> None:
+    reader = RunReader(run_folder)
+    name = next(reader.trajectories()).episode.steps[0].observation.screenshot
+    reply = await client.get(f"/screenshots/{name[:2]}/{name}.png")
+    assert reply.content == reader.image(name)
+    assert reply.headers["content-type"] == "image/png"
+    assert "immutable" in reply.headers["cache-control"]
+    for other in ("0" * 64, "..%2f..%2fconfig", "%2e%2e%2fconfig", name.upper(), name + "0"):
+        assert (await client.get(f"/screenshots/{name[:2]}/{other}.png")).status_code == 404
+    for path in ("/config.yaml", "/tasks.jsonl", "/screenshots/../tasks.jsonl", "/%2e%2e/tasks.jsonl"):
+        assert (await client.get(path)).status_code == 404
+
+
+async def test_a_name_that_is_not_ours_is_refused(client: httpx.AsyncClient) -> None:
+    assert (await client.get("/", headers={"host": "evil.example"})).status_code == 400
+    assert (await client.get("/", headers={"host": "localhost:1234"})).status_code == 200
+
+
+async def test_hidden_truth_is_not_served(client: httpx.AsyncClient) -> None:
+    reply = await client.get("/api/news", params={"after": 0})
+    one = await client.get("/api/trajectory", params={"id": reply.json()["rows"][0]["id"]})
+    assert "truth" not in one.json()["task"]
+
+
+async def test_a_record_that_changed_is_an_error_not_a_page(run_folder: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(run_folder, tmp_path / "run")
+    transport = httpx.ASGITransport(app=view_app(run))
+    async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+        row = (await client.get("/api/news", params={"after": 0})).json()["rows"][0]
+        shard = run / "trajectories/00000.jsonl"
+        shard.write_bytes(shard.read_bytes().replace(b"Memory", b"memory", 1))
+        reply = await client.get("/api/trajectory", params={"id": row["id"]})
+        assert reply.status_code == 500
+        assert "checksum" in reply.text
+
+
+def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
+    with pytest.raises(RunFolderError):
+        view_app(tmp_path)
+
+
+async def test_a_port_that_is_taken(run_folder: Path) -> None:
+    taken = await asyncio.start_server(lambda *_: None, "127.0.0.1", 0)
+    async with taken:
+        port = taken.sockets[0].getsockname()[1]
+        with pytest.raises(ConfigError, match=str(port)):
+            await serve_view(run_folder, ViewConfig(port=port), lambda _: None)
+
+
+async def test_the_command_prints_the_address_and_ends_on_interrupt(run_folder: Path) -> None:
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-c", "from webgym.cli import main; main()", "view", str(run_folder), "--no-open"),
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    assert process.stdout is not None
+    address = (await process.stdout.readline()).decode().strip()
+    async with httpx.AsyncClient() as client:
+        reply = await client.get(address)
+    assert "2026-03-demo" in reply.text
+    process.send_signal(signal.SIGINT)
+    _, said = await process.communicate()
+    assert b"Traceback" not in said
+    assert process.returncode in (0, 130)

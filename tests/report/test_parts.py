@@ -1,0 +1,218 @@
+"""The parts of a report: content, charts, inert data, small pictures."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+import io
+import json
+import re
+import shutil
+from pathlib import Path
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from webgym.core.action import LeftClick, Target, Type
+from webgym.core.outcome import Outcome
+from webgym.report.charts import Histogram, LogAxis, outcome_bar, rate_bar
+from webgym.report.config import ReportConfig
+from webgym.report.content import page, row
+from webgym.report.template import Page, inert
+from webgym.report.thumbnails import thumbnails
+from webgym.report.words import duration, milliseconds, number, percent
+from webgym.rollout.store import RunReader
+from webgym.rollout.summary import quantiles
+
+# --- content -----------------------------------------------------------------------------------------
+
+
+def test_places_are_percent_of_the_picture(run_folder: Path) -> None:
+    reader = RunReader(run_folder)
+    made = next(t for t in reader.trajectories() if t.episode.sample == 8)  # in marks mode
+    seen = made.episode.steps[0].observation
+    shown = page(made, reader.tasks[made.episode.task_id])["steps"][0]["action"]
+    assert shown["name"] == "type"
+    assert (shown["mark"], shown["on"], shown["role"]) == (1, "Search the catalogue", "searchbox")
+    x, y, w, h = (element.box for element in seen.elements or () if element.number == 1).__next__()
+    assert shown["box"] == pytest.approx([x / 12.8, y / 7.68, w / 12.8, h / 7.68], abs=1e-3)
+
+
+def test_a_point_says_what_lies_under_it(run_folder: Path) -> None:
+    made = next(RunReader(run_folder).trajectories())
+    step = made.episode.steps[0]
+    for target, on in (
+        (Target(coordinate=(500, 40)), "Search the catalogue"),
+        (Target(coordinate=(1, 999)), None),
+    ):
+        changed = msgspec.structs.replace(step, action=LeftClick(target))
+        episode = msgspec.structs.replace(made.episode, steps=(changed,))
+        action = page(msgspec.structs.replace(made, episode=episode), None)["steps"][0]["action"]
+        assert action.get("on") == on
+        assert target.coordinate is not None
+        assert action["point"] == [value / 10 for value in target.coordinate]
+
+
+def test_a_mark_that_was_not_recorded_is_still_shown(run_folder: Path) -> None:
+    made = next(RunReader(run_folder).trajectories())
+    step = msgspec.structs.replace(made.episode.steps[0], action=Type(Target(element=77), "x"))
+    episode = msgspec.structs.replace(made.episode, steps=(step,))
+    action = page(msgspec.structs.replace(made, episode=episode), None)["steps"][0]["action"]
+    assert action == {"name": "type", "text": "x", "mark": 77}
+
+
+def test_every_fact_has_its_judgement(run_folder: Path) -> None:
+    reader = RunReader(run_folder)
+    for made in reader.trajectories():
+        task = reader.tasks[made.episode.task_id]
+        facts = [fact for group in page(made, task)["groups"] for fact in group["facts"]]
+        assert [fact["text"] for fact in facts] == [text for _, _, text in task.rubric.facts()]
+        judged = [fact["passed"] for fact in facts]
+        if made.verdict is None:
+            assert set(judged) == {None}
+        else:
+            assert judged == [fact.judgement.passed for fact in made.verdict.facts]
+
+
+def test_a_task_that_the_run_does_not_hold(run_folder: Path) -> None:
+    made = next(RunReader(run_folder).trajectories())
+    assert row(made, None)["task"] == made.episode.task_id
+    shown = page(made, None)
+    assert shown["task"] == {"id": made.episode.task_id, "instruction": made.episode.task_id}
+    assert len(shown["groups"][0]["facts"]) == 2  # as the verdict tells them
+
+
+# --- charts ------------------------------------------------------------------------------------------
+
+
+def test_the_outcome_bar_is_full() -> None:
+    svg = str(outcome_bar({outcome.value: place for place, outcome in enumerate(Outcome)}))
+    widths = [float(width) for width in re.findall(r'x="[\d.]+%" width="([\d.]+)%"', svg)]
+    assert len(widths) == 7  # nothing is drawn for none
+    assert sum(widths) == pytest.approx(100, abs=0.01)
+    assert "Success 0, Failure 1" in svg
+
+
+def test_a_rate_stands_where_it_says() -> None:
+    svg = str(rate_bar(0.25, (0.1, 0.5)))
+    assert 'class="rate" y="5" width="25.00%"' in svg
+    assert 'x1="10.00%" x2="50.00%"' in svg
+    assert "nothing rewarded" in str(rate_bar(None, None))
+
+
+def test_the_logarithmic_axis_holds_what_is_shown() -> None:
+    axis = LogAxis([quantiles([3.0]), quantiles([700.0]), quantiles([])])
+    assert [text for _, text in axis.ticks()] == ["1 ms", "10 ms", "100 ms", "1 s"]
+    assert axis.place(1.0) == 0
+    assert axis.place(10.0) == pytest.approx(100 / 3)
+    assert axis.place(0.01) == 0
+    assert axis.place(1e9) == 100
+    assert LogAxis([]).ticks()
+    assert LogAxis([quantiles([0.0])]).ticks()
+
+
+@given(
+    st.dictionaries(st.tuples(st.integers(0, 300), st.sampled_from(Outcome)), st.integers(1, 50), min_size=1)
+)
+def test_a_histogram_draws_every_attempt(counts: dict[tuple[int, Outcome], int]) -> None:
+    chart = Histogram({"easy": {(steps, outcome.value): count for (steps, outcome), count in counts.items()}})
+    svg = str(chart.row("easy"))
+    drawn = sum(int(told) for told in re.findall(r": (\d+)</title>", svg))
+    assert drawn == sum(counts.values())
+    for x, width in re.findall(r'x="([\d.]+)%" y="[\d.-]+" width="([\d.]+)%"', svg):
+        assert float(x) + float(width) <= 100.01
+    assert all(0 <= place <= 100 for place, _ in chart.ticks())
+
+
+def test_a_histogram_of_nothing() -> None:
+    assert Histogram({}).ticks() == [(50.0, "0")]
+
+
+def test_words() -> None:
+    assert [milliseconds(value) for value in (None, 0.4, 3.0, 412.4, 1090, 12_345)] == [
+        "–", "0.4 ms", "3 ms", "412 ms", "1.09 s", "12 s",
+    ]  # fmt: skip
+    assert [duration(value) for value in (4.25, 107.6, 7_380)] == ["4.2 s", "1 min 48 s", "2 h 03 min"]
+    assert [number(value) for value in (3, 7.52, 1504, 200.4)] == ["3", "7.5", "1 504", "200"]
+    assert (percent(0.7142), percent(None)) == ("71.4%", "–")
+
+
+# --- inert data --------------------------------------------------------------------------------------
+
+
+@given(st.recursive(st.text(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner)))
+def test_inert_data_reads_back_and_cannot_end_its_element(value: object) -> None:
+    try:
+        msgspec.json.encode(value)
+    except UnicodeEncodeError:
+        return  # the store holds no half characters
+    text = str(inert(value))
+    assert not set("<>&\u2028\u2029") & set(text)
+    assert json.loads(text) == value
+
+
+def test_the_policy_lets_exactly_our_script_and_style_run(run_folder: Path) -> None:
+    document = Page("a run", live=False)
+    head = document.head(inert(""), [])
+    told = re.search(r'Content-Security-Policy" content="([^"]+)"', head)
+    assert told is not None
+    policy = html.unescape(told[1])
+    for kind, text in (
+        ("script", re.findall(r"<script>(.*?)</script>", head, re.S)[0]),
+        ("style", re.findall(r"<style>(.*?)</style>", head, re.S)[0]),
+    ):
+        digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+        assert f"{kind}-src 'sha256-{digest}'" in policy
+    assert "default-src 'none'" in policy
+    assert "connect-src 'none'" in policy
+
+
+# --- small pictures ----------------------------------------------------------------------------------
+
+
+def _names(run: Path) -> list[str]:
+    return sorted(file.stem for file in (run / "screenshots").glob("*/*.png"))
+
+
+def _decoded(data: str) -> Image.Image:
+    kind, encoded = data.split(",", 1)
+    assert kind == "image/webp;base64"
+    return Image.open(io.BytesIO(base64.b64decode(encoded)))
+
+
+def test_pictures_become_small_and_stay_in_order(run_folder: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(run_folder, tmp_path / "run")
+    names = _names(run)[:9]
+    made = list(thumbnails(run, names, ReportConfig(image_width=400)))
+    assert [small.name for small in made] == names
+    assert {_decoded(small.data).size for small in made} == {(400, 240)}
+    for name in names:
+        (run / "screenshots" / name[:2] / f"{name}.png").unlink()
+    assert list(thumbnails(run, names, ReportConfig(image_width=400))) == made  # kept from before
+    assert list(thumbnails(run, names, ReportConfig(image_width=500))) == []
+
+
+def test_small_pictures_stop_at_the_budget(run_folder: Path, tmp_path: Path) -> None:
+    run = shutil.copytree(run_folder, tmp_path / "run")
+    names = _names(run)[:12]
+    sizes = [len(small.data) for small in thumbnails(run, names, ReportConfig(image_width=200))]
+    budget = sum(sizes[:5]) + sizes[5] // 2
+    made = list(thumbnails(run, names, ReportConfig(image_width=200, image_budget_bytes=budget)))
+    assert [small.name for small in made] == names[:5]
+
+
+def test_missing_and_broken_pictures_are_left_out(tmp_path: Path) -> None:
+    whole = io.BytesIO()
+    Image.new("RGBA", (90, 50), (200, 10, 10, 128)).save(whole, "PNG")
+    found = {"aa" * 32: whole.getvalue(), "bb" * 32: b"no picture", "cc" * 32: whole.getvalue()[:60]}
+    for name, data in found.items():
+        path = tmp_path / "screenshots" / name[:2] / f"{name}.png"
+        path.parent.mkdir(parents=True)
+        path.write_bytes(data)
+    made = list(thumbnails(tmp_path, [*found, "dd" * 32], ReportConfig()))
+    assert [small.name for small in made] == ["aa" * 32]
+    assert _decoded(made[0].data).size == (90, 50)  # never made larger

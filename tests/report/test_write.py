@@ -1,0 +1,120 @@
+"""Writing ``report.html``."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from webgym.cli import main
+from webgym.core.errors import RunFolderError
+from webgym.core.outcome import Outcome
+from webgym.report import ReportConfig, write_report
+
+SMALL = ReportConfig(image_width=160)
+
+
+@pytest.fixture
+def run(run_folder: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(run_folder, tmp_path / "run")
+
+
+def _data(text: str, element_id: str) -> object:
+    found = re.search(rf'<script type="application/json" id="{element_id}">(.*?)</script>', text, re.S)
+    assert found is not None
+    return json.loads(found[1])
+
+
+def test_it_holds_every_trajectory_and_every_picture(run: Path) -> None:
+    told: list[tuple[str, int, int]] = []
+    path = write_report(run, config=SMALL, progress=lambda *step: told.append(step))
+    assert path == run / "report.html"
+    text = path.read_text()
+    rows = _data(text, "rows")
+    assert isinstance(rows, list)
+    assert Counter(row["outcome"] for row in rows) == Counter(
+        {**dict.fromkeys(map(str, Outcome), 1), "success": 4, "failure": 2}
+    )
+    for number, row in enumerate(rows):
+        page = _data(text, f"t-{number}")
+        assert isinstance(page, dict)
+        assert page["id"] == row["id"]
+        for step in page["steps"]:
+            assert f'id="p-{step["shot"]}"' in text
+    pictures = len(list((run / "screenshots").glob("*/*.png")))
+    assert told[-1] == ("pictures", pictures, pictures)
+    assert ("trajectories", 12, 12) in told
+    assert not list(run.glob(".report*"))
+
+
+def test_nothing_is_loaded_from_outside(run: Path) -> None:
+    text = write_report(run, config=SMALL).read_text()
+    shell = re.sub(r'<script type="(application/json|text/plain)".*?</script>', "", text, flags=re.S)
+    assert not re.findall(r"(?:src|href)=[\"']?(?:https?:)?//", shell)
+    assert not re.findall(r"@import|url\(\s*[\"']?http", shell)
+
+
+def test_a_report_is_replaced_whole(run: Path) -> None:
+    (run / "report.html").write_text("old")
+    assert write_report(run, config=SMALL).read_text().startswith("<!doctype html>")
+
+
+def test_pictures_beyond_the_budget_are_not_embedded(run: Path) -> None:
+    text = write_report(run, config=ReportConfig(image_width=160, image_budget_bytes=0)).read_text()
+    assert 'id="p-' not in text
+
+
+def test_corrupt_records_are_counted_on_the_page(run: Path) -> None:
+    shard = run / "trajectories/00000.jsonl"
+    shard.write_bytes(shard.read_bytes().replace(b"Memory", b"memory", 1))
+    text = write_report(run, config=SMALL).read_text()
+    assert "1 corrupt record is left out: trajectories/00000.jsonl line 1" in text
+    rows = _data(text, "rows")
+    assert isinstance(rows, list)
+    assert len(rows) == 11
+    assert "not finished" in text  # the summary tells of twelve
+
+
+def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
+    with pytest.raises(RunFolderError):
+        write_report(tmp_path)
+
+
+def test_the_command_prints_the_path(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["report", str(run), "--width", "160"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"{run / 'report.html'}\n"
+
+
+def test_the_command_says_in_one_line_that_a_folder_is_no_run(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for verb in ("report", "view"):
+        with pytest.raises(SystemExit) as ended:
+            main([verb, str(tmp_path)])
+        assert ended.value.code == 2
+        assert re.fullmatch(r"webgym: .*is not a run.*\n", capsys.readouterr().err)
+
+
+def test_a_full_disk_is_said_and_leaves_the_old_report(run: Path) -> None:
+    (run / "report.html").write_text("old")
+    script = (
+        "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, -1));"
+        "from webgym.cli import main; main(['report', sys.argv[1], '--width', '160'])"
+    )
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(run)], capture_output=True, text=True, check=False, env=environment
+    )
+    assert done.returncode == 1
+    assert "no space left while writing the report" in done.stderr
+    assert (run / "report.html").read_text() == "old"
+    assert not list(run.glob(".report*"))

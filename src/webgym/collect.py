@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
 from webgym.agent.factory import create_policy
+from webgym.agent.policy import Policy
 from webgym.core.errors import ConfigError, RunFolderError, Unauthorized
 from webgym.core.task import Task
 from webgym.judge import Judge, OfflineJudge
@@ -140,6 +141,7 @@ async def collect(
     config: RunConfig,
     out: Path,
     *,
+    policy: Policy | None = None,
     secrets: Secrets | None = None,
     show: Show | None = None,
     tell: Tell | None = None,
@@ -149,6 +151,7 @@ async def collect(
     Args:
         config: of the run.
         out: the run folder; does not exist yet or is empty.
+        policy: one of your own, in place of the one that ``config.policy`` names.
         secrets: tokens of servers that run elsewhere.
         show: shows the progress while the run goes on.
         tell: is told, a line at a time, what a person should know.
@@ -156,6 +159,8 @@ async def collect(
     Raises:
         WebGymError: the run could not start, or could not go on; what was collected is on disk.
     """
+    if policy is not None:
+        config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
     tasks, broken = choose_tasks(config)
     for line in broken:
         _say(tell, f"skipped {line}")
@@ -163,7 +168,7 @@ async def collect(
     stamp = {"run_id": uuid.uuid4().hex, "started": datetime.now(UTC).isoformat(timespec="seconds")}
     record = {**stamp, "skipped_records": len(broken), **held}
     async with (
-        _company(config, secrets or Secrets(), tasks, tell) as company,
+        _company(config, secrets or Secrets(), tasks, policy, tell) as company,
         # Not before all else is there: a run that cannot start leaves no folder.
         await RunWriter.create(out, record, tasks) as store,
     ):
@@ -173,6 +178,7 @@ async def collect(
 async def resume(
     out: Path,
     *,
+    policy: Policy | None = None,
     secrets: Secrets | None = None,
     server: ServerChoice | None = None,
     skip_corrupt: bool = False,
@@ -183,6 +189,7 @@ async def resume(
 
     Args:
         out: the run folder.
+        policy: one of your own, if the run was started with one.
         secrets: tokens of servers that run elsewhere.
         server: other servers than before.
         skip_corrupt: go on without records whose checksum does not match.
@@ -201,7 +208,7 @@ async def resume(
     tasks = list(reader.tasks.values())
     async with (
         await RunWriter.reopen(out, skip_corrupt=skip_corrupt) as store,
-        _company(config, secrets or Secrets(), tasks, tell) as company,
+        _company(config, secrets or Secrets(), tasks, policy, tell) as company,
     ):
         if store.torn_bytes:
             _say(tell, f"cut off {store.torn_bytes} bytes of an unfinished record")
@@ -239,10 +246,10 @@ class _Company:
 
 @asynccontextmanager
 async def _company(
-    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], tell: Tell | None
+    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], policy: Policy | None, tell: Tell | None
 ) -> AsyncIterator[_Company]:
     choice = config.policy
-    policy = create_policy(choice.name, mistake_rate=choice.mistakes, chat=choice.chat)
+    policy = policy or create_policy(choice.name, mistake_rate=choice.mistakes, chat=choice.chat)
     async with (
         _sites(config, secrets, tasks) as (backstage, host_rules),
         _browsers(config, secrets, host_rules, tell) as client,

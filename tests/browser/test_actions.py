@@ -270,8 +270,9 @@ async def test_a_number_of_an_earlier_picture_clicks_nothing(site: Site, open_ta
 async def test_a_click_lands_on_an_element_that_is_half_covered(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(
-            "<button style='position:fixed;left:0;top:0;width:200px;height:100px' onclick=\"document.title='hit'\">"
-            "Wide</button><div style='position:fixed;left:60px;top:0;width:400px;height:100px;background:#ccc'></div>"
+            "<style>* { position: fixed; top: 0; height: 100px; width: 200px; left: 0 }"
+            "div { left: 60px; width: 400px; background: #ccc }</style>"
+            "<button onclick=\"document.title = 'hit'\">Wide</button><div></div>"
         )
     )
     look = await tab.step(LeftClick(tab.at("Wide")))

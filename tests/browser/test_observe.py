@@ -23,7 +23,8 @@ async def test_the_text_is_what_can_be_read_now(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(
             """
-            <style>.cover { position: fixed; left: 0; top: 300px; width: 600px; height: 100px; background: #eee }
+            <style>.cover { position: fixed; left: 0; top: 300px; width: 600px; height: 100px }
+            .cover { background: #eee }
             .under { position: absolute; top: 330px }</style>
             <h1>Fernhill <em>Books</em></h1>
             <p>Price: <span>$5</span><span style="margin-left: 8px">each</span></p>
@@ -115,7 +116,8 @@ async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> Non
 async def test_a_hidden_box_is_clicked_by_its_label(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(
-            "<label><input type=checkbox style='position:absolute;opacity:0;width:0;height:0'> Gift wrap</label>"
+            "<style>input { position: absolute; opacity: 0; width: 0; height: 0 }</style>"
+            "<label><input type=checkbox> Gift wrap</label>"
         )
     )
     assert tab.find("Gift wrap").value == "false"
@@ -207,7 +209,6 @@ async def test_marks_are_drawn_where_the_elements_are(site: Site, open_tab: Open
     )
     plain = await open_tab("coordinates")
     without = Image.open(io.BytesIO((await plain.goto(url)).image)).convert("RGB")
-    assert plain.find("Next page")
     boxes = [element.box for element in elements(plain)]
     marked = await open_tab("marks")
     look = await marked.goto(url)

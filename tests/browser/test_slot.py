@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import os
-import signal
-import subprocess
 import sys
+from asyncio.subprocess import DEVNULL, PIPE
 from pathlib import Path
 
 import psutil
@@ -122,7 +121,7 @@ async def test_nothing_is_left_of_a_stopped_browser(executable: Path, tmp_path: 
     assert group(pid) == []
     assert not root.path.exists()
     with pytest.raises(ChildProcessError):
-        os.waitpid(-pid, os.WNOHANG)  # no zombie of ours either
+        os.waitpid(-pid, os.WNOHANG)  # noqa: ASYNC222 - no zombie of ours either, and it does not wait
 
 
 @pytest.mark.parametrize("program", ["/no/such/chromium", "/bin/false", "/bin/cat"])
@@ -164,17 +163,14 @@ asyncio.run(main())
 async def test_a_killed_server_leaves_no_browser_and_the_sweep_no_folder(
     executable: Path, tmp_path: Path
 ) -> None:
-    with subprocess.Popen(
-        [sys.executable, "-c", ORPHANS, str(executable), str(tmp_path)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    ) as owner:
-        assert owner.stdout is not None
-        browser = int(await asyncio.to_thread(owner.stdout.readline))
-        assert group(browser)
-        owner.send_signal(signal.SIGKILL)
-        owner.wait()
+    owner = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", ORPHANS, executable, tmp_path, stdout=PIPE, stderr=DEVNULL
+    )
+    assert owner.stdout is not None
+    browser = int(await owner.stdout.readline())
+    assert group(browser)
+    owner.kill()
+    await owner.wait()
     async with asyncio.timeout(10):
         while group(browser):
             await asyncio.sleep(0.02)
@@ -186,17 +182,22 @@ async def test_a_killed_server_leaves_no_browser_and_the_sweep_no_folder(
 async def test_the_sweep_ends_browsers_that_outlived_their_server(executable: Path, tmp_path: Path) -> None:
     folder = ProfileRoot(tmp_path).path.parent / "999999999-1" / "1-x" / "profile"
     folder.mkdir(parents=True)
-    with subprocess.Popen(
-        [executable, "--no-sandbox", "--headless", f"--user-data-dir={folder}", "--remote-debugging-port=0"],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
+    orphan = await asyncio.create_subprocess_exec(
+        executable,
+        "--no-sandbox",
+        "--headless",
+        f"--user-data-dir={folder}",
+        "--remote-debugging-port=0",
+        stdout=DEVNULL,
+        stderr=DEVNULL,
         start_new_session=True,
-    ) as orphan:
-        async with asyncio.timeout(10):
-            while len(group(orphan.pid)) < 3:
-                await asyncio.sleep(0.02)
-        await asyncio.to_thread(ProfileRoot(tmp_path).sweep)
-        async with asyncio.timeout(10):
-            while group(orphan.pid):
-                await asyncio.sleep(0.02)
+    )
+    async with asyncio.timeout(10):
+        while len(group(orphan.pid)) < 3:
+            await asyncio.sleep(0.02)
+    await asyncio.to_thread(ProfileRoot(tmp_path).sweep)
+    async with asyncio.timeout(10):
+        while group(orphan.pid):
+            await asyncio.sleep(0.02)
+    await orphan.wait()
     assert not folder.exists()

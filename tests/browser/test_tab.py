@@ -7,6 +7,7 @@ import contextlib
 import os
 import signal
 import socket
+from pathlib import Path
 
 import pytest
 from starlette.requests import Request
@@ -185,13 +186,14 @@ async def test_a_crashed_renderer_is_brought_back(site: Site, tab: Tab) -> None:
     home = site.page("<title>Home</title><p>alive</p>")
     await tab.goto(home)
     assert tab.slot.process is not None
-    killed = False
-    for pid in tab.slot.process.processes():
-        with open(f"/proc/{pid}/cmdline") as command:
-            if "--type=renderer" in command.read():
-                os.kill(pid, signal.SIGKILL)
-                killed = True
-    assert killed
+    renderers = [
+        pid
+        for pid in tab.slot.process.processes()
+        if "--type=renderer" in Path(f"/proc/{pid}/cmdline").read_text()
+    ]
+    assert renderers
+    for pid in renderers:
+        os.kill(pid, signal.SIGKILL)
     look = await tab.step()
     assert [kind for kind, _ in tab.notices] == ["crashed"]
     assert tab.text == ["alive"]

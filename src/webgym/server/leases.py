@@ -131,7 +131,7 @@ class Leases:
             generation=self._generations[slot],
             slot=slot,
             ttl_seconds=ttl_seconds,
-            expires=now + ttl_seconds,
+            expires=now + min(ttl_seconds, session_seconds),
             ends=now + session_seconds,
         )
         self._leases[lease.id] = lease

@@ -19,6 +19,7 @@ from webgym.server.config import ServerConfig
 from webgym.server.service import Service
 
 _TOKEN_BYTES = 32
+_BACKLOG = 2048
 
 
 class RunningServer:
@@ -51,6 +52,7 @@ def _listen(config: ServerConfig) -> socket.socket:
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((config.host, config.port))
+        listener.listen(_BACKLOG)  # from here on callers wait rather than be refused
     except OSError as error:
         listener.close()
         raise ConfigError(

@@ -1,0 +1,95 @@
+"""A small website beside a running server with real browsers."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+
+import pytest_asyncio
+import uvicorn
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response
+from starlette.types import Receive, Scope, Send
+
+from webgym.server import (
+    BrowserClient,
+    ClientLimits,
+    RunningServer,
+    ServerConfig,
+    Session,
+    SessionOptions,
+    running_server,
+)
+
+TOKEN = "a-token-for-tests-only"
+
+PAGES = {
+    "/": "<title>Home</title><h1>Welcome</h1><a href=/next>Next</a><label>Name <input></label>"
+    "<p style='height:2000px'>text</p>",
+    "/next": "<title>Next</title><h1>Next page</h1>",
+    "/counter": "<title>0</title><button onclick='document.title = ++n'>More</button><script>n = 0</script>",
+}
+
+
+class Site:
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self.release = asyncio.Event()
+
+    def url(self, path: str = "/") -> str:
+        return f"http://127.0.0.1:{self._port}{path}"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        path = Request(scope).url.path
+        if path == "/held":  # answers when the test says so
+            await self.release.wait()
+        body = PAGES.get(path)
+        response = HTMLResponse(f"<!doctype html>{body}") if body else Response("none", 404)
+        await response(scope, receive, send)
+
+
+class _Quiet(uvicorn.Server):
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def site() -> AsyncIterator[Site]:
+    with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
+        site = Site(listener.getsockname()[1])
+        config = uvicorn.Config(site, lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1)
+        server = _Quiet(config)
+        task = asyncio.create_task(server.serve(sockets=[listener]))
+        yield site
+        site.release.set()
+        server.should_exit = True
+        await task
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def server() -> AsyncIterator[RunningServer]:
+    """One server of two slots for a whole module."""
+    config = ServerConfig(slots=2, token=TOKEN, allocate_seconds=0.5)
+    async with running_server(config) as server:
+        yield server
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def client(server: RunningServer) -> AsyncIterator[BrowserClient]:
+    async with BrowserClient(server.url, token=server.token) as client:
+        yield client
+
+
+Open = Callable[..., Awaitable[Session]]
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def session(client: BrowserClient) -> Session:
+    return await client.open(SessionOptions(text=True, elements=True))
+
+
+def quick(**limits: float) -> ClientLimits:
+    return ClientLimits.model_validate({"connect_seconds": 2, "release_seconds": 2, **limits})

@@ -1,0 +1,192 @@
+"""The front: authentication, limits, typed errors, what is published; and a client that finds none of it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import socket
+from collections.abc import AsyncIterator
+from typing import Any
+
+import httpx
+import pytest
+import pytest_asyncio
+
+from webgym.core.errors import ConfigError, ProtocolError, ServerUnreachable, Unauthorized
+from webgym.server import BrowserClient, RunningServer, ServerConfig, running_server
+from webgym.server.operations import OPERATIONS
+
+from .conftest import TOKEN, quick
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def http(server: RunningServer) -> AsyncIterator[httpx.AsyncClient]:
+    headers = {"authorization": f"Bearer {TOKEN}"}
+    async with httpx.AsyncClient(base_url=server.url, headers=headers, trust_env=False) as http:
+        yield http
+
+
+def error(response: httpx.Response) -> tuple[int, str]:
+    return response.status_code, response.json()["error"]["code"]
+
+
+@pytest.mark.parametrize("operation", OPERATIONS, ids=lambda operation: operation.name)
+@pytest.mark.parametrize("authorization", ["", "Bearer wrong", f"Basic {TOKEN}", TOKEN, "Bearer ü"])
+async def test_nothing_but_health_is_open(
+    http: httpx.AsyncClient, operation: Any, authorization: str
+) -> None:
+    path = operation.path.replace("{id}", "x")
+    headers = {"authorization": authorization.encode()}
+    response = await http.request(operation.method, path, headers=headers)  # type: ignore[arg-type]
+    if operation.name == "health":
+        assert response.json() == {"status": "ok"}
+    else:
+        assert error(response) == (401, "unauthorized")
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"{",
+        b"[]",
+        b'{"action": {"name": "fly"}}',
+        b'{"action": {"name": "answer", "text": "x"}}',
+        b'{"action": {"name": "left_click", "target": {"coordinate": [5000, 1]}}}',
+        b'{"action": {"name": "left_click", "target": {}}}',
+        b"\xff\xfe",
+    ],
+)
+async def test_a_broken_request_is_a_protocol_error(http: httpx.AsyncClient, body: bytes) -> None:
+    grant = (await http.post("/v1/sessions", json={})).json()
+    headers = {"x-webgym-secret": grant["secret"], "x-webgym-generation": str(grant["generation"])}
+    path = f"/v1/sessions/{grant['session_id']}"
+    assert error(await http.post(f"{path}/step", content=body, headers=headers)) == (400, "protocol_error")
+    assert (await http.delete(path, headers=headers)).json() == {"session_id": grant["session_id"]}
+    assert error(await http.delete(path, headers=headers)) == (410, "lease_lost")
+
+
+async def test_a_large_body_is_refused(http: httpx.AsyncClient) -> None:
+    response = await http.post("/v1/sessions", content=b"x" * 2_000_000)
+    assert error(response) == (413, "protocol_error")
+
+
+async def test_unknown_paths_and_methods(http: httpx.AsyncClient) -> None:
+    assert error(await http.get("/v2/sessions")) == (404, "protocol_error")
+    assert error(await http.get("/v1/sessions")) == (405, "protocol_error")
+
+
+async def test_what_is_published(http: httpx.AsyncClient) -> None:
+    info = (await http.get("/v1/info")).json()
+    assert info["slots"] == 2
+    assert "Chrom" in info["browser"]
+    assert info["sandboxed"] or info["sandbox_reason"], "never silently without a sandbox"
+    pressure = (await http.get("/pressure")).json()
+    assert set(pressure["operations"]) == {
+        "navigate",
+        "execute",
+        "screenshot",
+        "metadata",
+        "allocate",
+        "release",
+    }
+    metrics = (await http.get("/metrics")).text
+    assert 'webgym_queue_calls{queue="screenshot",state="waiting"} 0.0' in metrics
+    assert "webgym_operation_seconds_bucket" in metrics
+
+
+async def test_the_openapi_document_holds_together(http: httpx.AsyncClient) -> None:
+    text = (await http.get("/openapi.json")).text
+    document = json.loads(text)
+    assert document["openapi"].startswith("3.1")
+    assert set(document["paths"]) == {operation.path for operation in OPERATIONS}
+    ids = [call["operationId"] for path in document["paths"].values() for call in path.values()]
+    assert sorted(ids) == sorted(operation.name for operation in OPERATIONS)
+    schemas = document["components"]["schemas"]
+    assert _references(document) <= {f"#/components/schemas/{name}" for name in schemas}
+    assert {"SessionOptions", "StepRequest", "LeftClick", "Observation", "ErrorReply"} <= set(schemas)
+    for path, calls in document["paths"].items():
+        for call in calls.values():
+            named = {one["name"] for one in call.get("parameters", ()) if one["in"] == "path"}
+            assert named == ({"id"} if "{id}" in path else set())
+
+
+def _references(node: object) -> set[str]:
+    if isinstance(node, dict):
+        here = {node["$ref"]} if "$ref" in node else set()
+        return here.union(*(_references(value) for value in node.values()))
+    if isinstance(node, list):
+        return set().union(*(_references(value) for value in node))
+    return set()
+
+
+async def test_a_wrong_token(server: RunningServer) -> None:
+    async with BrowserClient(server.url, token="wrong") as client:
+        assert (await client.health()).status == "ok"
+        with pytest.raises(Unauthorized):
+            await client.open()
+    with pytest.raises(ProtocolError):
+        BrowserClient(server.url, token="tökén–")
+
+
+async def test_nobody_is_there() -> None:
+    with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
+        port = listener.getsockname()[1]
+    for address in (f"http://127.0.0.1:{port}", "http://no-such-host.invalid", "ftp://x", "nonsense"):
+        async with BrowserClient(address, token=TOKEN, limits=quick()) as client:
+            with pytest.raises(ServerUnreachable):
+                await client.health()
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        (b"HTTP/1.1 200 OK\r\ncontent-length: 6\r\n\r\n<html>", ProtocolError),
+        (b"HTTP/1.1 500 Oh\r\ncontent-length: 6\r\n\r\n<html>", ProtocolError),
+        (b"HTTP/1.1 200 OK\r\ncontent-length: 100\r\n\r\n{", ServerUnreachable),
+        (b"", ServerUnreachable),
+        (b"SSH-2.0\r\n\r\n", ServerUnreachable),
+    ],
+    ids=["html", "500", "cut off", "nothing", "no http"],
+)
+async def test_something_else_is_there(answer: bytes, expected: type[Exception]) -> None:
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(answer)
+        await writer.drain()
+        writer.close()
+
+    stranger = await asyncio.start_server(serve, "127.0.0.1", 0)
+    address = f"http://127.0.0.1:{stranger.sockets[0].getsockname()[1]}"
+    async with stranger, BrowserClient(address, token=TOKEN, limits=quick()) as client:
+        with pytest.raises(expected):
+            await client.info()
+
+
+async def test_a_server_that_says_nothing_is_not_waited_for_long() -> None:
+    async def hold(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read()
+        writer.close()
+
+    silent = await asyncio.start_server(hold, "127.0.0.1", 0)
+    address = f"http://127.0.0.1:{silent.sockets[0].getsockname()[1]}"
+    async with silent, BrowserClient(address, token=TOKEN, limits=quick(reply_seconds=0.3)) as client:
+        with pytest.raises(ServerUnreachable, match="in time"):
+            await client.info()
+
+
+async def test_a_taken_port_is_said(server: RunningServer) -> None:
+    port = int(server.url.rsplit(":", 1)[1])
+    with pytest.raises(ConfigError, match="cannot be listened on"):
+        async with running_server(ServerConfig(port=port, slots=1)):
+            raise AssertionError
+
+
+async def test_a_random_token_is_made_and_stays_out_of_sight() -> None:
+    config = ServerConfig(slots=1, token=TOKEN)
+    assert TOKEN not in repr(config)
+    async with running_server(ServerConfig(slots=1)) as one, running_server(ServerConfig(slots=1)) as two:
+        assert one.token != two.token
+        assert len(one.token) >= 32

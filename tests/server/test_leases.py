@@ -1,0 +1,124 @@
+"""Queues and leases on their own, without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from webgym.browser import BrowserConfig, ProfileRoot, Slot
+from webgym.core.errors import LeaseLost
+from webgym.server.admission import Gate
+from webgym.server.leases import Leases
+
+
+def idle_slot() -> Slot:
+    return Slot(BrowserConfig(), Path("/bin/false"), ProfileRoot())
+
+
+class Taken:
+    def __init__(self) -> None:
+        self.slots: list[Slot] = []
+
+    async def __call__(self, slot: Slot) -> None:
+        self.slots.append(slot)
+
+
+async def test_a_gate_lets_its_number_through_in_order() -> None:
+    gate = Gate(2)
+    order: list[int] = []
+    release = asyncio.Event()
+
+    async def one(number: int) -> None:
+        async with gate.permit():
+            order.append(number)
+            await release.wait()
+
+    async with asyncio.TaskGroup() as group:
+        tasks = [group.create_task(one(number)) for number in range(5)]
+        while gate.running < 2:
+            await asyncio.sleep(0)
+        assert (gate.load.running, gate.load.waiting) == (2, 3)
+        tasks[3].cancel()
+        await asyncio.sleep(0)
+        assert gate.load.waiting == 2
+        release.set()
+    assert order == [0, 1, 2, 4]
+    assert (gate.load.running, gate.load.waiting, gate.load.done) == (0, 0, 4)
+
+
+async def test_the_reaper_takes_back_what_is_not_renewed() -> None:
+    taken = Taken()
+    leases = Leases(taken)
+    leases.start()
+    slot = idle_slot()
+    lease = leases.grant(slot, 0.05, 60)
+    async with asyncio.timeout(2):
+        while not taken.slots:
+            await asyncio.sleep(0.005)
+    assert taken.slots == [slot]
+    with pytest.raises(LeaseLost):
+        leases.check(lease.id, lease.secret, "1")
+    assert (len(leases), leases.expired) == (0, 1)
+    await leases.stop()
+
+
+async def test_a_working_lease_is_not_reaped() -> None:
+    taken = Taken()
+    leases = Leases(taken)
+    leases.start()
+    lease = leases.grant(idle_slot(), 0.05, 60)
+
+    async def work() -> str:
+        await asyncio.sleep(0.3)
+        return "done"
+
+    assert await lease.run(work) == "done"
+    assert taken.slots == []
+    await leases.stop()
+    assert len(taken.slots) == 1
+
+
+async def test_ending_a_lease_cuts_its_call_off_and_refuses_those_in_line() -> None:
+    taken = Taken()
+    leases = Leases(taken)
+    lease = leases.grant(idle_slot(), 60, 60)
+    touched: list[str] = []
+
+    async def work() -> None:
+        touched.append("begun")
+        await asyncio.Event().wait()
+
+    calls = [asyncio.create_task(lease.run(work)) for _ in range(3)]
+    while not touched:
+        await asyncio.sleep(0)
+    await leases.end(lease)
+    results = await asyncio.gather(*calls, return_exceptions=True)
+    assert all(isinstance(result, LeaseLost) for result in results)
+    assert touched == ["begun"]
+    assert len(taken.slots) == 1
+
+
+async def test_a_lost_caller_does_not_undo_an_ending() -> None:
+    gone = asyncio.Event()
+
+    async def slow(_: Slot) -> None:
+        await asyncio.sleep(0.05)
+        gone.set()
+
+    leases = Leases(slow)
+    lease = leases.grant(idle_slot(), 60, 60)
+    ending = asyncio.create_task(leases.end(lease))
+    await asyncio.sleep(0)
+    ending.cancel()
+    async with asyncio.timeout(2):
+        await gone.wait()
+    await leases.stop()
+
+
+async def test_generations_count_up_per_slot() -> None:
+    leases = Leases(Taken())
+    one, two = idle_slot(), idle_slot()
+    assert [leases.grant(slot, 60, 60).generation for slot in (one, one, two)] == [1, 2, 1]
+    await leases.stop()

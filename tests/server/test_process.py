@@ -1,0 +1,90 @@
+"""``webgym serve`` as a process: told to stop, and killed."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import stat
+import sys
+from asyncio.subprocess import DEVNULL, PIPE, Process
+from pathlib import Path
+
+import psutil
+import pytest
+
+from webgym.browser import ProfileRoot
+from webgym.core.action import Navigate
+from webgym.core.errors import ServerUnreachable
+from webgym.server import BrowserClient, SessionOptions
+
+from .conftest import Site, quick
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+
+async def start(folder: Path, *more: str) -> tuple[Process, str]:
+    command = "from webgym.cli import main; main()"
+    arguments = ["serve", "--port", "0", "--slots", "2", "--token-file", str(folder / "token"), *more]
+    process = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-c",
+        command,
+        *arguments,
+        stdout=PIPE,
+        stderr=DEVNULL,
+        env={**os.environ, "TMPDIR": str(folder)},
+    )
+    assert process.stdout is not None
+    said: dict[str, str] = {}
+    while "sandbox" not in said:
+        name, _, value = (await process.stdout.readline()).decode().strip().partition(" ")
+        assert name, "the server did not come up"
+        said[name] = value.strip()
+    return process, said["server"]
+
+
+def browsers(folder: Path) -> list[psutil.Process]:
+    return [
+        process
+        for process in psutil.process_iter(["cmdline", "status"])
+        if process.info["status"] != psutil.STATUS_ZOMBIE
+        and any(f"--user-data-dir={folder}" in part for part in process.info["cmdline"] or ())
+    ]
+
+
+async def gone(folder: Path) -> None:
+    async with asyncio.timeout(10):
+        while browsers(folder):
+            await asyncio.sleep(0.05)
+
+
+async def test_told_to_stop_it_leaves_nothing(site: Site, tmp_path: Path) -> None:
+    process, url = await start(tmp_path)
+    token = (tmp_path / "token").read_text().strip()
+    assert stat.S_IMODE((tmp_path / "token").stat().st_mode) == 0o600
+    async with BrowserClient(url, token=token, limits=quick()) as client:
+        session = await client.open(SessionOptions(text=True))
+        assert (await session.step(Navigate(site.url()))).observation.title == "Home"
+        assert browsers(tmp_path)
+        process.terminate()
+        assert await process.wait() == 0
+        with pytest.raises(ServerUnreachable):
+            await session.step()
+    await gone(tmp_path)
+    assert list((tmp_path / f"webgym-{os.getuid()}").iterdir()) == []
+
+
+async def test_killed_it_leaves_no_browser_and_its_folder_is_swept(site: Site, tmp_path: Path) -> None:
+    process, url = await start(tmp_path)
+    token = (tmp_path / "token").read_text().strip()
+    async with BrowserClient(url, token=token, limits=quick()) as client:
+        session = await client.open()
+        await session.navigate(site.url())
+        process.kill()
+        await process.wait()
+        with pytest.raises(ServerUnreachable):
+            await session.step()
+    await gone(tmp_path)
+    root = ProfileRoot(tmp_path)
+    assert len(await asyncio.to_thread(root.sweep)) == 1
+    assert list(root.path.parent.iterdir()) == []

@@ -1,0 +1,215 @@
+"""Sessions over HTTP: the main path, leases, capacity."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import os
+import signal
+
+import httpx
+import pytest
+
+from webgym.core.action import GoBack, LeftClick, Navigate, Scroll, Target, Type
+from webgym.core.errors import BrowserCrashed, LeaseLost, NoCapacity, ProtocolError
+from webgym.server import BrowserClient, RunningServer, ServerConfig, Session, SessionOptions, running_server
+from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepReply, StepRequest
+from webgym.server.operations import STEP
+
+from .conftest import TOKEN, Site, quick
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+
+async def test_a_whole_session(site: Site, client: BrowserClient) -> None:
+    session = await client.open(SessionOptions(mode="marks", text=True))
+    view = await session.step(Navigate(site.url()))
+    assert view.observation.title == "Home"
+    assert view.observation.status == 200
+    assert view.observation.mode == "marks"
+    assert view.observation.screenshot == hashlib.sha256(view.image).hexdigest()
+    assert "Welcome" in (view.observation.text or "")
+    [link] = [element for element in view.observation.elements or () if element.role == "link"]
+    view = await session.step(LeftClick(Target(element=link.number)))
+    assert view.observation.url == site.url("/next")
+    view = await session.step(GoBack())
+    view = await session.step(Scroll("down"))
+    assert view.observation.scroll[0] > 0
+    assert set(view.observation.milliseconds) == {"execute", "settle", "metadata", "screenshot"}
+    await session.close()
+    await session.close()
+    with pytest.raises(LeaseLost):
+        await session.step()
+
+
+async def test_the_parts_of_a_step_on_their_own(site: Site, session: Session) -> None:
+    told = await session.navigate(site.url())
+    assert (told.title, told.status, told.settled) == ("Home", 200, "quiet")
+    told = await session.execute(Type(Target(coordinate=(5, 5)), "nothing there"))
+    assert told.title == "Home"
+    assert (await session.metadata()).url == site.url()
+    assert (await session.screenshot()).startswith(b"\x89PNG")
+    assert (await session.heartbeat()).ttl_seconds == pytest.approx(60, abs=1)
+    view = await session.step()
+    assert [notice.kind for notice in view.observation.notices] == ["action_failed"], "kept for the next look"
+
+
+async def test_an_unchanged_picture_is_sent_once(site: Site, session: Session, server: RunningServer) -> None:
+    await session.step(Navigate(site.url()))
+    first = await session.step()
+    second = await session.step()
+    assert second.image is first.image
+    grant = session._grant
+    headers = {"authorization": f"Bearer {TOKEN}", SECRET_HEADER: grant.secret, GENERATION_HEADER: "1"}
+    headers[GENERATION_HEADER] = str(grant.generation)
+    async with httpx.AsyncClient(headers=headers, trust_env=False) as http:
+        url = f"{server.url}/v1/sessions/{session.id}/step"
+        whole = await http.post(url, json={})
+        known = await http.post(url, json={"have": [first.observation.screenshot]})
+    assert len(whole.content) - len(known.content) >= len(first.image)
+
+
+async def test_sessions_share_no_state_and_calls_do_not_overlap(site: Site, client: BrowserClient) -> None:
+    one, two = await asyncio.gather(client.open(), client.open())
+    await asyncio.gather(one.navigate(site.url("/counter")), two.navigate(site.url("/counter")))
+    click = LeftClick(Target(coordinate=(20, 20)))
+    await asyncio.gather(*(one.execute(click) for _ in range(4)), two.execute(click))
+    assert [(await one.metadata()).title, (await two.metadata()).title] == ["4", "1"]
+    await asyncio.gather(one.close(), two.close())
+
+
+async def test_when_all_slots_are_taken(client: BrowserClient) -> None:
+    sessions = [await client.open() for _ in range(2)]
+    with pytest.raises(NoCapacity, match="2 slots"):
+        await client.open()
+    waiting = asyncio.create_task(client.open())
+    while not (await client.pressure()).slots.waiting:
+        await asyncio.sleep(0.01)
+    await sessions[0].close()
+    third = await waiting
+    await asyncio.gather(sessions[1].close(), third.close())
+
+
+async def test_a_caller_that_leaves_the_line_takes_no_slot(
+    client: BrowserClient, server: RunningServer
+) -> None:
+    sessions = [await client.open() for _ in range(2)]
+    waiting = asyncio.create_task(client.open())
+    while not (await client.pressure()).slots.waiting:
+        await asyncio.sleep(0.01)
+    waiting.cancel()
+    while (await client.pressure()).slots.waiting:
+        await asyncio.sleep(0.01)
+    await asyncio.gather(*(session.close() for session in sessions))
+    while (await client.pressure()).slots.free < 2:
+        await asyncio.sleep(0.01)
+    assert len(server.service.leases) == 0
+
+
+async def test_an_old_holder_cannot_touch_its_successor(site: Site, client: BrowserClient) -> None:
+    other = await client.open()  # so that both below get the same slot
+    old = await client.open()
+    stale = old._grant
+    await old.close()
+    new = await client.open()
+    await new.navigate(site.url())
+    assert new._grant.generation > stale.generation
+    forged = [
+        stale,
+        type(stale)(new.id, stale.secret, new._grant.generation, "", 60),
+        type(stale)(new.id, new._grant.secret, stale.generation, "", 60),
+        type(stale)(new.id, "", new._grant.generation, "", 60),
+        type(stale)("nobody", new._grant.secret, new._grant.generation, "", 60),
+    ]
+    for grant in forged:
+        with pytest.raises(LeaseLost):
+            await client.call(STEP, StepReply, StepRequest(Navigate(site.url("/next"))), grant=grant)
+    assert (await new.metadata()).url == site.url()
+    await asyncio.gather(other.close(), new.close())
+
+
+async def test_a_client_gone_without_goodbye_loses_its_lease(site: Site, client: BrowserClient) -> None:
+    session = await client.open(SessionOptions(ttl_seconds=0.3))
+    await session.navigate(site.url())
+    session._renewal.cancel()  # the client is dead
+    async with asyncio.timeout(5):
+        while (await client.pressure()).slots.free < 2:
+            await asyncio.sleep(0.02)
+    with pytest.raises(LeaseLost):
+        await session.metadata()
+
+
+async def test_a_thinking_model_keeps_its_lease(site: Site, client: BrowserClient) -> None:
+    session = await client.open(SessionOptions(ttl_seconds=0.3))
+    await session.navigate(site.url())
+    await asyncio.sleep(1)  # the model thinks
+    assert (await session.metadata()).title == "Home"
+    await session.close()
+
+
+async def test_a_session_is_closed_while_it_works(site: Site, client: BrowserClient) -> None:
+    session = await client.open()
+    working = asyncio.create_task(session.navigate(site.url("/held")))
+    while not (await client.pressure()).operations["navigate"].running:
+        await asyncio.sleep(0.01)
+    await session.close()
+    with pytest.raises(LeaseLost):
+        await working
+    async with asyncio.timeout(5):
+        while (await client.pressure()).slots.free < 2:
+            await asyncio.sleep(0.01)
+
+
+async def test_a_killed_browser_is_told_and_replaced(
+    site: Site, client: BrowserClient, server: RunningServer
+) -> None:
+    session = await client.open()
+    await session.navigate(site.url())
+    [slot] = [slot for slot in server.service.pool.slots if slot.is_open]
+    assert slot.process is not None
+    working = asyncio.create_task(session.navigate(site.url("/held")))
+    while not (await client.pressure()).operations["navigate"].running:
+        await asyncio.sleep(0.01)
+    os.killpg(slot.process.pid, signal.SIGKILL)
+    with pytest.raises(BrowserCrashed):
+        await working
+    with pytest.raises(LeaseLost):
+        await session.metadata()
+    both = [await client.open() for _ in range(2)]
+    for again in both:
+        assert (await again.navigate(site.url())).title == "Home"
+    await asyncio.gather(*(again.close() for again in both))
+
+
+async def test_a_browser_that_died_in_line_is_not_handed_out(
+    site: Site, client: BrowserClient, server: RunningServer
+) -> None:
+    for slot in server.service.pool.slots:
+        assert slot.process is not None
+        os.killpg(slot.process.pid, signal.SIGKILL)
+    session = await client.open()
+    assert (await session.navigate(site.url())).title == "Home"
+    await session.close()
+
+
+@pytest.mark.parametrize("viewport", [(0, 100), (100_000, 100_000), (-5, 5)])
+async def test_an_impossible_viewport(client: BrowserClient, viewport: tuple[int, int]) -> None:
+    with pytest.raises(ProtocolError):
+        await client.open(SessionOptions(viewport=viewport))
+    assert (await client.pressure()).slots.leased == 0
+
+
+async def test_a_session_does_not_live_for_ever(site: Site) -> None:
+    async with (
+        running_server(ServerConfig(slots=1, token=TOKEN, session_seconds=0.5)) as server,
+        BrowserClient(server.url, token=TOKEN, limits=quick()) as client,
+    ):
+        session = await client.open()
+        await session.navigate(site.url())
+        async with asyncio.timeout(5):
+            while True:
+                try:
+                    await session.heartbeat()
+                except LeaseLost:
+                    break
+                await asyncio.sleep(0.02)

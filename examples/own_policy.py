@@ -16,7 +16,7 @@ from typing import Self
 
 from webgym import Reply, RunConfig, RunReader, Task, Turn, collect
 from webgym.agent.prompts import render_reply
-from webgym.collect import TaskChoice
+from webgym.collection import TaskChoice
 from webgym.core.action import Answer, Scroll
 
 

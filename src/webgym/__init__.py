@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from webgym.agent.agent import Agent
     from webgym.agent.config import AgentConfig
     from webgym.agent.policy import Player, Policy, Turn
-    from webgym.collect import RunConfig, collect, resume
+    from webgym.collection import RunConfig, collect, resume
     from webgym.core.action import Action
     from webgym.core.errors import WebGymError
     from webgym.core.observation import Observation
@@ -33,7 +33,7 @@ _HOMES = {
     "webgym.agent.agent": ("Agent",),
     "webgym.agent.config": ("AgentConfig",),
     "webgym.agent.policy": ("Player", "Policy", "Turn"),
-    "webgym.collect": ("RunConfig", "collect", "resume"),
+    "webgym.collection": ("RunConfig", "collect", "resume"),
     "webgym.core.action": ("Action",),
     "webgym.core.errors": ("WebGymError",),
     "webgym.core.observation": ("Observation",),

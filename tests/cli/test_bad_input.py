@@ -13,7 +13,7 @@ import yaml
 from tests.conftest import Commands
 from tests.llm.endpoint import Endpoint, serve
 
-from webgym.collect import RunConfig, collect
+from webgym.collection import RunConfig, collect
 from webgym.core.errors import PolicyError, StoreFull, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task

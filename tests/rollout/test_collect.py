@@ -12,7 +12,7 @@ import psutil
 import pytest
 
 from webgym.agent.config import AgentConfig
-from webgym.collect import PolicyChoice, RunConfig, ServerChoice, TaskChoice, collect, read_config, resume
+from webgym.collection import PolicyChoice, RunConfig, ServerChoice, TaskChoice, collect, read_config, resume
 from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory

@@ -16,7 +16,7 @@ from pydantic import SecretStr, ValidationError
 from rich.console import Console
 from rich.markup import escape
 
-from webgym.collect import PolicyChoice, RunConfig, Secrets
+from webgym.collection import PolicyChoice, RunConfig, Secrets
 from webgym.core.errors import ConfigError
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.rollout.live import showing

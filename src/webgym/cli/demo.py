@@ -44,7 +44,7 @@ def command(
     from webgym.agent.config import AgentConfig
     from webgym.cli._run import policy_choice, run, show_on, tell_on
     from webgym.cli._summary import print_summary
-    from webgym.collect import RunConfig, TaskChoice, collect
+    from webgym.collection import RunConfig, TaskChoice, collect
     from webgym.report import write_report
     from webgym.rollout.collector import CollectorConfig
 

@@ -63,8 +63,8 @@ def command(
 
     from webgym.cli import _run
     from webgym.cli._summary import print_summary
-    from webgym.collect import ServerChoice, collect
-    from webgym.collect import resume as go_on
+    from webgym.collection import ServerChoice, collect
+    from webgym.collection import resume as go_on
     from webgym.core.errors import UsageError
     from webgym.report import write_report
 

@@ -94,7 +94,7 @@ def check(
 
     from webgym.agent.config import AgentConfig
     from webgym.cli._run import run, show_on, tell_on
-    from webgym.collect import PolicyChoice, RunConfig, TaskChoice, collect
+    from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
     from webgym.core.errors import ConfigError
     from webgym.offline import OfflineWeb
     from webgym.offline.app import SitesConfig

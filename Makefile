@@ -30,8 +30,8 @@ format: setup ## Rewrite the code in the house's format
 	@$(BIN)/ruff format .
 	@$(BIN)/ruff check --fix .
 
-bench: setup ## Measure, and print figures
-	@$(BIN)/webgym bench $(ARGS)
+bench: setup ## Run everything in benchmarks/, which prints figures
+	@set -e; for script in benchmarks/*.py; do $(BIN)/python "$$script" $(ARGS); done
 
 docs: ## Build the documentation into build/docs, warnings are errors
 	@scripts/setup --docs

@@ -41,8 +41,11 @@ def tracked_files(root: Path) -> list[Path]:
 
 def this_machine(root: Path) -> dict[str, re.Pattern[str]]:
     """The folders of the machine that the check runs on."""
-    folders = {str(root), *(str(home) for home in [Path.home()] if len(home.parts) > 2)}
-    return {"a folder of this machine": re.compile("|".join(re.escape(folder) + r"\b" for folder in folders))}
+    # A folder right under the root, as in a container, has a name too common to look for.
+    folders = [re.escape(str(folder)) for folder in (root, Path.home()) if len(folder.parts) > 2]
+    if not folders:
+        return {}
+    return {"a folder of this machine": re.compile(rf"(?<![\w./])(?:{'|'.join(folders)})\b")}
 
 
 def findings(root: Path) -> Iterator[str]:

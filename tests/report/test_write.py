@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -17,6 +18,7 @@ from webgym.cli import main
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.report import ReportConfig, write_report
+from webgym.rollout.store import RunWriter
 
 SMALL = ReportConfig(image_width=160)
 
@@ -80,6 +82,13 @@ def test_corrupt_records_are_counted_on_the_page(run: Path) -> None:
     assert isinstance(rows, list)
     assert len(rows) == 11
     assert "not finished" in text  # the summary tells of twelve
+
+
+async def test_a_run_without_a_trajectory_has_a_report(tmp_path: Path) -> None:
+    async with await RunWriter.create(tmp_path / "run", {}, []):
+        text = (await asyncio.to_thread(write_report, tmp_path / "run")).read_text()
+    assert "nothing rewarded yet" in text
+    assert _data(text, "rows") == []
 
 
 def test_a_folder_that_is_no_run(tmp_path: Path) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import os
+import sys
 import webbrowser
 from pathlib import Path
 from typing import Annotated
@@ -22,7 +25,13 @@ def command(
 
     def ready(address: str) -> None:
         typer.echo(address)
-        if is_opened:
+        if is_opened and _has_desktop():
             webbrowser.open(address)
 
-    asyncio.run(serve_view(run, ViewConfig(port=port), ready))
+    with contextlib.suppress(KeyboardInterrupt):  # the way to end it
+        asyncio.run(serve_view(run, ViewConfig(port=port), ready))
+
+
+def _has_desktop() -> bool:
+    """Whether a browser would open in a window; one for terminals would take ours over."""
+    return sys.platform == "darwin" or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

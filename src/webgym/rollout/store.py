@@ -210,6 +210,7 @@ class RunWriter:
                 torn.unlink()
         self._make_folders()
         self._images = {file.stem for file in (self.path / SCREENSHOTS).glob("*/*.png")}
+        self._unsynced = {name[:2] for name in self._images}  # nobody knows what the dead writer synced
         self._index.refresh()
         if self._index.corrupt and not skip_corrupt:
             raise complain(self._index.corrupt)
@@ -298,16 +299,9 @@ class RunWriter:
                 full.close()
             offset = self._shard.size
             self._shard.append(line, durable=True)
-        self._index.entries[episode.attempt_id] = Entry(
-            episode.attempt_id,
-            episode.task_id,
-            episode.sample,
-            episode.retry,
-            trajectory.outcome,
-            self._shard.path.name,
-            offset,
-            len(line),
-        )
+        e, place = episode, (self._shard.path.name, offset, len(line))
+        entry = Entry(e.attempt_id, e.task_id, e.sample, e.retry, trajectory.outcome, *place)
+        self._index.entries[e.attempt_id] = entry
 
     def _sync_pictures(self, prefix: str) -> None:
         self._unsynced.discard(prefix)  # before the sync: what is put meanwhile needs another

@@ -67,6 +67,14 @@ WORDS: dict[str, str] = {
 }
 """Which words of a name call for which silhouette."""
 
+PHRASES = {
+    "moka pot": "kettle",
+    "sleeping bag": "cloth",
+    "mummy bag": "cloth",
+    "practice keyboard": "keys",
+}
+"""Pairs of words that mean something else than their last word."""
+
 BY_WORD = {word: shape for shape, words in WORDS.items() for word in words.split()}
 
 
@@ -84,6 +92,9 @@ def _color(hue: float, saturation: float, lightness: float) -> str:
 
 def shape_of(name: str) -> str:
     """The silhouette that fits a product's name: that of the last word that has one; else a box."""
+    for phrase, shape in PHRASES.items():
+        if name.lower().endswith(phrase):
+            return shape
     known = [BY_WORD[word] for word in name.lower().replace("-", " ").split() if word in BY_WORD]
     return known[-1] if known else "box"
 

@@ -5,6 +5,8 @@ import io
 
 import pytest
 from PIL import Image, ImageChops
+from starlette.requests import Request
+from starlette.responses import Response
 
 from webgym.core.action import LeftClick, Scroll, Type
 from webgym.core.observation import Element
@@ -217,7 +219,7 @@ async def test_marks_are_drawn_where_the_elements_are(site: Site, open_tab: Open
     assert [element.box for element in elements(marked)] == boxes
     changed = ImageChops.difference(without, with_marks)
     for x, y, width, height in boxes:
-        edge = changed.crop((int(x), int(y), int(x + width), int(y + 2)))
+        edge = changed.crop((int(x), int(y - 2), int(x + width), int(y)))
         assert edge.getbbox() is not None, f"no frame around {x, y, width, height}"
     assert look.observation.title == "", "the page did not notice"
     bare = Image.open(io.BytesIO(await marked.slot.screenshot())).convert("RGB")
@@ -249,3 +251,32 @@ async def test_a_page_that_tampers_with_its_prototypes_is_still_seen(site: Site,
         )
     )
     assert names(tab) == [("button", "Plain")]
+
+
+ODD = {
+    "svg": (
+        "image/svg+xml",
+        "<svg xmlns='http://www.w3.org/2000/svg'><a href='/x'><text y='20'>hi</text></a></svg>",
+    ),
+    "xml": ("text/xml", "<list><item>one</item></list>"),
+    "json": ("application/json", '{"one": 1}'),
+    "text": ("text/plain", "plain words"),
+    "empty": ("text/html", "<script>document.documentElement.remove()</script>"),
+    "deep": (
+        "text/html",
+        "<script>let e = document.body || document.documentElement;"
+        "for (let i = 0; i < 5000; i++) { e.append(e = document.createElement('i')) }</script>",
+    ),
+}
+
+
+@pytest.mark.parametrize(("media", "body"), ODD.values(), ids=ODD.keys())
+async def test_odd_documents_are_looked_at(site: Site, open_tab: Open, media: str, body: str) -> None:
+    async def answer(_: Request) -> Response:
+        return Response(body, media_type=media)
+
+    tab = await open_tab("marks")
+    look = await tab.goto(site.on("/odd", answer))
+    assert look.observation.status == 200
+    assert look.image.startswith(b"\x89PNG")
+    assert tab.notices == []

@@ -96,6 +96,7 @@ async def ask(page: Page, **wanted: bool) -> Seen:
         wanted: ``text``, ``elements``, ``marks`` (draw them).
     """
     seconds = page.config.screenshot_seconds
+    has_waited = False
     try:
         async with asyncio.timeout(seconds):
             while True:
@@ -103,8 +104,14 @@ async def ask(page: Page, **wanted: bool) -> Seen:
                     return await page.run("observe", wanted, reply=Seen)
                 except DocumentGone:
                     await settle(page)
+                except BrowserTimeout:
+                    if has_waited:
+                        raise
+                    has_waited = True
+                    page.end_script()
+                    page.note("still_loading", "the page did not react; the script that ran was ended")
     except TimeoutError:
-        raise BrowserTimeout(f"the page kept moving on for {seconds:g} s") from None
+        raise BrowserTimeout(f"the page could not be looked at within {seconds:g} s") from None
 
 
 async def _see(page: Page) -> Seen:

@@ -230,7 +230,7 @@ class Slot:
         page.begin_action()
         try:
             if page.is_crashed:
-                await page.revive()
+                await self._bring_back(page)
             await self._perform(page, action)
             self._milliseconds[operation] = (time.perf_counter() - start) * 1000
             self._settled = await settle_timed(page, self._milliseconds)
@@ -248,7 +248,7 @@ class Slot:
 
     async def _bring_back(self, page: Page) -> None:
         if page.is_gone or not self.is_up:
-            raise BrowserCrashed("the page is gone")
+            raise BrowserCrashed("the page closed itself, or its browser ended")
         await page.revive()
         try:
             self._settled = await settle_timed(page, self._milliseconds)
@@ -301,4 +301,6 @@ class Slot:
             raise BrowserError("no episode is open in this slot")
         if not self.is_up:
             raise BrowserCrashed("the browser process ended")
+        if self._page.is_gone:
+            raise BrowserCrashed("the page closed itself")
         return self._page

@@ -315,7 +315,16 @@
     }
   };
 
+  const MAX_DEPTH = 1000; // a script can nest deeper than our stack reaches
+
   const walk = (element, place, found) => {
+    if (found.depth >= MAX_DEPTH) return;
+    found.depth += 1;
+    walkElement(element, place, found);
+    found.depth -= 1;
+  };
+
+  const walkElement = (element, place, found) => {
     const name = element.localName;
     if (name === 'svg' && found.elements && roleOf(element)) describe(element, place, getComputedStyle(element), found);
     if (SKIPPED.has(name)) return;
@@ -350,10 +359,10 @@
     };
     if (!text && !elements) return look;
     const clip = { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
-    const found = { elements: elements ? [] : null, lines: text ? new Lines() : null };
+    const found = { elements: elements ? [] : null, lines: text ? new Lines() : null, depth: 0 };
     if (document.documentElement) walk(document.documentElement, { x: 0, y: 0, clip }, found);
     if (found.lines) found.lines.flush();
-    if (isMarked) webgym.mark(found.elements);
+    if (isMarked && document.documentElement) webgym.mark(found.elements);
     return {
       ...look,
       ...(found.lines ? { text: found.lines.lines.join('\n') } : {}),
@@ -364,9 +373,10 @@
   // --- marks --------------------------------------------------------------------------------------
 
   const COLOURS = ['#c62828', '#1565c0', '#2e7d32', '#6a1b9a', '#ad1457', '#00695c', '#4527a0', '#bf360c'];
+  const BORDER = 2; // around the element, so that nothing of it is hidden
   const MARK_STYLE = `
     :host { all: initial; }
-    .box { position: fixed; box-sizing: border-box; border: 2px solid; border-radius: 2px; }
+    .box { position: fixed; box-sizing: border-box; border: ${BORDER}px solid; border-radius: 3px; }
     .label { position: fixed; font: 700 12px/15px ui-sans-serif, system-ui, Arial, sans-serif; color: #fff;
       padding: 0 3px; border-radius: 2px; white-space: nowrap; box-shadow: 0 0 0 1px #fff; }`;
   const LABEL_HEIGHT = 15;
@@ -405,10 +415,14 @@
     const boxes = elements.map(({ box: [x, y, w, h] }) => ({ left: x, top: y, right: x + w, bottom: y + h }));
     for (const { number, box } of elements) {
       const colour = COLOURS[number % COLOURS.length];
-      const frame = document.createElement('div');
+      const frame = webgym.make(document, 'div');
       frame.className = 'box';
-      frame.style.cssText = `left:${box[0]}px;top:${box[1]}px;width:${box[2]}px;height:${box[3]}px;border-color:${colour}`;
-      const label = document.createElement('div');
+      const [x, y, w, h] = [box[0] - BORDER, box[1] - BORDER, box[2] + 2 * BORDER, box[3] + 2 * BORDER];
+      const [left, top] = [Math.max(0, x), Math.max(0, y)];
+      const [right, bottom] = [Math.min(innerWidth, x + w), Math.min(innerHeight, y + h)];
+      frame.style.cssText =
+        `left:${left}px;top:${top}px;width:${right - left}px;height:${bottom - top}px;border-color:${colour}`;
+      const label = webgym.make(document, 'div');
       label.className = 'label';
       label.textContent = number;
       const width = 6 + 7 * String(number).length;

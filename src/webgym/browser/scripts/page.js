@@ -8,6 +8,8 @@
 
   const fold = (text) => (text || '').replace(/\s+/g, ' ').trim();
   webgym.fold = fold;
+  // An HTML element, in XML documents too.
+  webgym.make = (owner, name) => owner.createElementNS('http://www.w3.org/1999/xhtml', name);
   // The shadow root below an element, our own closed ones included.
   webgym.rootOf = (element) => element.shadowRoot || state.roots.get(element) || null;
 
@@ -126,7 +128,7 @@
   };
 
   const row = (select, option) => {
-    const element = select.ownerDocument.createElement('div');
+    const element = webgym.make(select.ownerDocument, 'div');
     const off = option.disabled || (option.parentElement.localName === 'optgroup' && option.parentElement.disabled);
     element.className = option.parentElement.localName === 'optgroup' ? 'option inner' : 'option';
     element.setAttribute('role', 'option');
@@ -149,7 +151,7 @@
       const parent = option.parentElement;
       if (parent.localName === 'optgroup' && parent !== group) {
         group = parent;
-        const title = select.ownerDocument.createElement('div');
+        const title = webgym.make(select.ownerDocument, 'div');
         title.className = 'group';
         title.textContent = parent.label;
         list.append(title);
@@ -178,7 +180,7 @@
 
   // Everything of ours lies in the top layer, above modal dialogs, and in a root that the page cannot enter.
   webgym.overlay = (parent, style) => {
-    const host = parent.ownerDocument.createElement('div');
+    const host = webgym.make(parent.ownerDocument, 'div');
     host.setAttribute('popover', 'manual');
     host.style.cssText =
       'all: initial; position: fixed; inset: 0; width: auto; height: auto; margin: 0; padding: 0;' +
@@ -197,7 +199,7 @@
   const openList = (select) => {
     const parent = select.closest('dialog[open]') || select.ownerDocument.body;
     const { host, root } = webgym.overlay(parent, LIST_STYLE);
-    const list = select.ownerDocument.createElement('div');
+    const list = webgym.make(select.ownerDocument, 'div');
     list.className = 'list';
     list.style.pointerEvents = 'auto';
     list.setAttribute('role', 'listbox');

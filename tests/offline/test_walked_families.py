@@ -18,6 +18,7 @@ import pytest
 
 from webgym.core.task import Task
 from webgym.core.truth import Back, Choose, Click, Fill, Give, Home, See
+from webgym.offline.families.government import Government
 from webgym.offline.families.jobs import Jobs
 from webgym.offline.families.recipes import Recipes
 from webgym.offline.look import look
@@ -25,7 +26,7 @@ from webgym.offline.parts import Place, write
 from webgym.offline.seeds import number
 from webgym.offline.website import State, Visit, Website
 
-FAMILIES: tuple[type[Website], ...] = (Jobs, Recipes)
+FAMILIES: tuple[type[Website], ...] = (Government, Jobs, Recipes)
 SITES = 4
 
 
@@ -51,6 +52,7 @@ class Form:
     sends_itself: set[str] = field(default_factory=set)
     buttons: list[tuple[str, str, str]] = field(default_factory=list)
     texts: set[str] = field(default_factory=set)
+    radios: dict[str, tuple[str, str]] = field(default_factory=dict)
 
 
 class Page(HTMLParser):
@@ -90,8 +92,11 @@ class Page(HTMLParser):
         name = given.get("name") or ""
         if tag in ("input", "select") and name:
             if given.get("type") in ("checkbox", "radio"):
+                value = given.get("value") or "on"
                 if "checked" in given:
-                    self._form.values[name] = given.get("value") or "on"
+                    self._form.values[name] = value
+                if given.get("type") == "radio":
+                    self._form.radios[(given.get("aria-label") or value).casefold()] = (name, value)
             else:
                 self._form.values.setdefault(name, given.get("value") or "")
             self._form.labels[given.get("aria-label") or ""] = name
@@ -214,6 +219,10 @@ class Player:
 
     def click(self, name: str) -> None:
         for form in self.page.forms:
+            if name.casefold() in form.radios:
+                chosen, value = form.radios[name.casefold()]
+                form.values[chosen] = value
+                return
             for text, *button in form.buttons:
                 if text == name.casefold():
                     self.send(form, (button[0], button[1]))

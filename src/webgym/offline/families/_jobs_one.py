@@ -29,6 +29,8 @@ class OneAdvert:
     def __init__(self, site: Jobs) -> None:
         self.site = site
         self.rng = stream(site.seed, "one")
+        rows = [(level, row) for level in LEVELS[1:] for row in site.pay[level]]
+        self._rows = iter(self.rng.sample(rows, len(rows)))
 
     # --- adverts ---------------------------------------------------------------------------------
 
@@ -331,8 +333,7 @@ class OneAdvert:
 
     def quarters(self) -> Part:
         """A row of the statistics."""
-        site, level = self.site, self.rng.choice(LEVELS[1:])
-        row = self.rng.choice(site.pay[level])
+        site, (level, row) = self.site, next(self._rows)
         here, moves = self._pay_at(level)
         values = {"lower quarter": row.lower, "median": row.median, "upper quarter": row.upper}
         texts = tuple(site.money(value) for value in values.values())

@@ -11,6 +11,7 @@ from webgym.offline.families._shop_words import TOPICS
 from webgym.offline.families._shop_writer import Writer
 from webgym.offline.parts import Fact, Part
 
+STREETS = ("Mill Lane", "Castle Road", "Elm Street", "Quay Street")
 MESSAGES = (
     "Can I still change the colour?",
     "Please send me the invoice once more.",
@@ -147,67 +148,74 @@ class Deeds(Writer):
             says=f"With the code the total is {total}.",
         )
 
+    def _address(self) -> dict[str, str]:
+        """Somebody's address, as the checkout asks for it."""
+        rng, person = self.rng, names.person(self.rng)
+        given = {
+            "person": person,
+            "street": f"{rng.randint(2, 89)} {rng.choice(STREETS)}",
+            "town": names.towns(rng, 1)[0],
+            "postcode": f"{rng.randint(10_000, 99_999)}",
+            "email": f"{person.split()[0].lower()}@post.test",
+        }
+        return {name: given[name] for name in till.address_fields(self.shop)}
+
     def order(self) -> Part | None:
         """Order something and report the order's number."""
         product = self.take(lambda p: p.stock > 0 and len(p.options) < 2)
         if product is None:
             return None
-        shop, rng = self.shop, self.rng
+        shop, given = self.shop, self._address()
         options, variant = self._choose(product)
-        count = rng.randint(1, 2)
-        lines = [till.Line(0, product, options, count)]
-        number = till.order_number(shop, lines)
-        person, town = names.person(rng), names.towns(rng, 1)[0]
-        street = (
-            f"{rng.randint(2, 89)} {rng.choice(('Mill Lane', 'Castle Road', 'Elm Street', 'Quay Street'))}"
-        )
-        given = {
-            "person": person,
-            "street": street,
-            "town": town,
-            "postcode": f"{rng.randint(10_000, 99_999)}",
-        }
-        given["email"] = f"{person.split()[0].lower()}@post.test"
-        method, payment = rng.choice(shop.terms.methods)[0], rng.choice(till.PAYMENTS)
-        fields = till.address_fields(shop)
-        to = f"{person}, {street}, {given['postcode']} {town}"
-        mail = f", e-mail {given['email']}" if "email" in fields else ""
-        done = self.guide.at("/~checkout/done/{number}", number=number)
+        count = self.rng.randint(1, 2)
+        number = till.order_number(shop, [till.Line(0, product, options, count)])
+        method, payment = self.rng.choice(shop.terms.methods)[0], self.rng.choice(till.PAYMENTS)
+        to = "{person}, {street}, {postcode} {town}".format(**given)
+        mail = f", e-mail {given['email']}" if "email" in given else ""
         goods = f"{count} × {product.name}"
-        key = ("orders", number)
         steps: list[Move] = [Click(path=shop.path("/~checkout"))]
         steps += [Choose(shop.say["delivery"], method), Choose(shop.say["payment"], payment)]
-        steps += [Fill(shop.say[name], given[name]) for name in fields]
+        steps += [Fill(shop.say[name], text) for name, text in given.items()]
         steps += [Click(name=shop.say["order"], role="button")] if shop.reviews_order else []
+        done = self.guide.at("/~checkout/done/{number}", number=number)
+        key = ("orders", number)
+
+        def shown(text: str, seen: tuple[str, ...], *held: StateCheck, answer: tuple[str, ...] = ()) -> Fact:
+            return Fact(text, (Evidence(seen, done),), held, answer)
+
         return Part(
             ask=f"order {count} × {product.called}{variant} without an account, to be delivered to "
             f"{to}{mail}, choose “{method}” as the delivery method and “{payment}” as the way to pay, "
             "and report the order number",
             description=f"An order of {product.called}",
             facts=(
-                Fact(
+                shown(
                     f"{count} × {product.called}{variant} is ordered",
-                    (Evidence((goods, *(f"{k}: {v}" for k, v in options.items())), done),),
-                    (StateCheck((*key, "items", product.name), count),),
+                    (goods, *(f"{label}: {value}" for label, value in options.items())),
+                    StateCheck((*key, "items", product.name), count),
                 ),
-                Fact(
-                    f"the order goes to {to}",
-                    (Evidence((person, street, town), done),),
-                    tuple(StateCheck((*key, name), given[name]) for name in fields),
+                shown(
+                    f"the order goes to {to}{mail}",
+                    (given["person"], given["street"], given["town"]),
+                    *(StateCheck((*key, name), text) for name, text in given.items()),
                 ),
-                Fact(
+                shown(
                     f"the delivery method is “{method}”",
-                    (Evidence((f"Delivery ({method})",), done),),
-                    (StateCheck((*key, "delivery"), method),),
+                    (f"Delivery ({method})",),
+                    StateCheck((*key, "delivery"), method),
                 ),
-                Fact(
+                shown(
                     f"the way to pay is “{payment}”",
-                    (Evidence((f"{shop.say['payment']}: {payment}",), done),),
-                    (StateCheck((*key, "payment"), payment),),
+                    (f"{shop.say['payment']}: {payment}",),
+                    StateCheck((*key, "payment"), payment),
                 ),
-                Fact("the order number is reported", (Evidence((number,), done),), answer=(number,)),
+                shown("the order number is reported", (number,), answer=(number,)),
             ),
-            moves=(*self._put(product, options, count), *steps, See((number, goods, person, payment))),
+            moves=(
+                *self._put(product, options, count),
+                *steps,
+                See((number, goods, given["person"], payment)),
+            ),
             says=f"The order number is {number}.",
         )
 

@@ -140,7 +140,6 @@ class OnePage:
         return exactly(path), (Click(path=self.site.path("/~offices")), Click(path=path))
 
     def closing_time(self) -> Part:
-        site = self.site
         office = next(self._offices)
         weekday = self.rng.choice([d for d, hours in zip(WEEKDAYS, office.hours, strict=True) if hours])
         hours = office.on(weekday)

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from webgym.core.truth import Choose, Click, Evidence, Fill, Move, See, StateCheck
-from webgym.offline import names
 from webgym.offline.families import _encyclopedia_stock as stock
-from webgym.offline.families._encyclopedia_desk import Desk, listing
+from webgym.offline.families._encyclopedia_desk import Desk
+from webgym.offline.families._phrases import listing, mail_address
 from webgym.offline.parts import Fact, Part
-
-MAIL_HOSTS = ("post.example", "mail.example", "letters.example")
 
 
 class Acts(Desk):
     """Writes parts with a reading list, corrections and the newsletter."""
-
-    def _mail(self) -> str:
-        given, family = names.person(self.rng).lower().split()
-        return f"{given}.{family}@{self.rng.choice(MAIL_HOSTS)}"
 
     def save(self, count: int) -> Part | None:
         """Articles put on the reading list."""
@@ -52,7 +46,7 @@ class Acts(Desk):
         measure = self.rng.choice(self.stock.measures)
         sent = {
             "kind": self.rng.choice(stock.KINDS),
-            "mail": self._mail(),
+            "mail": mail_address(self.rng),
             "text": self.rng.choice(
                 (
                     f"Please check the row {measure.label}",
@@ -96,7 +90,7 @@ class Acts(Desk):
         sent = {
             "often": self.rng.choice(stock.OFTEN),
             "topic": self.rng.choice(self.stock.groups),
-            "mail": self._mail(),
+            "mail": mail_address(self.rng),
         }
         what = {
             "often": f"with “{sent['often']}” as “{site.word('often')}”",

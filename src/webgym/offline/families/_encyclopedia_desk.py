@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from webgym.core.truth import Choose, Click, Evidence, Fill, Move
@@ -13,26 +13,6 @@ from webgym.offline.website import slug
 
 if TYPE_CHECKING:
     from webgym.offline.families.encyclopedia import Encyclopedia
-
-WORDS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven",
-         "twelve")  # fmt: skip
-
-
-def figure(value: int) -> tuple[str, ...]:
-    """How an answer may write a number."""
-    written = tuple(dict.fromkeys((f"{value:,}", str(value))))
-    return (*written, WORDS[value]) if value < len(WORDS) else written
-
-
-def word(text: str) -> tuple[str, ...]:
-    """How an answer may write a word of the infobox: ``"Three"`` is also 3."""
-    small = text.lower()
-    return (text, str(WORDS.index(small))) if small in WORDS else (text,)
-
-
-def listing(items: Sequence[str]) -> str:
-    """``"a"``, ``"a and b"``, ``"a, b and c"``."""
-    return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else items)
 
 
 class Desk:

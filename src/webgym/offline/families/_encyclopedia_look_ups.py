@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from webgym.core.truth import Choose, Click, Evidence, Move, See
-from webgym.offline.families._encyclopedia_desk import Desk, figure, listing, word
+from webgym.offline.families._encyclopedia_desk import Desk
 from webgym.offline.families._encyclopedia_schema import Article
+from webgym.offline.families._phrases import day_texts, figure, listing, word
 from webgym.offline.parts import Fact, Part
 
 
@@ -252,14 +253,13 @@ class LookUps(Desk):
         if article is None:
             return None
         last = article.revisions[0]
-        day = f"{last.day.day} {last.day:%b %Y}"
+        dates = day_texts(last.day)
+        day = dates[0]
         path = f"{self.site.article_path(article)}/history"
         row = (day, last.editor, last.comment)
         proof = [Evidence(row, self.on(path))]
         if (article, last) in self.stock.changes:
             proof.append(Evidence((article.title, *row), self.on(self.site.path("/~changes"))))
-        dates = (day, f"{last.day.day} {last.day:%B %Y}", f"{last.day:%B} {last.day.day}, {last.day.year}",
-                 f"{last.day:%b} {last.day.day}, {last.day.year}", last.day.isoformat())  # fmt: skip
         what = f"the last change to the {self.site.word('entry')} on {article.title}"
         return Part(
             ask=f"find out on which day {what} was made, which editor made it, and what its summary says",

@@ -4,21 +4,11 @@ from __future__ import annotations
 
 from webgym.core.truth import Click, Evidence, Move, See
 from webgym.offline.families import _encyclopedia_stock as stock
-from webgym.offline.families._encyclopedia_desk import Desk, figure
+from webgym.offline.families._encyclopedia_desk import Desk
 from webgym.offline.families._encyclopedia_schema import NONE, Article
+from webgym.offline.families._phrases import figure, nice_between
 from webgym.offline.parts import Fact, Part
 from webgym.offline.website import slug
-
-NICE_STEPS = (5000, 1000, 500, 100, 50, 20, 10, 5, 2, 1)
-
-
-def nice_between(low: int, high: int) -> int:
-    """The roundest number with ``low <= number < high``."""
-    for step in NICE_STEPS:
-        number = -(-low // step) * step
-        if number < high:
-            return number
-    return low
 
 
 class Searches(Desk):

@@ -59,7 +59,6 @@ VERBS: tuple[Verb, ...] = (
     Verb("sites", "Serve or list the websites of the offline web.", "app"),
     Verb("tasks", "List, check and write task sets.", "app"),
     Verb("rollout", "Collect trajectories into a run folder, or resume a run."),
-    Verb("judge", "Judge the trajectories of a run again."),
     Verb("report", "Write the report of a run."),
     Verb("view", "Browse a run in a web browser."),
 )

@@ -137,4 +137,4 @@ def show_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManage
 
 def tell_on(console: Console) -> Callable[[str], None]:
     """Remarks on this console."""
-    return lambda line: console.print(f"[yellow]note[/] {escape(line)}", highlight=False)
+    return lambda line: console.print(f"[yellow]note[/] {escape(line)}", highlight=False, soft_wrap=True)

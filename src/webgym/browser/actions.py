@@ -26,6 +26,7 @@ from webgym.core.errors import ActionFailed, NavigationFailed
 
 Point = tuple[float, float]
 
+_SAID_LENGTH = 300
 _SCHEMES = ("http://", "https://")
 _OTHER_SCHEMES = frozenset(
     {"about", "blob", "chrome", "data", "file", "ftp", "javascript", "mailto", "view-source"}
@@ -181,7 +182,7 @@ async def _go_back(page: Page) -> None:
         async with asyncio.timeout(page.config.navigate_seconds):
             await page.traffic.started.wait()
     except TimeoutError:
-        raise NavigationFailed(f"{before[-1].url} did not open") from None
+        raise NavigationFailed(f"{before[-1].url[:_SAID_LENGTH]} did not open") from None
 
 
 async def _navigate(page: Page, url: str) -> None:
@@ -191,7 +192,7 @@ async def _navigate(page: Page, url: str) -> None:
     if wanted.lower().startswith(_SCHEMES):
         await page.navigate(wanted)
     elif not wanted or "://" in wanted or wanted.split(":")[0].lower() in _OTHER_SCHEMES:
-        raise NavigationFailed(f'"{url}" was not opened: only http and https addresses are')
+        raise NavigationFailed(f'"{wanted[:_SAID_LENGTH]}" was not opened: only http and https addresses are')
     else:  # as an address bar does: secure first
         try:
             await page.navigate(f"https://{wanted}")

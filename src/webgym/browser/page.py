@@ -228,6 +228,7 @@ class Page:
             NavigationFailed: with the browser's own error word.
         """
         params = {"url": url, "referrer": referrer} if referrer else {"url": url}
+        said = url[:_SAID_LENGTH]
         try:
             navigated = await self.session.call(
                 "Page.navigate", params, reply=Navigated, seconds=self.config.navigate_seconds
@@ -235,15 +236,15 @@ class Page:
         except BrowserTimeout:
             self.session.send("Page.stopLoading")
             raise NavigationFailed(
-                f"{url} gave no answer within {self.config.navigate_seconds:g} s"
+                f"{said} gave no answer within {self.config.navigate_seconds:g} s"
             ) from None
         except CommandFailed as error:
-            raise NavigationFailed(f"{url}: {error.message}") from error
+            raise NavigationFailed(f"{said}: {error.message}") from error
         if navigated.is_download or navigated.error_text == "net::ERR_ABORTED":
             return  # a download has its own notice; an aborted navigation leaves the page as it is
         if navigated.error_text:
             self._told_failure = navigated.loader_id  # its error page comes later, and is no news
-            raise NavigationFailed(f"{url}: {navigated.error_text}")
+            raise NavigationFailed(f"{said}: {navigated.error_text}")
 
     async def revive(self) -> None:
         """Bring a crashed renderer back, at the URL where it died.

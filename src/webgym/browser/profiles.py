@@ -23,12 +23,16 @@ _NAME = re.compile(r"(\d+)-(\d+)")
 
 
 def _started(pid: int) -> int | None:
-    """When a process started, milliseconds since the epoch; ``None`` if there is none."""
+    """When a living process started, clock ticks since boot; ``None`` if there is none.
+
+    Not the time of day, as which a clock that is set would make a living owner look dead.
+    """
     try:
-        process = psutil.Process(pid)
-        return None if process.status() == psutil.STATUS_ZOMBIE else round(process.create_time() * 1000)
-    except psutil.NoSuchProcess:
+        # "pid (name) state ... starttime ...", and the name may hold anything
+        fields = Path(f"/proc/{pid}/stat").read_text(errors="replace").rpartition(")")[2].split()
+    except (FileNotFoundError, ProcessLookupError):
         return None
+    return None if fields[0] in "ZX" else int(fields[19])
 
 
 def _is_abandoned(folder: Path) -> bool:
@@ -85,8 +89,10 @@ class ProfileRoot:
     def new(self) -> Path:
         """A fresh, private folder for one browser."""
         self._count += 1
-        self.path.mkdir(mode=0o700, exist_ok=True)
-        return Path(tempfile.mkdtemp(prefix=f"{self._count}-", dir=self.path))
+        while True:
+            self.path.mkdir(mode=0o700, exist_ok=True)
+            with contextlib.suppress(FileNotFoundError):  # its last browser's end removed it meanwhile
+                return Path(tempfile.mkdtemp(prefix=f"{self._count}-", dir=self.path))
 
     async def remove(self, profile: Path) -> None:
         """Remove one browser's folder, and the root when it was the last."""

@@ -270,7 +270,10 @@ def ask_standings(site: Events, rng: random.Random, facts: int) -> Part | None:
             return None
         row, which = most[0], f"the {site.kind.person} that scored the most goals"
         goals = ("number of goals", (row.club.name, str(row.goals)), (str(row.goals),))
-        chosen = [("name", (row.club.name,), (row.club.name,)), goals]
+        chosen: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = [
+            ("name", (row.club.name,), (row.club.name,)),
+            goals,
+        ]
     else:
         which = f"{row.club.name}"
         choices: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = [

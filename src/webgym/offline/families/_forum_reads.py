@@ -291,7 +291,7 @@ class Reads(Desk):
         ]
 
     def _row_proof(self, user: User, label: str, value: str, *, listed: bool) -> tuple[Evidence, ...]:
-        proof = (Evidence((label, value), self.on_user(user)),)
+        proof: tuple[Evidence, ...] = (Evidence((label, value), self.on_user(user)),)
         if listed:
             proof += (Evidence((user.name, value), self.on(self.site.path("/~members"))),)
         return proof
@@ -358,13 +358,9 @@ class Reads(Desk):
         computed = Fact(
             "the difference between the two is given", proofs[0] + proofs[1], answer=figure(between)
         )
-        path = self.site.path("/~members")
         moves: list[Move] = []
         for user in pair:
-            number = self.stock.users.index(user) // 12 + 1
-            if moves and number > 1 and self.site.look.pager != "numbers":
-                moves.append(Click(path="/"))
-            moves += [Click(path=path), *self.turn(path, number), See((user.name, f"{user.posts:,}"))]
+            moves += [*self.open_user(user), See(("Posts", f"{user.posts:,}"))]
         return Part(
             ask=f"give the number of posts of {first.name} and of {second.name}, and the difference between "
             "the two",

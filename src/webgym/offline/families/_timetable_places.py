@@ -213,7 +213,7 @@ def ask_ticket(site: Timetable, rng: random.Random, facts: int) -> Part | None:
     """What a kind of ticket allows."""
     ticket = rng.choice(site.network.tickets)
     there = having(site.path("/~fares"))
-    choices = [
+    choices: list[tuple[str, tuple[str, ...], tuple[str, ...]]] = [
         ("validity", (ticket.name, ticket.valid), (ticket.valid,)),
         ("refund rule", (ticket.name, ticket.refund), (ticket.refund,)),
     ]

@@ -6,6 +6,7 @@ import re
 from functools import lru_cache
 from html import unescape
 from urllib.parse import parse_qsl, unquote, urlsplit
+from xml.etree import ElementTree
 
 import pytest
 
@@ -197,3 +198,11 @@ def test_exactly_one_fulfils_an_either_or() -> None:
 )
 def test_nice_numbers_lie_between(low: int, high: int, nice: int) -> None:
     assert nice_between(low, high) == nice
+
+
+def test_every_subject_has_its_picture() -> None:
+    site = made(100)
+    for subject in stock.SUBJECTS:
+        drawn = ask(site, f"/picture/{subject.picture}/Tom%20%26%20Co.svg").body
+        ElementTree.fromstring(drawn)
+        assert drawn != ask(site, f"/picture/{subject.picture}/Another.svg").body

@@ -16,7 +16,7 @@ OPERAS = Subject(
     domain="Entertainment",
     subdomain="Live Shows & Performances",
     brands=("Opera Guide", "Opera Handbook", "Stage Lexicon"),
-    picture="pattern",
+    picture="poster",
     group_label="Genre",
     groups=(
         ("Comic opera", ""),
@@ -79,7 +79,7 @@ SYMPHONIES = Subject(
     domain="Entertainment",
     subdomain="Music",
     brands=("Music Lexicon", "Symphony Guide", "Classical Archive"),
-    picture="pattern",
+    picture="sheet",
     group_label="School",
     groups=(
         ("Court school", ""),
@@ -142,7 +142,7 @@ FILMS = Subject(
     domain="Entertainment",
     subdomain="Films & TV Shows",
     brands=("Film Lexicon", "Cinema Archive", "Filmpedia"),
-    picture="pattern",
+    picture="poster",
     group_label="Genre",
     groups=(
         ("Thrillers", ""),
@@ -207,7 +207,7 @@ NOVELS = Subject(
     domain="Entertainment",
     subdomain="Books & Reading",
     brands=("Book Lexicon", "Novel Guide", "Reader's Encyclopedia"),
-    picture="pattern",
+    picture="poster",
     group_label="Genre",
     groups=(
         ("Adventure novels", ""),
@@ -271,7 +271,7 @@ GAMES = Subject(
     domain="Entertainment",
     subdomain="Gaming & Virtual Worlds",
     brands=("Game Archive", "Arcade Lexicon", "Gamepedia"),
-    picture="pattern",
+    picture="poster",
     group_label="Genre",
     groups=(
         ("Platformers", "Jump Runner Quest"),
@@ -336,7 +336,7 @@ TEXTILES = Subject(
     domain="Lifestyle & Leisure",
     subdomain="Fashion & Beauty",
     brands=("Textile Lexicon", "Fabric Handbook", "Costume Archive"),
-    picture="pattern",
+    picture="weave",
     group_label="Fibre",
     groups=(
         ("Wool fabrics", "Tweed Flannel Loden"),

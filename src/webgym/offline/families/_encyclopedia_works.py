@@ -15,7 +15,7 @@ INVENTIONS = Subject(
     domain="Science & Research",
     subdomain="Technology & Science",
     brands=("Book of Inventions", "Patent Museum", "Technology Lexicon"),
-    picture="thing",
+    picture="machine",
     group_label="Field",
     groups=(
         ("Optics", "Lens Prism Telescope"),
@@ -79,7 +79,7 @@ CASTLES = Subject(
     domain="Misc.",
     subdomain="General Info.",
     brands=("Castle Register", "Castles Guide", "Heritage Lexicon"),
-    picture="scene",
+    picture="castle",
     group_label="Region",
     groups=(
         ("Upper March", ""),
@@ -335,7 +335,7 @@ STADIUMS = Subject(
     domain="Lifestyle & Leisure",
     subdomain="Sports & Fitness",
     brands=("Stadium Guide", "Sports Lexicon", "Arena Register"),
-    picture="scene",
+    picture="stadium",
     group_label="League",
     groups=(
         ("Northern League", ""),

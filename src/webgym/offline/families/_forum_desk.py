@@ -97,10 +97,11 @@ class Desk:
         ]
 
     def open_user(self, user: User) -> list[Move]:
-        """Get to a member's profile by the list of members."""
-        path = self.site.path("/~members")
-        number = self.stock.users.index(user) // 12 + 1
-        return [Click(path=path), *self.turn(path, number), Click(path=self.site.user_path(user))]
+        """Get to a member's profile, by the first page of the list of members or by searching."""
+        there = Click(path=self.site.user_path(user))
+        if user in self.stock.users[:12] and self.rng.random() < 0.5:
+            return [self.go("members"), there]
+        return [Fill(self.site.word("search"), user.name), there]
 
     def turn(self, path: str, number: int) -> list[Move]:
         """From the first page of a list to another."""

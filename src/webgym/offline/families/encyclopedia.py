@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from webgym.offline.families import _encyclopedia_pictures as pictures
 from webgym.offline.families import _encyclopedia_stock as stock
 from webgym.offline.families import _encyclopedia_tasks as tasks
 from webgym.offline.families._encyclopedia_help import Topic, topics
@@ -230,6 +231,13 @@ class Encyclopedia(Website):
         """The front page."""
         featured = pick(self.stock.articles, self.seed, "featured")
         return self.render("encyclopedia/front.html", visit, featured=featured, initial=stock.initial)
+
+    @page("/picture/{kind}/{name}")
+    def picture(self, visit: Visit, kind: str, name: str) -> Response:
+        """An illustration of an article, or a portrait."""
+        del visit
+        drawn = pictures.draw(kind, name.removesuffix(".svg"), self.look)
+        return Response(drawn.encode(), media_type="image/svg+xml")
 
     @page("/~search")
     def search(self, visit: Visit) -> Response:

@@ -162,7 +162,7 @@ class Forum(Website):
 
     def _listing(
         self, visit: Visit, title: str, threads: Sequence[Thread], *, about: str = "", board: str = "",
-        close: Sequence[Thread] = (),
+        close: Sequence[Thread] = (), members: Sequence[User] = (),
     ) -> Response:  # fmt: skip
         tag, state = visit.query.get("tag", ""), visit.query.get("state", "")
         wanted = visit.query.get("board", "")
@@ -177,7 +177,7 @@ class Forum(Website):
         own = [thread for thread in visit.state.get("threads", []) if thread["board"] == board]
         return self.render(
             "forum/listing.html", visit, title=title, about=about, board=board, results=shown, own=own,
-            close=close, can_choose_board=not board,
+            close=close, members=members, can_choose_board=not board,
         )  # fmt: skip
 
     @page("/~all")
@@ -210,7 +210,7 @@ class Forum(Website):
 
     @page("/~search")
     def search(self, visit: Visit) -> Response:
-        """Threads whose title or opening text has all the words."""
+        """Threads and members that have all the words in their names."""
         asked = visit.query.get(self.paths["q"], "").strip()
         words = re.findall(r"\w+", asked.casefold())
         threads = self.stock.threads
@@ -220,12 +220,15 @@ class Forum(Website):
 
         in_title = [thread for thread in threads if has(thread.title)]
         in_text = [t for t in threads if t not in in_title and has(f"{t.title} {t.author.name} {t.tag}")]
+        members = [user for user in self.stock.users if has(user.name)]
         close: list[Thread] = []
-        if not in_title and not in_text:
+        if not in_title and not in_text and not members:
             titles = {thread.title.casefold(): thread for thread in threads}
             near = difflib.get_close_matches(asked.casefold(), titles, n=3, cutoff=0.6)
             close = [titles[title] for title in near]
-        return self._listing(visit, f"Results for “{asked}”", [*in_title, *in_text], close=close)
+        return self._listing(
+            visit, f"Results for “{asked}”", [*in_title, *in_text], close=close, members=members
+        )
 
     # --- threads -----------------------------------------------------------------------------------------
 

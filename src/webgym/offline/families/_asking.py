@@ -7,10 +7,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from webgym.core.truth import Evidence
+from webgym.offline.look import Look
 from webgym.offline.parts import Assignment, Part
 
 BARE_FROM = 10
 """A number below this proves nothing without its unit."""
+
+
+def pages_at_most(look: Look) -> int:
+    """How far a task may go into a list: loaded pages pile up and have to be scrolled, rows most of all."""
+    if look.pager == "more":
+        return 1 if look.listing == "rows" else 2
+    return 4 if look.pager == "numbers" else 3
 
 
 def exactly(path: str) -> str:

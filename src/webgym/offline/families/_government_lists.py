@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Click, Move, See
 from webgym.offline.families import _government_deeds as deeds
-from webgym.offline.families._asking import count, exactly, shown
+from webgym.offline.families._asking import count, exactly, pages_at_most, shown
 from webgym.offline.families._government_catalog import Service
 from webgym.offline.families._government_ways import date_of, fee_of, working_days
 from webgym.offline.parts import Fact, Part
@@ -104,7 +104,7 @@ class Lists:
         site = self.site
         found = site.find(sort="days")
         pages = -(-len(found) // site.page_size)
-        if pages > 4 or found[-1].days == found[-2].days:
+        if pages > pages_at_most(site.look) or found[-1].days == found[-2].days:
             return None
         slow = found[-1]
         answer = working_days(slow)

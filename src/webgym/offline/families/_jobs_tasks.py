@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Click, Move, See
 from webgym.offline.families import _jobs_deeds as deeds
-from webgym.offline.families._asking import compose, count, shown
+from webgym.offline.families._asking import compose, count, pages_at_most, shown
 from webgym.offline.families._jobs_catalog import Job, sector_of
 from webgym.offline.families._jobs_one import OneAdvert, money
 from webgym.offline.parts import Assignment, Fact, Part
@@ -174,7 +174,7 @@ class Lists:
         for field, text in site.finder.facets[0].options:
             found = site.find(field=field, sort="pay")
             pages = -(-len(found) // site.page_size)
-            if not 2 <= pages <= 4 or found[-1].high == found[-2].high:
+            if not 2 <= pages <= pages_at_most(site.look) or found[-1].high == found[-2].high:
                 continue
             last = found[-1]
             pay = site.range(last)

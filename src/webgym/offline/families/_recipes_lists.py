@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Click, Move, See
 from webgym.offline.families import _recipes_deeds as deeds
-from webgym.offline.families._asking import count, exactly, minutes, quantity, shown
+from webgym.offline.families._asking import count, exactly, minutes, pages_at_most, quantity, shown
 from webgym.offline.families._recipes_catalog import Chart, Recipe
 from webgym.offline.families._recipes_one import grams
 from webgym.offline.parts import Fact, Part
@@ -104,7 +104,7 @@ class Lists:
         for course, text in site.finder.facets[0].options:
             found = site.find(course=course, sort="time")
             pages = -(-len(found) // site.page_size)
-            if not 2 <= pages <= 4 or found[-1].total == found[-2].total:
+            if not 2 <= pages <= pages_at_most(site.look) or found[-1].total == found[-2].total:
                 continue
             slow = found[-1]
             total = f"{slow.total} min"

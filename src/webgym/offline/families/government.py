@@ -120,7 +120,7 @@ class Government(Website):
             make_rounds(self.seed, len(self.body.rounds[1])),
         )
         self.tariff, self.cases = make_tariff(self.seed, self.body), make_cases(self.seed, self.services)
-        self.page_size = pick((8, 9, 12), self.seed, "page size")
+        self.page_size = 16 if self.look.pager == "more" else pick((8, 9, 12), self.seed, "page size")
         self.typed = stream(self.seed, "typed").random() < 0.5
         self.finder, self.minutes = self._make_finders()
 

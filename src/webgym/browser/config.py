@@ -86,6 +86,10 @@ class BrowserConfig(BaseModel):
     screenshot_seconds: float = Field(default=15.0, gt=0)
     """One picture, retries included."""
 
+    screenshot_try_seconds: float = Field(default=3.0, gt=0)
+    """One request for a picture. About one in two thousand is never answered, after a navigation; asked
+    again, it is. On a busy machine the slowest answers take half a second."""
+
     screenshot_retry_seconds: float = Field(default=0.05, gt=0)
     """Pause after "Unable to capture screenshot", which Chromium says while a page comes or goes."""
 

@@ -139,8 +139,13 @@ async def capture(page: Page) -> bytes:
             while True:
                 try:
                     shot = await page.session.call(
-                        "Page.captureScreenshot", params, reply=Screenshot, seconds=config.screenshot_seconds
+                        "Page.captureScreenshot",
+                        params,
+                        reply=Screenshot,
+                        seconds=config.screenshot_try_seconds,
                     )
+                except BrowserTimeout:
+                    continue  # a frame that was swapped away took the request with it
                 except CommandFailed as error:
                     if "Unable to capture screenshot" not in error.message:
                         raise

@@ -61,6 +61,9 @@ class SitesConfig(BaseModel):
     token: SecretStr | None = None
     """For the administration; random if not given."""
 
+    keep_alive_seconds: int = Field(default=75, gt=0)
+    """Idle connections are kept for longer than clients keep them, so that none closes as it is used."""
+
     start_seconds: float = Field(default=30.0, gt=0)
     """How long the server may take to start."""
 
@@ -232,6 +235,7 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
             lifespan="off",
             date_header=False,
             server_header=False,
+            timeout_keep_alive=config.keep_alive_seconds,
             timeout_graceful_shutdown=1,
         )
     )

@@ -11,10 +11,9 @@ from xml.etree import ElementTree
 import pytest
 
 from webgym.core.text import fold, says
-from webgym.offline.families import _encyclopedia_stock as stock
-from webgym.offline.families._encyclopedia_schema import NONE
 from webgym.offline.families._phrases import nice_between
-from webgym.offline.families.encyclopedia import Encyclopedia
+from webgym.offline.families.encyclopedia import Encyclopedia, stock
+from webgym.offline.families.encyclopedia.schema import NONE
 from webgym.offline.look import look
 from webgym.offline.website import Response, State, Visit, slug
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from webgym.core.text import fold, says
-from webgym.offline.families._events_data import SEASONS
-from webgym.offline.families._events_kinds import KINDS
 from webgym.offline.families.events import Events
+from webgym.offline.families.events.data import SEASONS
+from webgym.offline.families.events.kinds import KINDS
 from webgym.offline.look import look
 from webgym.offline.website import slug
 

@@ -10,9 +10,8 @@ from urllib.parse import parse_qsl, quote_plus, unquote, urlsplit
 import pytest
 
 from webgym.core.text import fold, says
-from webgym.offline.families import _forum_stock as stock
-from webgym.offline.families._forum_schema import KINDS
-from webgym.offline.families.forum import Forum
+from webgym.offline.families.forum import Forum, stock
+from webgym.offline.families.forum.schema import KINDS
 from webgym.offline.look import look
 from webgym.offline.website import Response, State, Visit, slug
 

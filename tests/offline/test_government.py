@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from webgym.offline.families._government_words import BODIES, SERVICES
 from webgym.offline.families.government import Government
+from webgym.offline.families.government.words import BODIES, SERVICES
 from webgym.offline.look import look
 from webgym.offline.seeds import number
 from webgym.offline.website import Response, State, Visit, slug

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from webgym.offline.families._jobs_catalog import LEVELS
 from webgym.offline.families.jobs import Jobs
+from webgym.offline.families.jobs.catalog import LEVELS
 from webgym.offline.look import look
 from webgym.offline.seeds import number
 from webgym.offline.website import Response, State, Visit

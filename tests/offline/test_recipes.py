@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from webgym.offline.families._recipes_catalog import amount
-from webgym.offline.families._recipes_words import INGREDIENTS
 from webgym.offline.families.recipes import Recipes
+from webgym.offline.families.recipes.catalog import amount
+from webgym.offline.families.recipes.words import INGREDIENTS
 from webgym.offline.look import look
 from webgym.offline.seeds import number
 from webgym.offline.website import Response, State, Visit

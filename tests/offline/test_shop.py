@@ -13,10 +13,9 @@ from xml.etree import ElementTree
 import pytest
 
 from webgym.core.text import fold, says
-from webgym.offline.families import _shop_art as art
-from webgym.offline.families._shop_catalogue import SECTORS, sector_of
-from webgym.offline.families._shop_words import SERIES
-from webgym.offline.families.shop import Shop
+from webgym.offline.families.shop import Shop, art
+from webgym.offline.families.shop.catalogue import SECTORS, sector_of
+from webgym.offline.families.shop.words import SERIES
 from webgym.offline.look import look
 from webgym.offline.seeds import number
 from webgym.offline.website import Response, State, Visit

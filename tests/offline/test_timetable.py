@@ -6,9 +6,9 @@ from typing import Any
 from urllib.parse import quote
 
 from webgym.core.text import fold, says
-from webgym.offline.families._timetable_modes import MODES
-from webgym.offline.families._timetable_network import days_on_sale
 from webgym.offline.families.timetable import Timetable
+from webgym.offline.families.timetable.modes import MODES
+from webgym.offline.families.timetable.network import days_on_sale
 from webgym.offline.look import look
 from webgym.offline.website import slug
 

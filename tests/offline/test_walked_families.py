@@ -19,8 +19,6 @@ import pytest
 from webgym.core.task import Task
 from webgym.core.truth import Back, Choose, Click, Fill, Give, Home, See
 from webgym.offline.families.government import Government
-from webgym.offline.families.encyclopedia import Encyclopedia
-from webgym.offline.families.forum import Forum
 from webgym.offline.families.jobs import Jobs
 from webgym.offline.families.recipes import Recipes
 from webgym.offline.look import look

@@ -1,6 +1,6 @@
 """The offline web: websites made from seeds, with their tasks, truths and solutions.
 
-families/   one file per kind of website: its catalogue, its pages, its tasks
+families/   one package per kind of website: its catalogue, its pages, its tasks
 website.py  what every website is: routes, pages, a visitor's state
 parts.py    what a task is made of, and the rule that decomposes it
 look.py     palettes, fonts and layouts, so that no two websites look the same

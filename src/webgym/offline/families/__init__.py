@@ -1,18 +1,28 @@
-"""The kinds of websites of the offline web, one file each."""
+"""The kinds of websites of the offline web, one package each.
+
+A family's package defines its :class:`~webgym.offline.website.Website`; the modules beside it hold its
+stock of words, its catalogue, its pages' helpers and its tasks. The private modules here are shared.
+"""
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
-
+from webgym.offline.families.encyclopedia import Encyclopedia
+from webgym.offline.families.events import Events
+from webgym.offline.families.forum import Forum
+from webgym.offline.families.government import Government
+from webgym.offline.families.jobs import Jobs
+from webgym.offline.families.recipes import Recipes
+from webgym.offline.families.shop import Shop
+from webgym.offline.families.timetable import Timetable
 from webgym.offline.website import Website
 
-
-def _families() -> tuple[type[Website], ...]:
-    """Every :class:`Website` that a module of this package defines, in the order of their names."""
-    for module in pkgutil.iter_modules(__path__):
-        importlib.import_module(f"{__name__}.{module.name}")
-    return tuple(sorted(Website.__subclasses__(), key=lambda family: family.family))
-
-
-FAMILIES = _families()
+FAMILIES: tuple[type[Website], ...] = (
+    Encyclopedia,
+    Events,
+    Forum,
+    Government,
+    Jobs,
+    Recipes,
+    Shop,
+    Timetable,
+)

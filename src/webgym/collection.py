@@ -39,7 +39,7 @@ from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
-from webgym.tasks import BrokenRecord, draw, read_tasks
+from webgym.tasks import BrokenRecord, draw, draw_spread, read_tasks
 
 
 class _Settings(BaseModel):
@@ -57,6 +57,9 @@ class TaskChoice(_Settings):
 
     count: int | None = Field(default=None, ge=1)
     """How many, drawn at random without replacement; ``None`` takes all."""
+
+    spread: bool = False
+    """Draw from every website before drawing from one again: small samples then show all of them."""
 
 
 class PolicyChoice(_Settings):
@@ -134,6 +137,8 @@ def choose_tasks(config: RunConfig) -> tuple[list[Task], list[BrokenRecord]]:
         tasks = [task for task in found.tasks if choice.split in (None, task.split)]
     if not tasks:
         raise ConfigError(f"there is no task in the split {choice.split!r}", hint="choose another split")
+    if choice.spread:
+        return draw_spread(tasks, choice.count, config.seed, key=lambda task: task.website), broken
     return draw(tasks, choice.count, config.seed), broken
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.tasks import draw, read_tasks, write_tasks
+from webgym.tasks import draw, draw_spread, read_tasks, write_tasks
 
 
 def task(number: int) -> Task:
@@ -73,3 +73,12 @@ def test_drawing_is_seeded_and_without_replacement() -> None:
     assert draw(range(100), 10, seed=1) == draw(range(100), 10, seed=1) != draw(range(100), 10, seed=2)
     assert sorted(draw(range(100), None, seed=1)) == list(range(100))
     assert len(set(draw(range(100), 10, seed=1))) == 10
+
+
+def test_a_spread_draw_visits_every_group_before_it_comes_back() -> None:
+    items = [f"{group}{number}" for group in "abcd" for number in range(5)]
+    drawn = draw_spread(items, 10, seed=3, key=lambda item: item[0])
+    assert len(set(drawn)) == 10
+    assert {item[0] for item in drawn[:4]} == {item[0] for item in drawn[4:8]} == set("abcd")
+    assert drawn == draw_spread(items, 10, seed=3, key=lambda item: item[0])
+    assert sorted(draw_spread(items, None, seed=3, key=lambda item: item[0])) == sorted(items)

@@ -52,7 +52,7 @@ def command(
     folder = out or Path("runs") / f"demo-{datetime.now():%Y%m%d-%H%M%S}"
     config = RunConfig(
         seed=seed,
-        tasks=TaskChoice(split="test", count=tasks),
+        tasks=TaskChoice(split="test", count=tasks, spread=True),
         policy=policy_choice(policy, mistakes, base_url, model),
         agent=AgentConfig(mode="marks" if marks else "coordinates"),
         collector=CollectorConfig(sessions=sessions),

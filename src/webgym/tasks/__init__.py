@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from webgym.tasks.files import BrokenRecord, TaskFile, read_tasks, write_tasks
-from webgym.tasks.sampling import draw
+from webgym.tasks.sampling import draw, draw_spread
 
-__all__ = ["BrokenRecord", "TaskFile", "draw", "read_tasks", "write_tasks"]
+__all__ = ["BrokenRecord", "TaskFile", "draw", "draw_spread", "read_tasks", "write_tasks"]

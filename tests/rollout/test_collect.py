@@ -12,13 +12,13 @@ import psutil
 import pytest
 
 from webgym.agent.config import AgentConfig
+from webgym.checking import unexpected
 from webgym.collection import PolicyChoice, RunConfig, ServerChoice, TaskChoice, collect, read_config, resume
 from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
-from webgym.offline.check import unexpected
 from webgym.rollout.attempt import AttemptConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress

@@ -30,7 +30,7 @@ def command(
     ),
     model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
     marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
-    seed: int = typer.Option(0, "--seed", help="Of the tasks drawn and of everything random."),
+    seed: int = typer.Option(1, "--seed", help="Of the tasks drawn and of everything random."),
 ) -> None:
     """Collect, judge and report trajectories on the offline web: no network, no model, no GPU needed.
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from webgym.rollout.store import RunReader
 
 app = typer.Typer(no_args_is_help=True, help="Serve, list and check the websites of the offline web.")
 
@@ -71,6 +75,13 @@ def list_sites(
             print(f"http://{host}/  {spec.family.family}  {spec.split}  {spec.behaviour}")
 
 
+async def _pushovers(reader: RunReader) -> list[str]:
+    from webgym.checking import pushovers
+    from webgym.judge import OfflineJudge
+
+    return [line async for line in pushovers(reader.tasks, reader.trajectories(), OfflineJudge())]
+
+
 @app.command()
 def check(
     out: Path | None = typer.Option(None, "--out", help="Keep the run in this folder.", show_default=False),
@@ -83,22 +94,24 @@ def check(
     marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
     seed: int = typer.Option(0, "--seed", help="Of the sample."),
 ) -> None:
-    """Prove in real browsers that tasks are solvable: play every solution and judge it.
+    """Prove in real browsers that tasks are solvable, and by nothing less than a solution.
 
-    A task passes if its attempt ends as its website lets it end: in success where the website behaves,
-    within the step budget. Exits with 1 if any does not, and names each.
+    Plays every solution. A task passes if its attempt ends as its website lets it end: in success where
+    the website behaves, within the step budget; and if the same attempt with a wrong answer, with the
+    right answer but without the evidence, or with nothing at all does not pass the judge. Exits with 1 if
+    any task fails, and names each.
     """
     import tempfile
 
     from rich.console import Console
 
     from webgym.agent.config import AgentConfig
+    from webgym.checking import unexpected
     from webgym.cli._run import run, show_on, tell_on
     from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
     from webgym.core.errors import ConfigError
     from webgym.offline import OfflineWeb
     from webgym.offline.app import SitesConfig
-    from webgym.offline.check import unexpected
     from webgym.rollout.collector import CollectorConfig
     from webgym.rollout.store import RunReader
     from webgym.tasks import draw, write_tasks
@@ -128,10 +141,12 @@ def check(
         run(lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)))
         reader = RunReader(folder)
         surprises = list(unexpected(reader.tasks, reader.trajectories()))
+        surprises += run(lambda: _pushovers(reader))
         for surprise in surprises:
             console.print(surprise, highlight=False, markup=False, soft_wrap=True)
+        failed = {surprise.partition(": ")[0] for surprise in surprises}
         console.print(
-            f"{len(reader.tasks) - len(surprises)} of {len(reader.tasks)} tasks end as they should",
+            f"{len(reader.tasks) - len(failed)} of {len(reader.tasks)} tasks are as they should be",
             highlight=False,
         )
         if surprises:

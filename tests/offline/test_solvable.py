@@ -1,0 +1,68 @@
+"""Every task is solvable by clicking, typing and scrolling, and by nothing less: a seeded sample in real
+Chromium. ``webgym sites check`` does the same for all of them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from webgym.checking import pushovers, spoilt, unexpected
+from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
+from webgym.core.outcome import Outcome
+from webgym.judge import OfflineJudge
+from webgym.offline import OfflineWeb
+from webgym.offline.app import SitesConfig
+from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.store import RunReader
+from webgym.tasks import draw, write_tasks
+
+PER_FAMILY = 3
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(300)
+async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path) -> None:
+    web = OfflineWeb()
+    hosts: dict[str, list[str]] = {}
+    for host, spec in web.specs.items():
+        if spec.behaviour == "good":
+            hosts.setdefault(spec.family.family, []).append(host)
+    tasks = [
+        task
+        for family in hosts
+        for host in draw(hosts[family], PER_FAMILY, seed=11)
+        for task in draw(web.tasks_of(host), 1, seed=11)
+    ]
+    assert len(tasks) == PER_FAMILY * 8
+    write_tasks(tmp_path / "tasks.jsonl", tasks)
+    config = RunConfig(
+        tasks=TaskChoice(file=tmp_path / "tasks.jsonl"),
+        policy=PolicyChoice(name="scripted"),
+        sites=SitesConfig(latency=0),
+        collector=CollectorConfig(sessions=4, straggler_share=1.0),
+    )
+    await collect(config, tmp_path / "run")
+    reader = RunReader(tmp_path / "run")
+    solved = [each for each in reader.trajectories() if each.outcome is not Outcome.ENVIRONMENT_ERROR]
+    assert list(unexpected(reader.tasks, solved)) == []
+    assert [line async for line in pushovers(reader.tasks, solved, OfflineJudge())] == []
+    ways = Counter(
+        way for each in solved for way, _ in spoilt(reader.tasks[each.episode.task_id], each.episode)
+    )
+    assert len(ways) >= 7  # every way of spoiling was tried
+
+
+def test_there_are_enough_websites_and_tasks() -> None:
+    web = OfflineWeb()
+    families = Counter(spec.family.family for spec in web.specs.values() if spec.behaviour == "good")
+    assert len(families) >= 6
+    assert min(families.values()) >= 50
+    tasks = list(web.tasks())
+    assert len(tasks) >= 3000
+    assert len({task.id for task in tasks}) == len(tasks)
+    assert set(range(1, 8)) <= {task.difficulty for task in tasks}
+    split = {host: spec.split for host, spec in web.specs.items()}
+    assert all(task.truth and task.split == split[task.truth.host] for task in tasks)

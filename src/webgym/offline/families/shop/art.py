@@ -15,7 +15,7 @@ from xml.sax.saxutils import escape
 
 from webgym.offline.seeds import stream
 
-DRAWINGS = Path(__file__).parents[1] / "templates" / "shop" / "goods.svg"
+DRAWINGS = Path(__file__).parents[2] / "templates" / "shop" / "goods.svg"
 
 WORDS: dict[str, str] = {
     "kettle": "kettle moka press watering pour",

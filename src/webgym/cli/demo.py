@@ -12,7 +12,7 @@ def command(
         None, "--out", help="Run folder; a new one under runs/ if not given.", show_default=False
     ),
     tasks: int = typer.Option(200, "--tasks", min=1, help="Tasks, drawn from unseen (test) websites."),
-    sessions: int = typer.Option(12, "--sessions", min=1, help="Browser sessions at the same time."),
+    sessions: int = typer.Option(8, "--sessions", min=1, help="Browser sessions at the same time."),
     policy: str | None = typer.Option(
         None,
         "--policy",

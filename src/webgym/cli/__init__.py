@@ -61,6 +61,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("rollout", "Collect trajectories into a run folder, or resume a run."),
     Verb("report", "Write the report of a run."),
     Verb("view", "Browse a run in a web browser."),
+    Verb("bench", "Measure this machine: speed, density, settling, faults.", "app"),
 )
 
 
@@ -141,7 +142,8 @@ def _usage_problem(error: BaseException, verb: str) -> str:
         return ""
     context = getattr(error, "ctx", None)
     path = context.command_path if context else f"webgym {verb}".rstrip()
-    return f"{error.format_message().rstrip('.')} (see `{path} --help`)"
+    said = error.format_message().rstrip(".") or "a command is missing"  # the help was shown already
+    return f"{said} (see `{path} --help`)"
 
 
 def _leaves(error: BaseException) -> Iterator[BaseException]:

@@ -1,4 +1,4 @@
-"""Queues and leases on their own, without a browser."""
+"""Leases on their own, without a browser."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import pytest
 
 from webgym.browser import BrowserConfig, ProfileRoot, Slot
 from webgym.core.errors import LeaseLost
-from webgym.server.admission import Gate
 from webgym.server.leases import Leases
 
 
@@ -23,29 +22,6 @@ class Taken:
 
     async def __call__(self, slot: Slot) -> None:
         self.slots.append(slot)
-
-
-async def test_a_gate_lets_its_number_through_in_order() -> None:
-    gate = Gate(2)
-    order: list[int] = []
-    release = asyncio.Event()
-
-    async def one(number: int) -> None:
-        async with gate.permit():
-            order.append(number)
-            await release.wait()
-
-    async with asyncio.TaskGroup() as group:
-        tasks = [group.create_task(one(number)) for number in range(5)]
-        while gate.running < 2:
-            await asyncio.sleep(0)
-        assert (gate.load.running, gate.load.waiting) == (2, 3)
-        tasks[3].cancel()
-        await asyncio.sleep(0)
-        assert gate.load.waiting == 2
-        release.set()
-    assert order == [0, 1, 2, 4]
-    assert (gate.load.running, gate.load.waiting, gate.load.done) == (0, 0, 4)
 
 
 async def test_the_reaper_takes_back_what_is_not_renewed() -> None:

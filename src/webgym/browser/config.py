@@ -62,6 +62,11 @@ class BrowserConfig(BaseModel):
     temporary_root: Path | None = None
     """Where profiles live; ``None`` is the system's temporary folder."""
 
+    freeze: bool = True
+    """Whether a server stops a slot's processes between two calls. A page with an animation or a timer
+    burns a quarter of a core while nobody looks; stopped, it uses nothing. It sees a clock that jumped,
+    as after a laptop's sleep."""
+
     # --- deadlines, seconds -----------------------------------------------------------------------
 
     launch_seconds: float = Field(default=30.0, gt=0)

@@ -61,14 +61,14 @@ class Page:
     Args:
         session: attached to the tab, which waits for the debugger.
         target_id: the tab's; also the id of its main frame.
-        config, options: the slot's limits, the episode's wishes.
+        config: the slot's limits.
     """
 
-    def __init__(self, session: Session, target_id: str, config: BrowserConfig, options: PageOptions) -> None:
+    def __init__(self, session: Session, target_id: str, config: BrowserConfig) -> None:
         self.session = session
         self.target_id = target_id
         self.config = config
-        self.options = options
+        self.options = PageOptions()
         self.url = _BLANK
         self.status: int | None = None
         self.changes = -1
@@ -108,24 +108,43 @@ class Page:
 
     async def prepare(self) -> None:
         """Set the tab up and let it run."""
-        width, height = self.options.viewport
-        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         commands: list[tuple[str, dict[str, Any]]] = [
             ("Page.enable", {}),
             ("Inspector.enable", {}),
             ("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0}),
-            ("Emulation.setDeviceMetricsOverride", metrics),
+            ("Emulation.setDeviceMetricsOverride", self._metrics()),
             ("Emulation.setFocusEmulationEnabled", {"enabled": True}),
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
         ]
-        if self.options.cookies:
-            cookies = [msgspec.to_builtins(cookie) for cookie in self.options.cookies]
-            commands.append(("Network.setCookies", {"cookies": cookies}))
-        seconds = self.config.open_seconds
         commands.append(("Runtime.runIfWaitingForDebugger", {}))
+        await self._do_all(commands)
+
+    async def begin(self, options: PageOptions) -> None:
+        """An episode begins in this tab. Costs nothing if it wants what every tab has."""
+        commands: list[tuple[str, dict[str, Any]]] = []
+        has_own_size = options.viewport != self.options.viewport
+        self.options = options
+        if has_own_size:
+            commands.append(("Emulation.setDeviceMetricsOverride", self._metrics()))
+        if options.cookies:
+            cookies = [msgspec.to_builtins(cookie) for cookie in options.cookies]
+            commands.append(("Network.setCookies", {"cookies": cookies}))
+        await self._do_all(commands)
+
+    def _metrics(self) -> dict[str, Any]:
+        width, height = self.options.viewport
+        return {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+
+    async def _do_all(self, commands: list[tuple[str, dict[str, Any]]]) -> None:
+        seconds = self.config.open_seconds
         await asyncio.gather(  # sent at once, taken in order
             *(self.session.do(method, params, seconds=seconds) for method, params in commands)
         )
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether the tab cannot be used any more."""
+        return self.is_gone or self.is_crashed or self.is_closed
 
     async def close(self) -> None:
         """Stop what runs for the page here. The tab itself goes with its context."""

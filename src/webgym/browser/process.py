@@ -73,6 +73,8 @@ _FLAGS = (
     "PaintHolding,InterestFeedContentSuggestions,GlobalMediaControls",
     "--disable-gpu",
     "--disable-dev-shm-usage",
+    # A process less, and 9 MB less, per slot. On Linux it would have no sandbox of its own anyway.
+    "--enable-features=NetworkServiceInProcess2",
 )
 
 _FIRST_FREE_FD = 10
@@ -156,6 +158,19 @@ class BrowserProcess:
     def processes(self) -> list[int]:
         """Ids of all living processes of the group."""
         return _living(self.pid)
+
+    def freeze(self) -> None:
+        """Stop the whole group: it uses no CPU until :meth:`thaw`. It can still be killed."""
+        self._signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """Let the group go on."""
+        self._signal(signal.SIGCONT)
+
+    def _signal(self, number: signal.Signals) -> None:
+        if not (self._killed or self._exited.is_set()):  # until then the leader's id is the group's
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.pid, number)
 
     async def kill(self) -> None:
         """End the whole group and remove its profile. Safe to call twice.

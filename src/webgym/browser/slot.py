@@ -1,13 +1,16 @@
 """One browser slot: a browser process group that serves one episode after the other.
 
-Every episode gets a fresh browser context with one page, which is thrown away at its end. The browser
-itself is kept, and replaced after a number of episodes, at an age, or when it has crashed.
+Every episode gets a fresh browser context with one page, made ahead of it and thrown away at its end.
+The browser itself is kept, and replaced after a number of episodes, at an age, or when it has crashed.
+Between calls its processes are stopped (:meth:`Slot.awake`): an idle page uses no CPU.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 from webgym.browser.actions import perform
@@ -73,6 +76,8 @@ class Slot:
         self._process: BrowserProcess | None = None
         self._context = ""
         self._page: Page | None = None
+        self._is_open = False
+        self._frozen_at: float | None = None
         self._attached: asyncio.Future[AttachedToTarget] | None = None
         self._episodes = 0
         self._milliseconds: dict[str, float] = {}
@@ -87,8 +92,13 @@ class Slot:
 
     @property
     def is_open(self) -> bool:
-        """Whether an episode's page is there."""
-        return self._page is not None
+        """Whether an episode is on."""
+        return self._is_open
+
+    @property
+    def is_warm(self) -> bool:
+        """Whether a fresh page waits for an episode."""
+        return self._page is not None and not self._is_open
 
     @property
     def process(self) -> BrowserProcess | None:
@@ -102,6 +112,32 @@ class Slot:
         if process is None or not process.is_alive:
             return True
         return self._episodes >= self.config.recycle_episodes or process.age >= self.config.recycle_seconds
+
+    @contextlib.contextmanager
+    def awake(self) -> Iterator[None]:
+        """Let the slot's processes run for the block; they are stopped after it.
+
+        For whoever holds many slots: every other method may be called outside of it only if no such block
+        was left before. With ``freeze`` off it does nothing.
+        """
+        self._thaw()
+        try:
+            yield
+        finally:
+            self._freeze()
+
+    def _freeze(self) -> None:
+        if self.config.freeze and self._process is not None and self._process.is_alive:
+            self._process.freeze()
+            self._frozen_at = asyncio.get_running_loop().time()
+
+    def _thaw(self) -> None:
+        frozen_at, self._frozen_at = self._frozen_at, None
+        if frozen_at is None or self._process is None:
+            return
+        if self._page is not None:
+            self._page.traffic.pass_over(asyncio.get_running_loop().time() - frozen_at)
+        self._process.thaw()
 
     async def start(self) -> None:
         """Bring up a browser, a fresh one if there is one already.
@@ -131,6 +167,7 @@ class Slot:
         """End the browser and everything in it. Safe to call twice."""
         process, self._process = self._process, None
         page, self._page = self._page, None
+        self._is_open, self._frozen_at = False, None
         if page is not None:
             await page.close()
         if process is not None:
@@ -155,28 +192,50 @@ class Slot:
 
     # --- an episode ---------------------------------------------------------------------------------
 
+    async def warm(self) -> None:
+        """Have a fresh page ready, so that the next episode begins at once. A browser that is there is kept.
+
+        Raises:
+            BrowserCrashed, BrowserTimeout, BrowserLaunchFailed: there is no page to be had.
+        """
+        if self.is_warm:
+            return
+        if self._is_open:
+            await self.close()
+        if not self.is_up:
+            await self.start()
+        assert self._process is not None
+        try:
+            async with asyncio.timeout(self.config.open_seconds):
+                self._page = await self._new_page(self._process)
+        except TimeoutError:
+            raise BrowserTimeout(f"no fresh page within {self.config.open_seconds:g} s") from None
+        except (CommandFailed, TargetGone) as error:
+            raise BrowserCrashed(f"no fresh page could be had: {error.message}") from error
+
     async def open(self, options: PageOptions) -> None:
         """Start an episode: a fresh context with a blank page.
 
         Raises:
             BrowserCrashed, BrowserTimeout, BrowserLaunchFailed: there is no page to be had.
         """
-        if self._page is not None:
+        if self._is_open:
             await self.close()
+        if not self.is_up or (self._page is not None and self._page.is_lost):
+            await self.stop()
         if self.needs_replacement:
             await self.start()
-        assert self._process is not None
-        self._episodes += 1
-        self._settled = ""
+        await self.warm()
+        assert self._page is not None
         try:
-            async with asyncio.timeout(self.config.open_seconds):
-                self._page = await self._new_page(self._process, options)
-        except TimeoutError:
-            raise BrowserTimeout(f"no fresh page within {self.config.open_seconds:g} s") from None
+            await self._page.begin(options)
         except (CommandFailed, TargetGone) as error:
             raise BrowserCrashed(f"no fresh page could be had: {error.message}") from error
+        self._is_open = True
+        self._episodes += 1
+        self._settled = ""
 
-    async def _new_page(self, process: BrowserProcess, options: PageOptions) -> Page:
+    async def _new_page(self, process: BrowserProcess) -> Page:
         connection, seconds = process.connection, self.config.open_seconds
         context = await connection.call(
             "Target.createBrowserContext", {"disposeOnDetach": True}, reply=BrowserContext, seconds=seconds
@@ -184,13 +243,13 @@ class Slot:
         self._context = context.browser_context_id
         refused = {"behavior": "deny", "browserContextId": self._context, "eventsEnabled": True}
         self._attached = asyncio.get_running_loop().create_future()
-        width, height = options.viewport
+        width, height = PageOptions().viewport
         target = {"url": "about:blank", "browserContextId": self._context, "width": width, "height": height}
         connection.send("Browser.setDownloadBehavior", refused)
         await connection.call("Target.createTarget", target, reply=CreatedTarget, seconds=seconds)
         attached = await self._attached
         session = Session(connection, attached.session_id)
-        page = Page(session, attached.target_info.target_id, self.config, options)
+        page = Page(session, attached.target_info.target_id, self.config)
         await page.prepare()
         return page
 
@@ -200,6 +259,7 @@ class Slot:
         A browser that does not let go of it is ended; the next episode brings up another.
         """
         page, self._page = self._page, None
+        self._is_open = False
         if page is None:
             return
         await page.close()
@@ -297,7 +357,7 @@ class Slot:
         return Metadata(page.url, seen.title, page.options.viewport, page.status, seen.scroll, self._settled)
 
     def _living_page(self) -> Page:
-        if self._page is None:
+        if self._page is None or not self._is_open:
             raise BrowserError("no episode is open in this slot")
         if not self.is_up:
             raise BrowserCrashed("the browser process ended")

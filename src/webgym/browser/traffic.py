@@ -74,6 +74,10 @@ class Traffic:
         self._waits.clear()
         self._changed.set()
 
+    def pass_over(self, seconds: float) -> None:
+        """The page was stopped for so long: what is in flight is as old as it was before."""
+        self._waits = {key: until + seconds for key, until in self._waits.items()}
+
     @property
     def is_idle(self) -> bool:
         """Whether nothing is waited for."""

@@ -8,7 +8,7 @@ app.py         HTTP: authentication, limits, decoding, errors
 service.py     what each operation does
 leases.py      who may use which slot, and until when
 pool.py        slots: brought up, lent, cleaned, replaced
-admission.py   a queue of its own for each type of operation
+admission.py   run permits, and a queue of its own for each type of operation
 metrics.py     what Prometheus sees
 worker.py      running a server, in this process
 """

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -14,20 +15,35 @@ def _cores() -> int:
 
 
 class Admission(BaseModel):
-    """How many calls of each type run at once; the rest wait in that type's own queue.
+    """How many slots run at once, and whose turn it is when more want to.
 
-    Acting is mostly waiting for the page, so it may be many at once. A screenshot is nothing but CPU.
+    Only running slots use the processors: the others are stopped. Acting is partly waiting for the page,
+    so a few slots per core keep it busy; more only make each other slower.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    navigate: int = Field(default_factory=lambda: 16 * _cores(), gt=0)
-    execute: int = Field(default_factory=lambda: 16 * _cores(), gt=0)
-    screenshot: int = Field(default_factory=lambda: 2 * _cores(), gt=0)
-    """Two per core keep the cores busy while results travel."""
-    metadata: int = Field(default_factory=lambda: 8 * _cores(), gt=0)
-    allocate: int = Field(default_factory=lambda: 2 * _cores(), gt=0)
-    release: int = Field(default_factory=lambda: 2 * _cores(), gt=0)
+    order: Literal["per_operation", "global"] = "per_operation"
+    """``per_operation``: each type of operation has its own queue, and they take turns (paper, section 4).
+    ``global``: first come, first served, whatever it is."""
+
+    fewest: int = Field(default_factory=lambda: 3 * _cores(), gt=0)
+    """Slots that may run at once on saturated processors."""
+
+    most: int = Field(default_factory=lambda: 24 * _cores(), gt=0)
+    """Slots that may run at once when the processors have time to spare: all wait for slow websites."""
+
+    step: int = Field(default_factory=_cores, gt=0)
+    """Permits more or fewer after a measurement."""
+
+    measure_seconds: float = Field(default=0.2, gt=0)
+    """Between two measurements, while anybody waits. The kernel counts in hundredths of a second."""
+
+    spare_below: float = Field(default=0.9, gt=0, le=1)
+    """Busy share of the processors below which more slots may run."""
+
+    saturated_above: float = Field(default=0.98, gt=0, le=1)
+    """Busy share above which fewer may."""
 
 
 class ServerConfig(BaseModel):

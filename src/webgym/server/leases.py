@@ -40,6 +40,8 @@ class Lease:
     expires: float
     ends: float
     is_over: bool = False
+    over: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set when nothing of the lease touches the slot any more."""
     _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
     _running: asyncio.Task[Any] | None = None
 
@@ -152,10 +154,11 @@ class Leases:
         return lease
 
     async def end(self, lease: Lease) -> None:
-        """End a lease and take its slot back. Safe to call twice; not undone by cancellation."""
-        if self._leases.pop(lease.id, None) is None:
-            return
-        await asyncio.shield(self._in_background(lease))
+        """End a lease: when this returns, nothing of it touches the slot any more, which is taken back in
+        the background. Safe to call twice; not undone by cancellation."""
+        if self._leases.pop(lease.id, None) is not None:
+            self._in_background(lease)
+        await lease.over.wait()
 
     def _in_background(self, lease: Lease) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(self._end(lease))
@@ -165,6 +168,7 @@ class Leases:
 
     async def _end(self, lease: Lease) -> None:
         await lease.end()
+        lease.over.set()
         await self._take_back(lease.slot)
 
     async def _reap(self) -> None:

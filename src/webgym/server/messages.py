@@ -117,13 +117,21 @@ class Health(msgspec.Struct, frozen=True):
     status: str
 
 
-class GateLoad(msgspec.Struct, frozen=True):
-    """One operation type's queue: how many may run, run and wait now, and have run."""
+class QueueLoad(msgspec.Struct, frozen=True):
+    """One operation type's calls: how many run and wait now, and have run."""
 
-    limit: int
     running: int
     waiting: int
     done: int
+
+
+class PermitLoad(msgspec.Struct, frozen=True):
+    """Slots that may run at once, those that do, and the busy share of the processors (0 to 1, as last
+    measured, which happens while calls wait)."""
+
+    limit: int
+    running: int
+    busy: float
 
 
 class SlotLoad(msgspec.Struct, frozen=True):
@@ -139,7 +147,8 @@ class SlotLoad(msgspec.Struct, frozen=True):
 class Pressure(msgspec.Struct, frozen=True):
     """Load at this moment."""
 
-    operations: dict[str, GateLoad]
+    operations: dict[str, QueueLoad]
+    permits: PermitLoad
     slots: SlotLoad
 
 

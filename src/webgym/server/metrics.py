@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
-from prometheus_client.core import GaugeMetricFamily
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from webgym.server.admission import Gates
+from webgym.server.admission import Gatekeeper
 from webgym.server.leases import Leases
 from webgym.server.pool import Pool
 
@@ -18,16 +18,26 @@ _BUCKETS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0,
 class _Load(Collector):
     """Gauges that are read when they are asked for."""
 
-    def __init__(self, gates: Gates, pool: Pool, leases: Leases) -> None:
-        self._gates, self._pool, self._leases = gates, pool, leases
+    def __init__(self, gate: Gatekeeper, pool: Pool, leases: Leases) -> None:
+        self._gate, self._pool, self._leases = gate, pool, leases
 
-    def collect(self) -> Iterable[GaugeMetricFamily]:
+    def collect(self) -> Iterable[Metric]:
         """The load at this moment."""
         calls = GaugeMetricFamily("webgym_queue_calls", "Calls per operation type", labels=["queue", "state"])
-        for name, load in self._gates.load.items():
+        for name, load in self._gate.load.items():
             calls.add_metric([name, "running"], load.running)
             calls.add_metric([name, "waiting"], load.waiting)
         yield calls
+        done = CounterMetricFamily(
+            "webgym_queue_done", "Calls that have run, per operation type", labels=["queue"]
+        )
+        for name, load in self._gate.load.items():
+            done.add_metric([name], load.done)
+        yield done
+        permits = self._gate.permits
+        yield GaugeMetricFamily("webgym_run_permits", "Slots that may run at once", value=permits.limit)
+        yield GaugeMetricFamily("webgym_running_slots", "Slots that run", value=permits.running)
+        yield GaugeMetricFamily("webgym_busy_share", "Busy share of the processors", value=permits.busy)
         slots = GaugeMetricFamily("webgym_slots", "Slots by what they do", labels=["state"])
         now = self._pool.load
         for state, count in (("free", now.free), ("leased", now.leased), ("preparing", now.preparing)):
@@ -42,9 +52,9 @@ class _Load(Collector):
 class Metrics:
     """A registry of its own, so that several servers in one process do not mix."""
 
-    def __init__(self, gates: Gates, pool: Pool, leases: Leases) -> None:
+    def __init__(self, gate: Gatekeeper, pool: Pool, leases: Leases) -> None:
         self._registry = CollectorRegistry()
-        self._registry.register(_Load(gates, pool, leases))
+        self._registry.register(_Load(gate, pool, leases))
         self.seconds = Histogram(
             "webgym_operation_seconds",
             "Wall time per operation, waiting included",

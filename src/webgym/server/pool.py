@@ -49,7 +49,7 @@ class Pool:
         if swept:
             log.warning("removed what %d dead server(s) left behind", len(swept))
         first = self._new_slot(self._config.browser)
-        await first.start()
+        await self._make_ready(first)
         assert first.process is not None
         assert first.sandbox is not None
         self.browser, self.sandbox = first.process.version, first.sandbox
@@ -98,20 +98,28 @@ class Pool:
         self._leased.add(slot)
         return slot
 
-    async def give_back(self, slot: Slot) -> None:
-        """Throw the slot's episode away and put the slot back in line."""
-        self._leased.discard(slot)
+    async def clean(self, slot: Slot) -> None:
+        """Throw the slot's episode away, and have a fresh page ready for the next."""
         try:
             await slot.close()
-        except asyncio.CancelledError:
-            self._in_background(slot)
-            raise
+            if not slot.needs_replacement:
+                await slot.warm()
         except BrowserError as error:
             log.error("a slot could not be cleaned, its browser is replaced: %s", error)
-        if slot.needs_replacement:
-            self._in_background(slot)
-        else:
+            await slot.stop()
+
+    def give_back(self, slot: Slot) -> None:
+        """Put the slot back in line; one that is not clean and warm gets a fresh browser first."""
+        self._leased.discard(slot)
+        if slot.is_warm and not slot.needs_replacement:
             self._free.put_nowait(slot)
+        else:
+            self._in_background(slot)
+
+    async def _make_ready(self, slot: Slot) -> None:
+        await slot.start()
+        with slot.awake():
+            await slot.warm()
 
     def _in_background(self, slot: Slot) -> None:
         task = asyncio.get_running_loop().create_task(self._bring_up(slot))
@@ -124,7 +132,7 @@ class Pool:
         while True:
             try:
                 async with self._launches:
-                    await slot.start()
+                    await self._make_ready(slot)
                 break
             except (BrowserError, OSError) as error:
                 known = error if isinstance(error, BrowserError) else BrowserError(str(error))

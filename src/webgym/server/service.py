@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,9 +13,10 @@ from typing import Any, TypeVar
 import msgspec
 
 from webgym.browser import Slot
+from webgym.browser.observe import Metadata
 from webgym.core.action import BrowserAction, Navigate
 from webgym.core.errors import BrowserError, ProtocolError
-from webgym.server.admission import Gates
+from webgym.server.admission import Gatekeeper
 from webgym.server.config import ServerConfig
 from webgym.server.leases import Lease, Leases
 from webgym.server.messages import (
@@ -49,9 +51,9 @@ class Service:
     def __init__(self, config: ServerConfig, executable: Path) -> None:
         self.config = config
         self.pool = Pool(config, executable)
-        self.leases = Leases(self.pool.give_back)
-        self.gates = Gates(config.admission)
-        self._metrics = Metrics(self.gates, self.pool, self.leases)
+        self.leases = Leases(self._take_back)
+        self.gate = Gatekeeper(config.admission)
+        self._metrics = Metrics(self.gate, self.pool, self.leases)
 
     async def __aenter__(self) -> Service:
         try:
@@ -64,7 +66,22 @@ class Service:
 
     async def __aexit__(self, *_: object) -> None:
         await self.leases.stop()
+        await self.gate.stop()
         await self.pool.stop()
+
+    @asynccontextmanager
+    async def _running(self, slot: Slot, queue: QueueName) -> AsyncIterator[None]:
+        """Wait for a run permit, and let the slot's processes run for the block."""
+        async with self.gate.permit(queue):
+            with slot.awake():
+                yield
+
+    async def _take_back(self, slot: Slot) -> None:
+        try:
+            async with self._running(slot, "release"):
+                await self.pool.clean(slot)
+        finally:
+            self.pool.give_back(slot)
 
     @property
     def observed(self) -> Metrics:
@@ -82,12 +99,12 @@ class Service:
         self._check_options(options)
         slot = await self.pool.acquire()
         try:
-            async with self.gates["allocate"].permit():
+            async with self._running(slot, "allocate"):
                 await self._open(slot, options)
             ttl = min(options.ttl_seconds or self.config.ttl_seconds, self.config.longest_ttl_seconds)
             return self.leases.grant(slot, ttl, self.config.session_seconds)
         except BaseException:
-            await asyncio.shield(self.pool.give_back(slot))
+            await asyncio.shield(self._take_back(slot))
             raise
 
     async def _open(self, slot: Slot, options: SessionOptions) -> None:
@@ -113,8 +130,7 @@ class Service:
 
     async def release(self, lease: Lease) -> Closed:
         """End a session."""
-        async with self.gates["release"].permit():
-            await self.leases.end(lease)
+        await self.leases.end(lease)
         return Closed(lease.id)
 
     async def heartbeat(self, lease: Lease) -> Renewed:
@@ -124,13 +140,12 @@ class Service:
     # --- calls of a session -------------------------------------------------------------------------
 
     async def step(self, lease: Lease, request: StepRequest) -> StepReply:
-        """Act, then look. The picture is left out where the caller has it."""
+        """Act, then look, in one turn. The picture is left out where the caller has it."""
+        slot, action = lease.slot, request.action
 
         async def work() -> StepReply:
-            if request.action is not None:
-                await self._act(lease.slot, request.action)
-            async with self.gates["screenshot"].permit():
-                look = await lease.slot.observe()
+            async with self._running(slot, _queue_of(action)):
+                look = await slot.step(action)
             has_it = look.observation.screenshot in request.have
             return StepReply(look.observation, None if has_it else look.image)
 
@@ -146,37 +161,33 @@ class Service:
 
     async def metadata(self, lease: Lease) -> PageMetadata:
         """Where the page is."""
+        slot = lease.slot
 
         async def work() -> PageMetadata:
-            return await self._tell(lease.slot)
+            async with self._running(slot, "metadata"):
+                return _told(await slot.metadata())
 
         return await self._run(lease, work)
 
     async def screenshot(self, lease: Lease) -> bytes:
         """The bare picture, PNG."""
+        slot = lease.slot
 
         async def work() -> bytes:
-            async with self.gates["screenshot"].permit():
-                return await lease.slot.screenshot()
+            async with self._running(slot, "screenshot"):
+                return await slot.screenshot()
 
         return await self._run(lease, work)
-
-    async def _act(self, slot: Slot, action: BrowserAction) -> None:
-        queue: QueueName = "navigate" if isinstance(action, Navigate) else "execute"
-        async with self.gates[queue].permit():
-            await slot.act(action)
 
     async def _act_and_tell(self, lease: Lease, action: BrowserAction) -> PageMetadata:
+        slot = lease.slot
+
         async def work() -> PageMetadata:
-            await self._act(lease.slot, action)
-            return await self._tell(lease.slot)
+            async with self._running(slot, _queue_of(action)):
+                await slot.act(action)
+                return _told(await slot.metadata())
 
         return await self._run(lease, work)
-
-    async def _tell(self, slot: Slot) -> PageMetadata:
-        async with self.gates["metadata"].permit():
-            seen = await slot.metadata()
-        return msgspec.convert(seen, PageMetadata, from_attributes=True)
 
     async def _run(self, lease: Lease, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """One call in its turn. A browser that failed ends the lease: its slot gets a fresh one."""
@@ -207,7 +218,7 @@ class Service:
 
     async def pressure(self) -> Pressure:
         """Load at this moment."""
-        return Pressure(self.gates.load, self.pool.load)
+        return Pressure(self.gate.load, self.gate.permits, self.pool.load)
 
     async def metrics(self) -> bytes:
         """For Prometheus."""
@@ -216,3 +227,14 @@ class Service:
     async def openapi(self) -> dict[str, Any]:
         """The API's description."""
         return openapi(version("webgym-rl"))
+
+
+def _queue_of(action: BrowserAction | None) -> QueueName:
+    """Whose turn a call waits for; one that only looks is a screenshot."""
+    if action is None:
+        return "screenshot"
+    return "navigate" if isinstance(action, Navigate) else "execute"
+
+
+def _told(seen: Metadata) -> PageMetadata:
+    return msgspec.convert(seen, PageMetadata, from_attributes=True)

@@ -256,8 +256,8 @@ async def _company(
     choice = config.policy
     policy = policy or create_policy(choice.name, mistake_rate=choice.mistakes, chat=choice.chat)
     async with (
-        _sites(config, secrets, tasks) as (backstage, host_rules),
-        _browsers(config, secrets, host_rules, tell) as client,
+        _sites(config, secrets, tasks) as (backstage, allowed),
+        _browsers(config, secrets, allowed, tell) as client,
         Agent(policy, config.agent) as agent,
     ):
         yield _Company(backstage, client, agent)
@@ -312,7 +312,7 @@ class _Backstage:
 async def _sites(
     config: RunConfig, secrets: Secrets, tasks: Sequence[Task]
 ) -> AsyncIterator[tuple[Backstage | None, tuple[str, ...]]]:
-    """The offline web, here or elsewhere, and the host rules that lead browsers to it."""
+    """The offline web, here or elsewhere, and the rules that lead browsers to it."""
     if not any(task.truth for task in tasks):
         yield None, ()
     elif config.server.sites_url is not None:
@@ -332,12 +332,12 @@ async def _sites(
         )
     else:
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
-            yield _Backstage(client), tuple(sites.host_rules)
+            yield _Backstage(client), tuple(sites.allowed_hosts)
 
 
 @asynccontextmanager
 async def _browsers(
-    config: RunConfig, secrets: Secrets, host_rules: tuple[str, ...], tell: Tell | None
+    config: RunConfig, secrets: Secrets, allowed: tuple[str, ...], tell: Tell | None
 ) -> AsyncIterator[BrowserClient]:
     """A client of a browser server, which is started here unless there is one."""
     if config.server.url is not None:
@@ -352,7 +352,7 @@ async def _browsers(
             await client.info()  # fails now, in one line, rather than once per attempt
             yield client
         return
-    browser = config.browser.model_copy(update={"host_rules": (*host_rules, *config.browser.host_rules)})
+    browser = config.browser.allowing(*allowed)
     serve = ServerConfig(slots=config.collector.sessions, browser=browser)
     async with (
         running_server(serve) as server,

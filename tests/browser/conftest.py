@@ -16,7 +16,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 from starlette.types import Receive, Scope, Send
 
-from webgym.browser import BrowserConfig, Look, PageOptions, ProfileRoot, Slot
+from webgym.browser import BrowserConfig, Egress, EgressConfig, Look, PageOptions, ProfileRoot, Slot
 from webgym.browser.find import find_browser
 from webgym.core.action import Navigate, Target
 from webgym.core.observation import Element
@@ -101,9 +101,16 @@ def site(module_site: Site) -> Site:
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def shared_slot(executable: Path, profiles: ProfileRoot) -> AsyncIterator[Slot]:
+async def egress() -> AsyncIterator[Egress]:
+    """A way out that leads to this machine, where the small website is."""
+    async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress:
+        yield egress
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def shared_slot(executable: Path, profiles: ProfileRoot, egress: Egress) -> AsyncIterator[Slot]:
     """One browser for a whole module: every test has an episode of its own in it."""
-    slot = Slot(BrowserConfig(), executable, profiles)
+    slot = Slot(BrowserConfig(), executable, profiles, egress)
     yield slot
     await slot.stop()
 
@@ -154,13 +161,15 @@ Open = Callable[..., Awaitable[Tab]]
 
 
 @pytest_asyncio.fixture(loop_scope="module")
-async def open_tab(executable: Path, profiles: ProfileRoot, shared_slot: Slot) -> AsyncIterator[Open]:
+async def open_tab(
+    executable: Path, profiles: ProfileRoot, egress: Egress, shared_slot: Slot
+) -> AsyncIterator[Open]:
     """Open an episode: in the shared browser, or with a config of its own in one of its own."""
     slots: list[Slot] = []
 
     async def open_one(mode: str = "coordinates", config: BrowserConfig | None = None, **more: object) -> Tab:
         options = PageOptions(mode=mode, text=True, elements=True, **more)  # type: ignore[arg-type]
-        slot = Slot(config, executable, profiles) if config else shared_slot
+        slot = Slot(config, executable, profiles, egress) if config else shared_slot
         slots.append(slot)
         await slot.open(options)
         return Tab(slot, options)

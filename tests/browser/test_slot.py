@@ -13,7 +13,7 @@ import pytest
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 
-from webgym.browser import BrowserConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser import BrowserConfig, Egress, PageOptions, ProfileRoot, Slot
 from webgym.browser.config import Cookie
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserLaunchFailed
@@ -67,27 +67,26 @@ async def test_cookies_are_set_before_the_first_page(site: Site, shared_slot: Sl
     await shared_slot.close()
 
 
-async def test_host_rules_lead_names_to_addresses(
-    site: Site, executable: Path, profiles: ProfileRoot
-) -> None:
-    config = BrowserConfig(host_rules=(f"MAP *.webgym.test 127.0.0.1:{site.port}",))
-    slot = Slot(config, executable, profiles)
-    try:
-        await slot.open(OPTIONS)
-        site.page("<p>welcome</p>", "/home")
-        look = await slot.step(Navigate("http://fernhill.webgym.test/home"))
-        assert (look.observation.text, look.observation.url) == (
-            "welcome",
-            "http://fernhill.webgym.test/home",
-        )
-    finally:
-        await slot.stop()
+async def test_rules_lead_names_to_addresses(site: Site, executable: Path, profiles: ProfileRoot) -> None:
+    config = BrowserConfig().allowing(f"*.webgym.test=127.0.0.1:{site.port}")
+    async with Egress(config.egress) as egress:
+        slot = Slot(config, executable, profiles, egress)
+        try:
+            await slot.open(OPTIONS)
+            site.page("<p>welcome</p>", "/home")
+            look = await slot.step(Navigate("http://fernhill.webgym.test/home"))
+            assert (look.observation.text, look.observation.url) == (
+                "welcome",
+                "http://fernhill.webgym.test/home",
+            )
+        finally:
+            await slot.stop()
 
 
 async def test_a_browser_is_replaced_after_its_share_of_episodes(
-    executable: Path, profiles: ProfileRoot
+    executable: Path, profiles: ProfileRoot, egress: Egress
 ) -> None:
-    slot = Slot(BrowserConfig(recycle_episodes=2), executable, profiles)
+    slot = Slot(BrowserConfig(recycle_episodes=2), executable, profiles, egress)
     try:
         for _ in range(5):
             await slot.open(OPTIONS)
@@ -108,9 +107,9 @@ def group(pid: int) -> list[psutil.Process]:
     return found
 
 
-async def test_nothing_is_left_of_a_stopped_browser(executable: Path, tmp_path: Path) -> None:
+async def test_nothing_is_left_of_a_stopped_browser(executable: Path, tmp_path: Path, egress: Egress) -> None:
     root = ProfileRoot(tmp_path)
-    slot = Slot(BrowserConfig(), executable, root)
+    slot = Slot(BrowserConfig(), executable, root, egress)
     await slot.open(OPTIONS)
     assert slot.process is not None
     pid = slot.process.pid
@@ -125,16 +124,18 @@ async def test_nothing_is_left_of_a_stopped_browser(executable: Path, tmp_path: 
 
 
 @pytest.mark.parametrize("program", ["/no/such/chromium", "/bin/false", "/bin/cat"])
-async def test_what_is_no_browser_is_a_typed_error(program: str, tmp_path: Path) -> None:
+async def test_what_is_no_browser_is_a_typed_error(program: str, tmp_path: Path, egress: Egress) -> None:
     root = ProfileRoot(tmp_path)
-    slot = Slot(BrowserConfig(launch_seconds=2), Path(program), root)
+    slot = Slot(BrowserConfig(launch_seconds=2), Path(program), root, egress)
     with pytest.raises(BrowserLaunchFailed):
         await slot.start()
     assert not root.path.exists()
 
 
-async def test_a_demanded_sandbox_is_never_given_up_silently(executable: Path, tmp_path: Path) -> None:
-    slot = Slot(BrowserConfig(sandbox="on"), executable, ProfileRoot(tmp_path))
+async def test_a_demanded_sandbox_is_never_given_up_silently(
+    executable: Path, tmp_path: Path, egress: Egress
+) -> None:
+    slot = Slot(BrowserConfig(sandbox="on"), executable, ProfileRoot(tmp_path), egress)
     try:
         await slot.start()
     except BrowserLaunchFailed:
@@ -148,13 +149,14 @@ async def test_a_demanded_sandbox_is_never_given_up_silently(executable: Path, t
 ORPHANS = """
 import asyncio, sys
 from pathlib import Path
-from webgym.browser import BrowserConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser import BrowserConfig, Egress, PageOptions, ProfileRoot, Slot
 
 async def main():
-    slot = Slot(BrowserConfig(), Path(sys.argv[1]), ProfileRoot(Path(sys.argv[2])))
-    await slot.open(PageOptions())
-    print(slot.process.pid, flush=True)
-    await asyncio.Event().wait()
+    async with Egress() as egress:
+        slot = Slot(BrowserConfig(), Path(sys.argv[1]), ProfileRoot(Path(sys.argv[2])), egress)
+        await slot.open(PageOptions())
+        print(slot.process.pid, flush=True)
+        await asyncio.Event().wait()
 
 asyncio.run(main())
 """

@@ -108,8 +108,8 @@ def test_a_killed_server_costs_attempts_and_no_trajectory(
     port = free_port()
 
     def serve() -> subprocess.Popen[str]:
-        rule = f"MAP *.webgym.test {found[1]}"
-        server = commands.start("serve", "--port", port, "--slots", 3, "--host-rule", rule, **tokens)
+        rule = f"*.webgym.test={found[1]}"
+        server = commands.start("serve", "--port", port, "--slots", 3, "--allow-host", rule, **tokens)
         wait_until(lambda: "slots " in commands.output(server), 30)
         return server
 

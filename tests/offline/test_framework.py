@@ -412,9 +412,9 @@ def test_another_seed_is_another_web(web: OfflineWeb) -> None:
 
 def test_a_website_that_is_down_does_not_resolve(web: OfflineWeb) -> None:
     (down,) = (host for host, spec in web.specs.items() if spec.behaviour == "down")
-    *nowhere, everything = web.host_rules("127.0.0.1:99")
-    assert nowhere == [f"MAP {down} ~NOTFOUND"]
-    assert everything == "MAP *.webgym.test 127.0.0.1:99"
+    *nowhere, everything = web.allowed_hosts("127.0.0.1:99")
+    assert nowhere == [f"{down}=nowhere"]
+    assert everything == "*.webgym.test=127.0.0.1:99"
 
 
 PAGES = """

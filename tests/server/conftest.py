@@ -13,6 +13,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 from starlette.types import Receive, Scope, Send
 
+from webgym.browser import BrowserConfig
 from webgym.server import (
     BrowserClient,
     ClientLimits,
@@ -22,6 +23,9 @@ from webgym.server import (
     SessionOptions,
     running_server,
 )
+
+LOCAL = BrowserConfig().allowing("127.0.0.1")
+"""Browsers that may open the small website, which is on this machine."""
 
 TOKEN = "a-token-for-tests-only"
 
@@ -72,7 +76,7 @@ async def site() -> AsyncIterator[Site]:
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def server() -> AsyncIterator[RunningServer]:
     """One server of two slots for a whole module."""
-    config = ServerConfig(slots=2, token=TOKEN, allocate_seconds=0.5)
+    config = ServerConfig(slots=2, token=TOKEN, allocate_seconds=0.5, browser=LOCAL)
     async with running_server(config) as server:
         yield server
 

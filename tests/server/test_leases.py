@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from webgym.browser import BrowserConfig, ProfileRoot, Slot
+from webgym.browser import BrowserConfig, Egress, ProfileRoot, Slot
 from webgym.core.errors import LeaseLost
 from webgym.server.leases import Leases
 
 
 def idle_slot() -> Slot:
-    return Slot(BrowserConfig(), Path("/bin/false"), ProfileRoot())
+    return Slot(BrowserConfig(), Path("/bin/false"), ProfileRoot(), Egress())
 
 
 class Taken:

@@ -24,7 +24,8 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 
 async def start(folder: Path, *more: str) -> tuple[Process, str]:
     command = "from webgym.cli import main; main()"
-    arguments = ["serve", "--port", "0", "--slots", "2", "--token-file", str(folder / "token"), *more]
+    allow = ["--allow-host", "127.0.0.1"]
+    arguments = ["serve", "--port", "0", "--slots", "2", "--token-file", str(folder / "token"), *allow, *more]
     process = await asyncio.create_subprocess_exec(
         sys.executable,
         "-c",

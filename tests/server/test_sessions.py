@@ -16,7 +16,7 @@ from webgym.server import BrowserClient, RunningServer, ServerConfig, Session, S
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepReply, StepRequest
 from webgym.server.operations import STEP
 
-from .conftest import TOKEN, Site, quick
+from .conftest import LOCAL, TOKEN, Site, quick
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 
@@ -201,7 +201,7 @@ async def test_an_impossible_viewport(client: BrowserClient, viewport: tuple[int
 
 async def test_a_session_does_not_live_for_ever(site: Site) -> None:
     async with (
-        running_server(ServerConfig(slots=1, token=TOKEN, session_seconds=0.5)) as server,
+        running_server(ServerConfig(slots=1, token=TOKEN, session_seconds=0.5, browser=LOCAL)) as server,
         BrowserClient(server.url, token=TOKEN, limits=quick()) as client,
     ):
         session = await client.open()

@@ -6,6 +6,7 @@ actions.py   from an Action to mouse, keyboard and history
 observe.py   from the page to an Observation and the bytes of its picture
 settle.py    when is a page quiet, and why do we say so
 traffic.py   what the tab is loading at this moment
+egress/      the only way out: a proxy that refuses what pages must not reach
 process.py   a Chromium in its own process group, and the proof that nothing of it is left
 profiles.py  temporary profiles that a dead server cannot leave behind
 cdp.py       the protocol: commands with deadlines, events to subscribers
@@ -16,8 +17,9 @@ config.py    every limit, with its unit and its reason
 from __future__ import annotations
 
 from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress import Egress, EgressConfig
 from webgym.browser.observe import Look
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
 
-__all__ = ["BrowserConfig", "Look", "PageOptions", "ProfileRoot", "Slot"]
+__all__ = ["BrowserConfig", "Egress", "EgressConfig", "Look", "PageOptions", "ProfileRoot", "Slot"]

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
+from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import Mode
 
 SandboxSetting: TypeAlias = Literal["auto", "on", "off"]
@@ -52,8 +53,8 @@ class BrowserConfig(BaseModel):
     executable: Path | None = None
     """The Chromium to run; ``None`` looks for one."""
 
-    host_rules: tuple[str, ...] = ()
-    """Chromium's host resolver rules, such as ``"MAP *.webgym.test 127.0.0.1:8123"``."""
+    egress: EgressConfig = Field(default_factory=EgressConfig)
+    """What pages may connect to."""
 
     sandbox: SandboxSetting = "auto"
     """``auto``: on wherever the machine allows it, off with a warning elsewhere (always as root, where
@@ -140,3 +141,7 @@ class BrowserConfig(BaseModel):
 
     recycle_seconds: float = Field(default=3600.0, gt=0)
     """Age at which a browser is replaced at the next episode's end."""
+
+    def allowing(self, *rules: str) -> BrowserConfig:
+        """The same with these rules in front of the egress policy's own."""
+        return self.model_copy(update={"egress": self.egress.allowing(*rules)})

@@ -7,11 +7,13 @@ import json
 import logging
 from importlib import resources
 from typing import Any, TypeVar
+from urllib.parse import urldefrag
 
 import msgspec
 
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress import Egress
 from webgym.browser.popups import Popups
 from webgym.browser.traffic import Traffic
 from webgym.browser.wire import (
@@ -26,7 +28,7 @@ from webgym.browser.wire import (
     ResponseReceived,
     World,
 )
-from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout, NavigationFailed
+from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.observation import Notice, NoticeKind
 
 log = logging.getLogger(__name__)
@@ -40,6 +42,10 @@ _SAID_LENGTH = 300
 
 _SCRIPTS = resources.files("webgym.browser") / "scripts"
 _SCRIPT = "".join((_SCRIPTS / name).read_text("utf-8") for name in ("page.js", "observe.js")) + "0"
+
+_SCHEMES = ("http://", "https://")
+_PROXY_SAID_NO = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS_UNREACHABLE"})
+"""All that Chromium says when the proxy has no connection for it, whatever the reason."""
 
 _WORLD_IS_GONE = (
     "Cannot find context",
@@ -62,13 +68,15 @@ class Page:
         session: attached to the tab, which waits for the debugger.
         target_id: the tab's; also the id of its main frame.
         config: the slot's limits.
+        egress: knows why a connection failed, of which the browser only hears that it did.
     """
 
-    def __init__(self, session: Session, target_id: str, config: BrowserConfig) -> None:
+    def __init__(self, session: Session, target_id: str, config: BrowserConfig, egress: Egress) -> None:
         self.session = session
         self.target_id = target_id
         self.config = config
         self.options = PageOptions()
+        self._egress = egress
         self.url = _BLANK
         self.status: int | None = None
         self.changes = -1
@@ -245,9 +253,12 @@ class Page:
 
         Raises:
             NavigationFailed: with the browser's own error word.
+            EgressRefused: the egress policy says no.
         """
         params = {"url": url, "referrer": referrer} if referrer else {"url": url}
         said = url[:_SAID_LENGTH]
+        if not url.lower().startswith(_SCHEMES):
+            raise NavigationFailed(f'"{said}" was not opened: only http and https addresses are')
         try:
             navigated = await self.session.call(
                 "Page.navigate", params, reply=Navigated, seconds=self.config.navigate_seconds
@@ -263,7 +274,21 @@ class Page:
             return  # a download has its own notice; an aborted navigation leaves the page as it is
         if navigated.error_text:
             self._told_failure = navigated.loader_id  # its error page comes later, and is no news
-            raise NavigationFailed(f"{said}: {navigated.error_text}")
+            raise self._failure(url, navigated)
+
+    def _failure(self, url: str, navigated: Navigated) -> NavigationFailed:
+        """Why a navigation failed, at the address that it was led to."""
+        failed = self.traffic.document_url(navigated.loader_id) or url
+        why, is_refused = self._why(failed, navigated.error_text)
+        said = url[:_SAID_LENGTH]
+        if urldefrag(failed).url != urldefrag(url).url:
+            said = f"{said} (which leads to {failed[:_SAID_LENGTH]})"
+        return (EgressRefused if is_refused else NavigationFailed)(f"{said}: {why}")
+
+    def _why(self, url: str, said: str) -> tuple[str, bool]:
+        """What the proxy knows of a connection that failed, and whether the egress policy refused it."""
+        failure = self._egress.failure(url) if said in _PROXY_SAID_NO else None
+        return (failure.message, failure.is_refusal) if failure is not None else (said, False)
 
     async def revive(self) -> None:
         """Bring a crashed renderer back, at the URL where it died.
@@ -290,7 +315,8 @@ class Page:
         self.url = (frame.unreachable_url or frame.url) + frame.url_fragment
         self.status = self._statuses.get(frame.loader_id)
         if frame.unreachable_url and frame.loader_id != self._told_failure:
-            why = self._failures.get(frame.loader_id, "it could not be opened")
+            said = self._failures.get(frame.loader_id, "it could not be opened")
+            why, _ = self._why(self.url, said)
             self.note("navigation_failed", f"{self.url[:_SAID_LENGTH]}: {why}")
         self._statuses.clear()
         self._failures.clear()

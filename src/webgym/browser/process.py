@@ -16,6 +16,7 @@ import msgspec
 
 from webgym.browser.cdp import Connection
 from webgym.browser.config import BrowserConfig
+from webgym.browser.egress import Egress
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.wire import Version
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserLaunchFailed, BrowserTimeout
@@ -242,10 +243,9 @@ def _tail(profile: Path) -> str:
     return " | ".join(line.strip() for line in text.splitlines()[-3:])
 
 
-def _arguments(config: BrowserConfig, executable: Path, profile: Path, sandbox: SandboxState) -> list[str]:
-    arguments = [str(executable), *_FLAGS, f"--user-data-dir={profile}{os.sep}profile"]
-    if config.host_rules:
-        arguments.append(f"--host-resolver-rules={','.join(config.host_rules)}")
+def _arguments(executable: Path, profile: Path, sandbox: SandboxState, egress: Egress) -> list[str]:
+    folder = f"--user-data-dir={profile}{os.sep}profile"
+    arguments = [str(executable), *_FLAGS, *egress.browser_flags, folder]
     if not sandbox.on:
         arguments.append("--no-sandbox")
     return arguments
@@ -289,9 +289,9 @@ def _spawn(arguments: list[str], theirs: socket.socket, profile: Path) -> int:
 
 
 async def launch(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState
+    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, egress: Egress
 ) -> BrowserProcess:
-    """Start a browser and wait for its first answer.
+    """Start a browser that reaches the network through ``egress`` alone, and wait for its first answer.
 
     Raises:
         BrowserLaunchFailed: it cannot be started, ended at once, or did not answer in time.
@@ -300,7 +300,7 @@ async def launch(
     ours, theirs = socket.socketpair()
     ours.setblocking(False)
     try:
-        pid = _spawn(_arguments(config, executable, profile, sandbox), theirs, profile)
+        pid = _spawn(_arguments(executable, profile, sandbox, egress), theirs, profile)
     except BrowserLaunchFailed:
         ours.close()
         await root.remove(profile)
@@ -326,7 +326,11 @@ async def launch(
 
 
 async def launch_sandboxed(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState | None
+    config: BrowserConfig,
+    executable: Path,
+    root: ProfileRoot,
+    sandbox: SandboxState | None,
+    egress: Egress,
 ) -> tuple[BrowserProcess, SandboxState]:
     """Start a browser with its sandbox if that can be had; what was found out is said in the log.
 
@@ -335,12 +339,12 @@ async def launch_sandboxed(
     """
     state = sandbox or planned_sandbox(config)
     try:
-        process = await launch(config, executable, root, state)
+        process = await launch(config, executable, root, state, egress)
     except BrowserLaunchFailed as error:
         if not state.on or config.sandbox == "on" or "sandbox" not in error.message.lower():
             raise
         state = SandboxState(False, "this machine does not let Chromium build its sandbox")
-        process = await launch(config, executable, root, state)
+        process = await launch(config, executable, root, state, egress)
     if sandbox is None and not state.on:
         log.warning("Chromium runs without its sandbox: %s", state.reason)
     return process, state

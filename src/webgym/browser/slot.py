@@ -16,6 +16,7 @@ from pathlib import Path
 from webgym.browser.actions import perform
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress import Egress
 from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, SandboxState, launch_sandboxed
@@ -35,6 +36,7 @@ from webgym.core.errors import (
     BrowserError,
     BrowserTimeout,
     DownloadRefused,
+    EgressRefused,
     NavigationFailed,
     PageError,
 )
@@ -42,6 +44,7 @@ from webgym.core.observation import NoticeKind
 
 _NOTICE_OF: dict[type[PageError], NoticeKind] = {
     NavigationFailed: "navigation_failed",
+    EgressRefused: "navigation_failed",
     DownloadRefused: "download_refused",
     ActionFailed: "action_failed",
 }
@@ -58,6 +61,7 @@ class Slot:
         config: the limits.
         executable: the Chromium to run.
         profiles: where its profiles live.
+        egress: the proxy that its browser reaches the network through.
         sandbox: what another slot's launch found out about the sandbox; ``None`` if nothing is known.
     """
 
@@ -66,6 +70,7 @@ class Slot:
         config: BrowserConfig,
         executable: Path,
         profiles: ProfileRoot,
+        egress: Egress,
         sandbox: SandboxState | None = None,
     ) -> None:
         self.config = config
@@ -73,6 +78,7 @@ class Slot:
         self.launches = 0
         self._executable = executable
         self._profiles = profiles
+        self._egress = egress
         self._process: BrowserProcess | None = None
         self._context = ""
         self._page: Page | None = None
@@ -147,7 +153,7 @@ class Slot:
         """
         await self.stop()
         self._process, self.sandbox = await launch_sandboxed(
-            self.config, self._executable, self._profiles, self.sandbox
+            self.config, self._executable, self._profiles, self.sandbox, self._egress
         )
         self.launches += 1
         self._episodes = 0
@@ -249,7 +255,7 @@ class Slot:
         await connection.call("Target.createTarget", target, reply=CreatedTarget, seconds=seconds)
         attached = await self._attached
         session = Session(connection, attached.session_id)
-        page = Page(session, attached.target_info.target_id, self.config)
+        page = Page(session, attached.target_info.target_id, self.config, self._egress)
         await page.prepare()
         return page
 

@@ -47,6 +47,8 @@ class Traffic:
         self._waits: dict[str, float] = {}
         """What is in flight, and the moment after which it is no longer waited for."""
         self._changed = asyncio.Event()
+        self._document = ("", "")
+        """Loader and address of the main document that was last asked for, redirects followed."""
         session.on("Page.frameStartedLoading", FrameEvent, self._on_frame_started)
         session.on("Page.frameStoppedLoading", FrameEvent, self._on_frame_stopped)
         session.on("Page.frameDetached", FrameEvent, self._on_frame_stopped)
@@ -104,6 +106,10 @@ class Traffic:
             except TimeoutError:
                 continue
 
+    def document_url(self, loader: str) -> str:
+        """Where a load of the main document has been led, if it is the last one that was asked for."""
+        return self._document[1] if self._document[0] == loader else ""
+
     # --- events -------------------------------------------------------------------------------------
 
     def _on_frame_started(self, event: FrameEvent) -> None:
@@ -133,6 +139,8 @@ class Traffic:
 
     def _on_request(self, request: RequestWillBeSent) -> None:
         is_main_document = request.request_id == request.loader_id and request.frame_id == self._main_frame
+        if is_main_document:
+            self._document = (request.loader_id, request.document_url)
         if request.type in _NEVER_AWAITED or is_main_document:
             return  # the main document is waited for as the main frame
         if request.request_id not in self._waits:  # a redirect does not start the clock again

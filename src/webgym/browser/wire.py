@@ -132,6 +132,7 @@ class RequestWillBeSent(Wire, frozen=True):
     loader_id: str = ""
     frame_id: str = ""
     type: str = ""
+    document_url: str = msgspec.field(default="", name="documentURL")
 
 
 class Response(Wire, frozen=True):

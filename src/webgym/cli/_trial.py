@@ -12,6 +12,7 @@ import msgspec
 from PIL import Image
 
 from webgym.browser.config import BrowserConfig
+from webgym.browser.egress import Egress
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.wire import CreatedTarget
@@ -92,11 +93,12 @@ async def try_browser(executable: Path, seconds: float) -> Trial:
     started = time.monotonic()
     try:
         async with asyncio.timeout(seconds):
-            process, sandbox = await launch_sandboxed(config, executable, ProfileRoot(), None)
-            try:
-                fonts, picture = await _draw(process, seconds)
-            finally:
-                await process.kill()
+            async with Egress(config.egress) as egress:
+                process, sandbox = await launch_sandboxed(config, executable, ProfileRoot(), None, egress)
+                try:
+                    fonts, picture = await _draw(process, seconds)
+                finally:
+                    await process.kill()
     except TimeoutError:
         raise BrowserTimeout(f"the browser drew no page within {seconds:g} s") from None
     return Trial(

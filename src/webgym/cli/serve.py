@@ -28,8 +28,12 @@ def command(
     browser: Path | None = typer.Option(
         None, "--browser", help="Chromium to run.", show_default="the first that is found"
     ),
-    host_rule: list[str] = typer.Option(
-        [], "--host-rule", help='For the browsers, e.g. "MAP *.webgym.test 127.0.0.1:8123". May be repeated.'
+    allow_host: list[str] = typer.Option(
+        [],
+        "--allow-host",
+        metavar="PATTERN[=HOST:PORT]",
+        help="Let pages connect to a name, address or network that is otherwise refused, or lead a name"
+        " elsewhere: intranet.example, 10.0.0.0/8, *.webgym.test=127.0.0.1:8123. May be repeated.",
     ),
     sandbox: str = typer.Option("auto", "--sandbox", help="auto, on or off."),
     ttl: float = typer.Option(60.0, "--ttl", help="Seconds after which an unrenewed session is taken back."),
@@ -56,7 +60,7 @@ def command(
         "token": token,
         "ttl_seconds": ttl,
         "allocate_seconds": wait,
-        "browser": {"executable": browser, "host_rules": host_rule, "sandbox": sandbox},
+        "browser": {"executable": browser, "egress": {"allow": allow_host}, "sandbox": sandbox},
     }
     try:
         config = ServerConfig.model_validate(

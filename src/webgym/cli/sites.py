@@ -48,12 +48,15 @@ def serve(
 
     async def forever() -> None:
         async with serving(config) as sites:
-            rules = ", ".join(sites.host_rules)
+            rules = " ".join(f"--allow-host '{rule}'" for rule in sites.allowed_hosts)
             first = next(iter(sites.web.specs))
             print(f"{len(sites.web.specs)} websites at {sites.address}", flush=True)
             if not given:
                 print(f"token    {sites.token}")
-            print(f"browse   chromium --host-resolver-rules='{rules}' http://{first}/")
+            print(
+                f"browse   chromium --host-resolver-rules='MAP *.webgym.test {sites.address}' http://{first}/"
+            )
+            print(f"browsers webgym serve {rules}")
             print("list     webgym sites list", flush=True)
             await asyncio.Event().wait()
 

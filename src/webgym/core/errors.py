@@ -7,6 +7,7 @@
     │   └── RunFolderError     the folder is not a run, or not the run that was asked for
     ├── PageError              the web did it; the agent is told and the attempt goes on
     │   ├── NavigationFailed   DNS, TLS, refused connection, reset, deadline
+    │   │   └── EgressRefused  the egress policy, or its limit on connections to a host, said no
     │   ├── DownloadRefused    a navigation turned out to be a download
     │   └── ActionFailed       no such element, nothing to go back to
     ├── BrowserError           a browser process did it
@@ -97,6 +98,12 @@ class NavigationFailed(PageError):
     """A page could not be opened."""
 
     code = "navigation_failed"
+
+
+class EgressRefused(NavigationFailed):
+    """The egress policy, or its limit on new connections to one host, did not let it."""
+
+    code = "egress_refused"
 
 
 class DownloadRefused(PageError):

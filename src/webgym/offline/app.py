@@ -2,7 +2,7 @@
 
 Requests are told apart by their ``Host`` header: a website's hostname leads to the website, anything
 else to a small administration under a token, where a collector asks what a website's server holds for a
-visitor. Browsers get here through a host rule, so pages see clean URLs on port 80.
+visitor. Browsers get here through rules of the egress policy, so pages see clean URLs on port 80.
 """
 
 from __future__ import annotations
@@ -199,9 +199,9 @@ class RunningSites:
         return f"http://{self.address}"
 
     @property
-    def host_rules(self) -> list[str]:
-        """What a Chromium needs to find the websites here."""
-        return self.web.host_rules(self.address)
+    def allowed_hosts(self) -> list[str]:
+        """The rules of the egress policy by which browsers find the websites here."""
+        return self.web.allowed_hosts(self.address)
 
 
 @asynccontextmanager

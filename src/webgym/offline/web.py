@@ -13,7 +13,7 @@ from webgym.offline.families import FAMILIES
 from webgym.offline.look import look
 from webgym.offline.parts import Place, write
 from webgym.offline.seeds import number, stream
-from webgym.offline.website import Behaviour, Website
+from webgym.offline.website import TOP_LEVEL_DOMAIN, Behaviour, Website
 
 Split: TypeAlias = Literal["train", "test"]
 
@@ -108,10 +108,10 @@ class OfflineWeb:
         for assignment in site.expected_assignments():
             yield from write(place, assignment)
 
-    def host_rules(self, address: str) -> list[str]:
-        """Chromium's ``--host-resolver-rules`` that lead to the server at ``address`` (``host:port``).
+    def allowed_hosts(self, address: str) -> list[str]:
+        """Rules of the egress policy that lead browsers to the server at ``address`` (``host:port``).
 
         A website that is down has a name that does not resolve.
         """
-        down = [f"MAP {host} ~NOTFOUND" for host, spec in self.specs.items() if spec.behaviour == "down"]
-        return [*down, f"MAP *.webgym.test {address}"]
+        down = [f"{host}=nowhere" for host, spec in self.specs.items() if spec.behaviour == "down"]
+        return [*down, f"*.{TOP_LEVEL_DOMAIN}={address}"]

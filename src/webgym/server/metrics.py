@@ -8,6 +8,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, generate_la
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
+from webgym.browser.egress import EgressLoad
 from webgym.server.admission import Gatekeeper
 from webgym.server.leases import Leases
 from webgym.server.pool import Pool
@@ -45,8 +46,23 @@ class _Load(Collector):
         yield slots
         yield GaugeMetricFamily("webgym_sessions", "Live leases", value=len(self._leases))
         yield GaugeMetricFamily("webgym_sessions_expired", "Leases taken back", value=self._leases.expired)
+        yield from _egress_metrics(self._pool.egress.load)
         launches = sum(slot.launches for slot in self._pool.slots)
         yield GaugeMetricFamily("webgym_browser_launches", "Browsers brought up", value=launches)
+
+
+def _egress_metrics(load: EgressLoad) -> Iterable[Metric]:
+    yield GaugeMetricFamily("webgym_egress_open", "Connections that pages have", value=load.open)
+    asked = CounterMetricFamily(
+        "webgym_egress_connections", "Connections that pages asked for, by how that ended", labels=["result"]
+    )
+    for result, count in load.results.items():
+        asked.add_metric([result], count)
+    yield asked
+    passed = CounterMetricFamily("webgym_egress_bytes", "Bytes of pages", labels=["direction"])
+    passed.add_metric(["sent"], load.sent)
+    passed.add_metric(["received"], load.received)
+    yield passed
 
 
 class Metrics:

@@ -6,7 +6,7 @@ import asyncio
 import logging
 from pathlib import Path
 
-from webgym.browser import ProfileRoot, Slot
+from webgym.browser import Egress, ProfileRoot, Slot
 from webgym.browser.config import BrowserConfig
 from webgym.browser.process import SandboxState
 from webgym.core.errors import BrowserError, NoCapacity
@@ -26,6 +26,7 @@ class Pool:
     def __init__(self, config: ServerConfig, executable: Path) -> None:
         self.executable = executable
         self._config = config
+        self.egress = Egress(config.browser.egress)
         self._profiles = ProfileRoot(config.browser.temporary_root)
         self._slots: list[Slot] = []
         self._free: asyncio.Queue[Slot] = asyncio.Queue()
@@ -48,6 +49,7 @@ class Pool:
         swept = await asyncio.to_thread(self._profiles.sweep)
         if swept:
             log.warning("removed what %d dead server(s) left behind", len(swept))
+        await self.egress.start()
         first = self._new_slot(self._config.browser)
         await self._make_ready(first)
         assert first.process is not None
@@ -59,7 +61,7 @@ class Pool:
 
     def _new_slot(self, config: BrowserConfig) -> Slot:
         known = self._slots[0].sandbox if self._slots else None
-        slot = Slot(config, self.executable, self._profiles, known)
+        slot = Slot(config, self.executable, self._profiles, self.egress, known)
         self._slots.append(slot)
         return slot
 
@@ -72,6 +74,7 @@ class Pool:
         for error in ended:
             if isinstance(error, BaseException):
                 log.error("a browser did not end: %s", error)
+        await self.egress.stop()
 
     # --- lending ------------------------------------------------------------------------------------
 

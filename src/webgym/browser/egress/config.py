@@ -1,0 +1,89 @@
+"""Every limit of the way out, with its unit and its reason."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from webgym.browser.egress.rules import read_rule
+
+
+class EgressConfig(BaseModel):
+    """What pages may connect to, how often, and how long it may take."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    allow: tuple[str, ...] = ()
+    """Rules ``PATTERN[:PORT][=TARGET]``; the first that matches a host decides.
+
+    PATTERN is a name (``intranet.example``), the names below one (``*.webgym.test``), an address
+    (``10.0.0.5``, ``[::1]``), a network (``10.0.0.0/8``) or ``*``. A host that matches may be connected to
+    whatever address it has. ``=HOST:PORT`` leads a name to that place instead, whatever port was asked
+    for; ``=nowhere`` makes it a name that does not exist.
+    """
+
+    ports: tuple[int, ...] = (80, 443, 8080, 8443)
+    """Ports that may be connected to on hosts that no rule allows; none named permits all."""
+
+    # --- deadlines, seconds -----------------------------------------------------------------------
+
+    handshake_seconds: float = Field(default=3600.0, gt=0)
+    """Until a browser has said where it wants to go. Long, as it may be frozen in the middle of it."""
+
+    resolve_seconds: float = Field(default=5.0, gt=0)
+    """A name to its addresses."""
+
+    connect_seconds: float = Field(default=8.0, gt=0)
+    """Addresses to a connection, all attempts together. With ``resolve_seconds`` less than
+    ``browser.navigate_seconds``, so that the reason is known before the navigation is given up."""
+
+    attempt_seconds: float = Field(default=2.5, gt=0)
+    """One address out of several; the last one has the time that is left."""
+
+    keepalive_seconds: int = Field(default=60, gt=0)
+    """Silence after which a server is asked whether it is still there."""
+
+    dead_seconds: int = Field(default=120, gt=0)
+    """A server that acknowledges nothing for so long is gone."""
+
+    # --- names ------------------------------------------------------------------------------------
+
+    resolver_threads: int = Field(default=48, gt=0)
+    """Lookups at once, each in a blocking call of the system's resolver."""
+
+    resolver_share: float = Field(default=0.25, gt=0, le=1)
+    """Of these threads, for the names of one site (its last two labels): slow ones hold up no others."""
+
+    cache_seconds: float = Field(default=30.0, ge=0)
+    """How long a lookup's result is used again. The check of the address is made at every connection."""
+
+    cache_names: int = Field(default=4096, gt=0)
+    """Names kept in the cache, and failures kept to be told."""
+
+    # --- politeness -------------------------------------------------------------------------------
+
+    rate: float = Field(default=20.0, gt=0)
+    """New connections per second to one host, of all sessions together, in the long run. Hosts that a
+    rule allows are exempt."""
+
+    burst: int = Field(default=120, gt=0)
+    """New connections to one host at once, after a pause: 20 sessions that open its page together."""
+
+    wait_seconds: float = Field(default=4.0, ge=0)
+    """A connection that would have to wait for longer is refused."""
+
+    # --- bytes ------------------------------------------------------------------------------------
+
+    buffer_bytes: int = Field(default=256 * 1024, gt=0)
+    """Unsent bytes per direction above which the sender is no longer read from: a frozen browser reads
+    nothing for minutes."""
+
+    @field_validator("allow")
+    @classmethod
+    def _are_rules(cls, rules: tuple[str, ...]) -> tuple[str, ...]:
+        for rule in rules:
+            read_rule(rule)
+        return rules
+
+    def allowing(self, *rules: str) -> EgressConfig:
+        """The same with these rules in front."""
+        return self.model_validate({**self.model_dump(), "allow": (*rules, *self.allow)})

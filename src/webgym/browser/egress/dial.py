@@ -1,0 +1,187 @@
+"""From what a browser asks for to a connection, or to the reason why there is none."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+from collections.abc import Callable
+from typing import Literal, TypeAlias, TypeVar
+
+from webgym.browser.egress.addresses import plain
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.hosts import Address, Host, read_host
+from webgym.browser.egress.machine import Machine
+from webgym.browser.egress.policy import Admitted, Forbidden, Nowhere, Policy, Route
+from webgym.browser.egress.politeness import Politeness
+from webgym.browser.egress.resolver import Resolver
+from webgym.core.errors import NavigationFailed
+
+P = TypeVar("P", bound=asyncio.BaseProtocol)
+
+Reason: TypeAlias = Literal[
+    "no_such_name",
+    "dns_failed",
+    "dns_timed_out",
+    "refused",
+    "timed_out",
+    "reset",
+    "unreachable",
+    "offline",
+    "no_resources",
+    "malformed",
+    "forbidden",
+    "too_many",
+]
+
+_WORDS: dict[Reason, str] = {
+    "no_such_name": "net::ERR_NAME_NOT_RESOLVED",
+    "dns_failed": "net::ERR_NAME_RESOLUTION_FAILED",
+    "dns_timed_out": "net::ERR_DNS_TIMED_OUT",
+    "refused": "net::ERR_CONNECTION_REFUSED",
+    "timed_out": "net::ERR_CONNECTION_TIMED_OUT",
+    "reset": "net::ERR_CONNECTION_RESET",
+    "unreachable": "net::ERR_ADDRESS_UNREACHABLE",
+    "offline": "net::ERR_INTERNET_DISCONNECTED",
+    "no_resources": "net::ERR_INSUFFICIENT_RESOURCES",
+}
+"""What Chromium itself says when it connects by itself."""
+
+_OF_ERRNO: dict[int, Reason] = {
+    errno.ECONNREFUSED: "refused",
+    errno.ETIMEDOUT: "timed_out",
+    errno.ECONNRESET: "reset",
+    errno.EMFILE: "no_resources",
+    errno.ENFILE: "no_resources",
+    errno.ENOBUFS: "no_resources",
+    errno.ENOMEM: "no_resources",
+}
+_NO_WAY = frozenset({errno.ENETUNREACH, errno.ENETDOWN, errno.EADDRNOTAVAIL})
+
+
+class NotConnected(NavigationFailed):
+    """There is no connection, and why.
+
+    Attributes:
+        reason: in one word.
+    """
+
+    code = "not_connected"
+
+    def __init__(self, reason: Reason, why: str = "") -> None:
+        super().__init__(_WORDS.get(reason) or why)
+        self.reason = reason
+
+    @property
+    def is_refusal(self) -> bool:
+        """Whether it was not even tried."""
+        return self.reason in ("forbidden", "too_many", "malformed")
+
+
+class Dialer:
+    """Opens the connections of one proxy."""
+
+    def __init__(self, config: EgressConfig, machine: Machine) -> None:
+        self._config = config
+        self._machine = machine
+        self._policy = Policy(config)
+        self._resolver = Resolver(config, machine)
+        self._politeness = Politeness(config.rate, config.burst, config.wait_seconds)
+        self._own: frozenset[Address] = frozenset()
+        self._own_until = 0.0
+        self.own_port = 0
+        """The proxy's, which must not be led to itself."""
+
+    async def close(self) -> None:
+        """Stop looking up names."""
+        await self._resolver.close()
+
+    async def dial(self, text: str, port: int, protocol: Callable[[], P]) -> P:
+        """Connect to a host, to an address that was checked.
+
+        Args:
+            text: the host, in any spelling.
+            protocol: makes what is connected.
+
+        Raises:
+            NotConnected: and why.
+        """
+        try:
+            host = read_host(text)
+        except ValueError as error:
+            raise NotConnected("malformed", f"{text[:80]!r} cannot be connected to: {error}") from None
+        try:
+            route = self._policy.route(host, port)
+            addresses = await self._resolve(route.place.host)
+            admitted = self._policy.admit(route, addresses, self._own_addresses())
+        except Nowhere:
+            raise NotConnected("no_such_name") from None
+        except Forbidden as error:
+            raise NotConnected("forbidden", f"refused by the egress policy: {error}") from None
+        self._keep_from_itself(admitted, route)
+        if not admitted.is_allowed:
+            await self._take_turn(str(host))
+        return await self._connect(admitted.addresses, route.place.port, protocol)
+
+    # --- names --------------------------------------------------------------------------------------
+
+    async def _resolve(self, host: Host) -> tuple[Address, ...]:
+        if not isinstance(host, str):
+            return (host,)
+        answer = await self._resolver.resolve(host)
+        if isinstance(answer, tuple):
+            return answer
+        if answer != "no_such_name" and not self._machine.is_online():
+            raise NotConnected("offline")
+        raise NotConnected(answer)
+
+    def _own_addresses(self) -> frozenset[Address]:
+        now = asyncio.get_running_loop().time()
+        if now >= self._own_until:
+            self._own = self._machine.own_addresses()
+            self._own_until = now + self._config.cache_seconds
+        return self._own
+
+    def _keep_from_itself(self, admitted: Admitted, route: Route) -> None:
+        if route.place.port != self.own_port:
+            return
+        for address in admitted.addresses:
+            here = plain(address)
+            if here.is_loopback or here.is_unspecified or here in self._own:
+                raise NotConnected("forbidden", "refused by the egress policy: this is the proxy itself")
+
+    # --- connections --------------------------------------------------------------------------------
+
+    async def _take_turn(self, host: str) -> None:
+        delay = self._politeness.delay(host, asyncio.get_running_loop().time())
+        if delay is None:
+            raise NotConnected("too_many", f"too many new connections to {host} at the moment; try later")
+        if delay:
+            await asyncio.sleep(delay)
+
+    async def _connect(self, addresses: tuple[Address, ...], port: int, protocol: Callable[[], P]) -> P:
+        """The first address that takes the connection. A silent one holds up the next only for a while."""
+        failures: list[NotConnected] = []
+        deadline = asyncio.get_running_loop().time() + self._config.connect_seconds
+        for nth, address in enumerate(addresses, 1):
+            until = deadline
+            if nth < len(addresses):
+                until = min(deadline, asyncio.get_running_loop().time() + self._config.attempt_seconds)
+            try:
+                return await self._attempt(address, port, protocol, until)
+            except NotConnected as failure:
+                failures.append(failure)
+        # A machine without IPv6 says so of every such address; another's answer says more.
+        raise next((one for one in failures if one.reason != "unreachable"), failures[-1])
+
+    async def _attempt(self, address: Address, port: int, protocol: Callable[[], P], until: float) -> P:
+        loop = asyncio.get_running_loop()
+        try:
+            async with asyncio.timeout_at(until):
+                return (await loop.create_connection(protocol, str(address), port))[1]
+        except TimeoutError:
+            raise NotConnected("timed_out") from None
+        except OSError as error:
+            number = error.errno or 0
+            if number in _NO_WAY and not self._machine.is_online():
+                raise NotConnected("offline") from None
+            raise NotConnected(_OF_ERRNO.get(number, "unreachable")) from None

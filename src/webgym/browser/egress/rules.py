@@ -1,0 +1,107 @@
+"""The operator's rules, as they are written: ``PATTERN[:PORT][=TARGET]``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from ipaddress import IPv4Network, IPv6Network, ip_network
+
+from webgym.browser.egress.addresses import plain
+from webgym.browser.egress.hosts import Address, Host, read_host
+
+NOWHERE = "nowhere"
+_ANY = "*"
+_HIGHEST_PORT = 65535
+
+
+@dataclass(frozen=True)
+class Place:
+    """A host and a port."""
+
+    host: Host
+    port: int
+
+
+@dataclass(frozen=True)
+class Rule:
+    """One rule.
+
+    Attributes:
+        name: that it is for; with a leading dot, the names below it; empty for a network.
+        network: of addresses that it is for.
+        port: that it is for; ``None`` is any.
+        target: where it leads instead; ``None`` is where the name itself leads.
+        is_nowhere: whether it says that there is no such name.
+    """
+
+    name: str = ""
+    network: IPv4Network | IPv6Network | None = None
+    port: int | None = None
+    target: Place | None = None
+    is_nowhere: bool = False
+
+    def matches(self, host: Host, port: int) -> bool:
+        """Whether it decides about this host, as it was asked for."""
+        if self.port not in (None, port):
+            return False
+        if self.name == _ANY:
+            return True
+        if not isinstance(host, str):
+            return self.holds(host, port)
+        return host.endswith(self.name) if self.name.startswith(".") else host == self.name
+
+    def holds(self, address: Address, port: int) -> bool:
+        """Whether it is for a network, and this address is in it."""
+        if self.network is None or self.port not in (None, port):
+            return False
+        address = plain(address)
+        return address.version == self.network.version and address in self.network
+
+
+def read_rule(text: str) -> Rule:
+    """The rule that a text means.
+
+    Raises:
+        ValueError: it means none.
+    """
+    pattern, equals, target = text.strip().partition("=")
+    try:
+        rule = _pattern(pattern)
+        if not equals:
+            return rule
+        if rule.network is not None:
+            raise ValueError("an address cannot be led elsewhere")
+        if target == NOWHERE:
+            return Rule(rule.name, port=rule.port, is_nowhere=True)
+        host, port = _split_port(target)
+        if port is None:
+            raise ValueError("a target has a port")
+        return Rule(rule.name, port=rule.port, target=Place(read_host(host), port))
+    except ValueError as error:
+        raise ValueError(f"{text!r} is no rule PATTERN[:PORT][=HOST:PORT]: {error}") from None
+
+
+def _pattern(text: str) -> Rule:
+    name, port = _split_port(text)
+    if name == _ANY:
+        return Rule(_ANY, port=port)
+    if "/" in name:
+        return Rule(network=ip_network(name.strip("[]")), port=port)
+    if name.startswith("*."):
+        below = read_host(name[2:])
+        if not isinstance(below, str):
+            raise ValueError("there is nothing below an address")
+        return Rule(f".{below}", port=port)
+    host = read_host(name)
+    return (
+        Rule(host, port=port) if isinstance(host, str) else Rule(network=ip_network(plain(host)), port=port)
+    )
+
+
+def _split_port(text: str) -> tuple[str, int | None]:
+    """``host:port``, ``[v6]:port``, or either alone; a bare IPv6 address has no port."""
+    head, colon, tail = text.rpartition(":")
+    if not colon or (":" in head and not head.endswith("]")):
+        return text, None
+    if not tail.isascii() or not tail.isdigit() or not 0 < int(tail) <= _HIGHEST_PORT:
+        raise ValueError(f"{tail!r} is no port")
+    return head, int(tail)

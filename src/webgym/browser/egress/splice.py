@@ -1,0 +1,140 @@
+"""Two connections made one: what is read at one end is written at the other.
+
+When an end takes no more, nothing is read at the other, so that never more is kept for a browser that is
+frozen than the write buffer's limit and what the kernel holds.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import struct
+from collections import Counter
+from typing import cast
+
+from webgym.browser.egress.config import EgressConfig
+
+_KEEPALIVE_PROBES = 4
+_RESET_ON_CLOSE = struct.pack("ii", 1, 0)
+
+
+class Books:
+    """What the connections of one proxy have in common."""
+
+    def __init__(self, config: EgressConfig) -> None:
+        self.config = config
+        self.transports: set[asyncio.Transport] = set()
+        self.results: Counter[str] = Counter()
+        self.open = 0
+        self.sent = 0
+        self.received = 0
+
+
+class _End(asyncio.Protocol):
+    transport: asyncio.Transport
+    """There from :meth:`connection_made` on."""
+
+    def __init__(self, books: Books) -> None:
+        self._books = books
+        self.other: _End | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The transport is up."""
+        self.transport = cast(asyncio.Transport, transport)  # uvloop's is none by name
+        self.transport.set_write_buffer_limits(high=self._books.config.buffer_bytes)
+        self._books.transports.add(self.transport)
+
+    def connection_lost(self, _: Exception | None) -> None:
+        """It is gone."""
+        self._books.transports.discard(self.transport)
+
+    def pause_writing(self) -> None:
+        """This end takes no more: stop reading at the other."""
+        if self.other is not None and not self.other.transport.is_closing():
+            self.other.transport.pause_reading()
+
+    def resume_writing(self) -> None:
+        """This end takes more."""
+        if self.other is not None and not self.other.transport.is_closing():
+            self.other.transport.resume_reading()
+
+
+class BrowserEnd(_End):
+    """The browser's end."""
+
+    other: ServerEnd
+
+    def data_received(self, data: bytes) -> None:
+        """To the server."""
+        self._books.sent += len(data)
+        self.other.transport.write(data)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The browser is done, in both directions, as it never closes but one: so is the server."""
+        super().connection_lost(exc)
+        self._books.open -= 1
+        self.other.transport.close()
+
+    def end(self, error: Exception | None) -> None:
+        """The server is gone. A reset is passed on as one, unless something is still to be delivered."""
+        if self.transport.is_closing():
+            return
+        if isinstance(error, ConnectionResetError) and not self.transport.get_write_buffer_size():
+            raw = self.transport.get_extra_info("socket")
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET_ON_CLOSE)
+        self.transport.close()
+
+
+class ServerEnd(_End):
+    """The server's end. It is connected first, and may speak before it is joined."""
+
+    other: BrowserEnd | None
+
+    def __init__(self, books: Books) -> None:
+        super().__init__(books)
+        self._early: list[bytes] = []
+        self._is_over = False
+        self._error: Exception | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """The transport is up. A server that vanishes must be noticed."""
+        super().connection_made(transport)
+        config, raw = self._books.config, transport.get_extra_info("socket")
+        interval = max(1, (config.dead_seconds - config.keepalive_seconds) // _KEEPALIVE_PROBES)
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, config.keepalive_seconds)
+        raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, interval)
+        raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _KEEPALIVE_PROBES)
+        raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, config.dead_seconds * 1000)
+
+    def join(self, browser: BrowserEnd) -> None:
+        """From here on both ends pass on what they read."""
+        self.other, browser.other = browser, self
+        self._books.open += 1
+        for data in self._early:
+            self.data_received(data)
+        self._early.clear()
+        if self._is_over:
+            browser.end(self._error)
+
+    def data_received(self, data: bytes) -> None:
+        """To the browser."""
+        if self.other is None:
+            self._early.append(data)
+            return
+        self._books.received += len(data)
+        self.other.transport.write(data)
+
+    def eof_received(self) -> bool:
+        """The server says no more, but may still listen."""
+        if self.other is None or self.other.transport.is_closing():
+            return False
+        self.other.transport.write_eof()
+        return True
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """The server is gone."""
+        super().connection_lost(exc)
+        self._is_over, self._error = True, exc
+        if self.other is not None:
+            self.other.end(exc)

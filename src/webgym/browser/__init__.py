@@ -8,6 +8,7 @@ settle.py    when is a page quiet, and why do we say so
 traffic.py   what the tab is loading at this moment
 egress/      the only way out: a proxy that refuses what pages must not reach
 process.py   a Chromium in its own process group, and the proof that nothing of it is left
+sandbox.py   Chromium's sandbox: asked for, and seen to be there
 profiles.py  temporary profiles that a dead server cannot leave behind
 cdp.py       the protocol: commands with deadlines, events to subscribers
 wire.py      the parts of the protocol's messages that we read

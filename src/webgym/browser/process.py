@@ -12,12 +12,11 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
-
-from webgym.browser.cdp import Connection
+from webgym.browser.cdp import CommandFailed, Connection
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress import Egress
 from webgym.browser.profiles import ProfileRoot
+from webgym.browser.sandbox import SandboxState, examined, is_to_blame, planned_sandbox, remedy
 from webgym.browser.wire import Version
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserLaunchFailed, BrowserTimeout
 
@@ -81,33 +80,13 @@ _FLAGS = (
 _FIRST_FREE_FD = 10
 """Descriptors below are left for the child's own numbering (3 and 4 are the pipe)."""
 
-_LOG_TAIL_BYTES = 4096
+_LOG_TAIL_BYTES = 16_384
+_LOG_LINES = 3
+_LAST_WORDS = ("FATAL:", "Check failed:", "sandbox!", "sandbox helper")
+"""By which a line that says why Chromium ends is known; a stack trace may follow it."""
+
 _GONE_POLL_SECONDS = (0.001, 0.05)
 """Backoff, first and longest pause, while the kernel takes a killed group apart."""
-
-
-class SandboxState(msgspec.Struct, frozen=True):
-    """Whether Chromium's sandbox is on, and why not if it is off."""
-
-    on: bool
-    reason: str = ""
-
-
-def planned_sandbox(config: BrowserConfig) -> SandboxState:
-    """What the setting and this user allow, before anything was tried.
-
-    Raises:
-        BrowserLaunchFailed: the sandbox is demanded, and we are root.
-    """
-    if config.sandbox == "off":
-        return SandboxState(False, "switched off by the setting browser.sandbox")
-    if os.geteuid() != 0:
-        return SandboxState(True)
-    if config.sandbox == "on":
-        raise BrowserLaunchFailed(
-            "Chromium does not run with its sandbox as root", hint="run as another user, or sandbox=off"
-        )
-    return SandboxState(False, "running as root, where Chromium's sandbox does not work")
 
 
 class BrowserProcess:
@@ -236,11 +215,14 @@ async def _end_group(group: int, seconds: float) -> None:
 
 
 def _tail(profile: Path) -> str:
+    """What the log says last; where the browser says why it ended, that."""
     try:
         text = (profile / "chromium.log").read_bytes()[-_LOG_TAIL_BYTES:].decode(errors="replace")
     except OSError:
         return ""
-    return " | ".join(line.strip() for line in text.splitlines()[-3:])
+    lines = [line.strip() for line in text.splitlines()]
+    reasons = [line for line in lines if any(word in line for word in _LAST_WORDS)]
+    return " | ".join(reasons[-_LOG_LINES:] or lines[-_LOG_LINES:])
 
 
 def _arguments(executable: Path, profile: Path, sandbox: SandboxState, egress: Egress) -> list[str]:
@@ -336,15 +318,55 @@ async def launch_sandboxed(
 
     Args:
         sandbox: what an earlier launch found out; ``None`` at the first.
+
+    Raises:
+        BrowserLaunchFailed: it does not come up, or not with the sandbox that the setting demands.
     """
     state = sandbox or planned_sandbox(config)
-    try:
+    if sandbox is not None or not state.on:
         process = await launch(config, executable, root, state, egress)
-    except BrowserLaunchFailed as error:
-        if not state.on or config.sandbox == "on" or "sandbox" not in error.message.lower():
-            raise
-        state = SandboxState(False, "this machine does not let Chromium build its sandbox")
-        process = await launch(config, executable, root, state, egress)
+    else:
+        process, state = await _launch_first(config, executable, root, egress)
     if sandbox is None and not state.on:
-        log.warning("Chromium runs without its sandbox: %s", state.reason)
+        mend = "" if config.sandbox == "off" else f"; to mend it: {remedy()}"
+        log.warning("Chromium runs WITHOUT its sandbox: %s%s", state.reason, mend)
     return process, state
+
+
+async def _launch_first(
+    config: BrowserConfig, executable: Path, root: ProfileRoot, egress: Egress
+) -> tuple[BrowserProcess, SandboxState]:
+    """Start a browser with its sandbox, or without it if that is the only way and allowed."""
+    try:
+        return await _launch_examined(config, executable, root, SandboxState(True), egress)
+    except BrowserLaunchFailed as error:
+        if not is_to_blame(error.message):
+            raise
+        if config.sandbox == "on":
+            raise BrowserLaunchFailed(
+                f"the sandbox is demanded and not to be had: {error.message}", hint=remedy()
+            ) from error
+        log.info("%s", error.message)
+    state = SandboxState(False, "this machine does not let Chromium build it")
+    process, _ = await _launch_examined(config, executable, root, state, egress)
+    return process, state
+
+
+async def _launch_examined(
+    config: BrowserConfig, executable: Path, root: ProfileRoot, planned: SandboxState, egress: Egress
+) -> tuple[BrowserProcess, SandboxState]:
+    """Start a browser, see that it renders, and whether its pages are contained."""
+    process = await launch(config, executable, root, planned, egress)
+    try:
+        seen = await examined(process.connection, process.processes, config.open_seconds)
+        if config.sandbox == "on" and not seen.on:
+            raise BrowserLaunchFailed(f"the sandbox is demanded and is not there: {seen.reason}")
+    except (BrowserCrashed, BrowserTimeout, CommandFailed) as error:
+        await process.kill()
+        raise BrowserLaunchFailed(
+            f"{executable} renders no page: {error.message}", hint="see `webgym doctor`"
+        ) from error
+    except BaseException:
+        await process.kill()
+        raise
+    return process, seen

@@ -19,8 +19,9 @@ from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress import Egress
 from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
-from webgym.browser.process import BrowserProcess, SandboxState, launch_sandboxed
+from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
+from webgym.browser.sandbox import SandboxState
 from webgym.browser.settle import settle_timed
 from webgym.browser.wire import (
     AttachedToTarget,

@@ -31,6 +31,18 @@ class CreatedTarget(Wire, frozen=True):
     target_id: str
 
 
+class Attached(Wire, frozen=True):
+    """``Target.attachToTarget``."""
+
+    session_id: str
+
+
+class TargetCrashed(Wire, frozen=True):
+    """``Target.targetCrashed``."""
+
+    target_id: str
+
+
 class TargetInfo(Wire, frozen=True):
     """A page, worker or frame that can be attached to."""
 

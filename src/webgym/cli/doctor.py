@@ -29,6 +29,7 @@ from rich.table import Table
 from rich.text import Text
 
 from webgym.browser.find import FoundBrowser, find_browser, run_bounded
+from webgym.browser.sandbox import remedy
 from webgym.cli._trial import Trial, try_browser
 from webgym.core.errors import BrowserError, BrowserNotFound
 
@@ -213,23 +214,11 @@ def _mend_launch(found: FoundBrowser, error: BrowserError) -> str:
 
 def _sandbox(trial: Trial) -> Check:
     if trial.sandbox:
-        return Check("Sandbox", "ok", "on")
-    if os.geteuid() == 0:
-        mend = "run as an ordinary user, at least where pages are not your own"
-    else:
-        mend = "; ".join(_namespace_settings()) or "allow unprivileged user namespaces"
-    return Check("Sandbox", "note", f"OFF, pages are not contained: {trial.sandbox_reason}", mend)
-
-
-def _namespace_settings() -> Iterator[str]:
-    """The kernel settings of this machine that keep Chromium from building its sandbox."""
-    for name, wanted in (
-        ("kernel.apparmor_restrict_unprivileged_userns", "0"),
-        ("kernel.unprivileged_userns_clone", "1"),
-    ):
-        path = Path("/proc/sys", *name.split("."))
-        if path.exists() and path.read_text().strip() != wanted:
-            yield f"sudo sysctl -w {name}={wanted}"
+        found = (
+            trial.sandbox_reason or "pages live in namespaces of their own, their system calls are filtered"
+        )
+        return Check("Sandbox", "ok", f"on: {found}")
+    return Check("Sandbox", "note", f"OFF, pages are not contained: {trial.sandbox_reason}", remedy())
 
 
 def _fonts(trial: Trial) -> Check:

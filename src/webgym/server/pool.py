@@ -8,7 +8,7 @@ from pathlib import Path
 
 from webgym.browser import Egress, ProfileRoot, Slot
 from webgym.browser.config import BrowserConfig
-from webgym.browser.process import SandboxState
+from webgym.browser.sandbox import SandboxState
 from webgym.core.errors import BrowserError, NoCapacity
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SlotLoad

@@ -88,6 +88,7 @@ def test_on_a_machine_that_allows_it_pages_are_contained(containing: Path) -> No
         assert len(renderer["NSpid"].split()) > len(own["NSpid"].split()), "it sees no process of ours"
         assert renderer["user"] != own["user"]
         assert int(renderer["CapEff"], 16) == 0
+    assert {process["State"][0] for process in group} == {"T"}, "between calls they are stopped all the same"
     assert said["left"] == [], "processes in namespaces of their own are ended like the rest"
     assert list(containing.glob("webgym-*/*")) == []
 

@@ -10,11 +10,20 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import httpx
+import msgspec
 import pytest
 import pytest_asyncio
 
-from webgym.core.errors import ConfigError, ProtocolError, ServerUnreachable, Unauthorized
+from webgym.core.errors import (
+    BrowserLaunchFailed,
+    ConfigError,
+    ProtocolError,
+    ServerUnreachable,
+    TooManySessions,
+    Unauthorized,
+)
 from webgym.server import BrowserClient, RunningServer, ServerConfig, running_server
+from webgym.server.messages import Watched
 from webgym.server.operations import OPERATIONS
 
 from .conftest import TOKEN, quick
@@ -190,3 +199,94 @@ async def test_a_random_token_is_made_and_stays_out_of_sight() -> None:
     async with running_server(ServerConfig(slots=1)) as one, running_server(ServerConfig(slots=1)) as two:
         assert one.token != two.token
         assert len(one.token) >= 32
+
+
+async def test_health_says_which_run_of_the_server_it_is(server: RunningServer) -> None:
+    async with httpx.AsyncClient(base_url=server.url, trust_env=False) as http:
+        response = await http.get("/healthz")
+        assert response.headers["x-webgym-instance"] == server.instance
+        assert len(server.instance) == 16
+
+
+async def test_health_is_503_where_no_browser_comes_up() -> None:
+    config = ServerConfig(slots=1, token=TOKEN, relaunch_seconds=(0.05, 0.05))
+    async with (
+        running_server(config) as server,
+        BrowserClient(server.url, token=TOKEN, limits=quick()) as client,
+    ):
+        pool = server.service.pool
+        [slot] = pool.slots
+        slot._executable = slot._executable.with_name("is-no-more")
+        await slot.stop()
+        with pytest.raises(BrowserLaunchFailed):
+            await client.open()
+        async with asyncio.timeout(10):
+            while (await client.health()).status == "ok":
+                await asyncio.sleep(0.01)
+        async with httpx.AsyncClient(trust_env=False) as http:
+            response = await http.get(f"{server.url}/healthz")
+        assert response.status_code == 503
+        assert response.json() == {"status": "no browser comes up"}
+
+
+@pytest.mark.parametrize("part", ["line", "headers"])
+async def test_an_endless_head_is_cut_off(server: RunningServer, part: str) -> None:
+    host, port = server.url.removeprefix("http://").split(":")
+    reader, writer = await asyncio.open_connection(host, int(port))
+    start, more = {"line": (b"GET /", b"x" * 4096), "headers": (b"GET / HTTP/1.1\r\n", b"a: b\r\n" * 700)}[
+        part
+    ]
+    writer.write(start)
+    sent = 0
+    with contextlib.suppress(ConnectionError):
+        while not reader.at_eof() and sent < 100 * 2**20:
+            writer.write(more)
+            await writer.drain()
+            sent += len(more)
+            if await _has_answer(reader):
+                break
+    assert sent < 2**20, "the server keeps what has no end"
+    writer.close()
+
+
+async def _has_answer(reader: asyncio.StreamReader) -> bool:
+    try:
+        async with asyncio.timeout(0.001):
+            return b"400" in await reader.read(100)
+    except TimeoutError:
+        return False
+
+
+async def test_one_client_may_not_take_every_slot() -> None:
+    config = ServerConfig(slots=3, token=TOKEN, sessions_per_client=1)
+    async with (
+        running_server(config) as server,
+        BrowserClient(server.url, token=TOKEN, limits=quick()) as one,
+        BrowserClient(server.url, token=TOKEN, limits=quick()) as two,
+    ):
+        session = await one.open()
+        with pytest.raises(TooManySessions):
+            await one.open()
+        await two.open()
+        await session.close()
+        await one.open()
+
+
+async def test_whoever_watches_hears_of_every_change(http: httpx.AsyncClient, client: BrowserClient) -> None:
+    async with http.stream("GET", "/v1/watch") as response:
+        lines = response.aiter_lines()
+        first = msgspec.json.decode(await anext(lines), type=Watched)
+        assert first.sessions == ()
+        session = await client.open()
+        async with asyncio.timeout(10):
+            async for line in lines:
+                now = msgspec.json.decode(line, type=Watched)
+                if now.sessions:
+                    break
+        assert now.sessions == (session.id,)
+        assert now.slots.leased == 1
+        assert (now.asked, now.granted) == (first.asked + 1, first.granted + 1)
+        await session.close()
+        async with asyncio.timeout(10):
+            while msgspec.json.decode(await anext(lines), type=Watched).slots.free < 2:
+                pass

@@ -93,8 +93,10 @@ async def test_a_lost_caller_does_not_undo_an_ending() -> None:
     await leases.stop()
 
 
-async def test_generations_count_up_per_slot() -> None:
-    leases = Leases(Taken())
+async def test_generations_count_up() -> None:
+    leases = Leases(Taken(), "w7")
     one, two = idle_slot(), idle_slot()
-    assert [leases.grant(slot, 60, 60).generation for slot in (one, one, two)] == [1, 2, 1]
+    granted = [leases.grant(slot, 60, 60) for slot in (one, one, two)]
+    assert [lease.generation for lease in granted] == [1, 2, 3]
+    assert all(lease.id.startswith("w7-") for lease in granted)
     await leases.stop()

@@ -19,7 +19,9 @@
     │   ├── ServerUnreachable
     │   ├── Unauthorized       the token is wrong or missing
     │   ├── LeaseLost          the session expired, was closed or belongs to a successor
+    │   │   └── WorkerLost     the process or machine that held the session is gone
     │   ├── NoCapacity         every slot stayed taken for as long as we may wait
+    │   │   └── TooManySessions  one client holds as many as it may
     │   └── ProtocolError      a request or reply that breaks the contract
     ├── SitesError             the offline web, or the way to it, did it
     ├── LLMError               a model's endpoint did it; agent and judge say whose model it was
@@ -172,10 +174,22 @@ class LeaseLost(ServerError):
     code = "lease_lost"
 
 
+class WorkerLost(LeaseLost):
+    """The process or the machine that held the session is gone, and the session with it."""
+
+    code = "worker_lost"
+
+
 class NoCapacity(ServerError):
     """Every slot stayed taken for as long as we may wait."""
 
     code = "no_capacity"
+
+
+class TooManySessions(NoCapacity):
+    """One client holds as many sessions as a client may."""
+
+    code = "too_many_sessions"
 
 
 class ProtocolError(ServerError):

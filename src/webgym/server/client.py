@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import secrets
 from collections import OrderedDict
 from typing import TypeVar
 
@@ -27,9 +28,12 @@ from webgym.core.errors import (
     error_from_code,
 )
 from webgym.server.config import ClientLimits
+from webgym.server.listening import keep_alive_options
 from webgym.server.messages import (
+    CLIENT_HEADER,
     GENERATION_HEADER,
     SECRET_HEADER,
+    UNHEALTHY_STATUS,
     Closed,
     ErrorReply,
     ExecuteRequest,
@@ -62,10 +66,27 @@ from webgym.server.operations import (
     Operation,
     QueueName,
 )
+from webgym.server.ways import Way, Ways
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
+
+_NAME_BYTES = 8
+
+
+class _Broken(Exception):
+    """A call came to nothing on its way.
+
+    Attributes:
+        error: what the caller is told.
+        was_sent: whether the server may have carried it out.
+    """
+
+    def __init__(self, error: ServerUnreachable, *, was_sent: bool) -> None:
+        super().__init__(error.message)
+        self.error = error
+        self.was_sent = was_sent
 
 
 class BrowserClient:
@@ -75,6 +96,7 @@ class BrowserClient:
         base_url: the server's address.
         token: its bearer token.
         limits: concurrency per operation type, and deadlines.
+        name: of this client, by which the server counts its sessions; ``None`` makes one.
 
     Raises (every method):
         ServerUnreachable: nothing answers, or not in time.
@@ -82,22 +104,31 @@ class BrowserClient:
         ProtocolError: the answer is not one of a browser server.
     """
 
-    def __init__(self, base_url: str, *, token: str, limits: ClientLimits | None = None) -> None:
+    def __init__(
+        self, base_url: str, *, token: str, limits: ClientLimits | None = None, name: str | None = None
+    ) -> None:
+        if not token.isascii():
+            raise ProtocolError("a token is plain ASCII", hint="copy it from `webgym serve`")
         self.limits = limits or ClientLimits()
         self.base_url = base_url.rstrip("/")
-        try:
-            self._http = httpx.AsyncClient(
-                headers={"authorization": f"Bearer {token}"},
-                timeout=httpx.Timeout(self.limits.reply_seconds, connect=self.limits.connect_seconds),
+        self._headers = {
+            "authorization": f"Bearer {token}",
+            CLIENT_HEADER: name or secrets.token_hex(_NAME_BYTES),
+        }
+        self._http = httpx.AsyncClient(
+            timeout=httpx.Timeout(self.limits.reply_seconds, connect=self.limits.connect_seconds),
+            transport=httpx.AsyncHTTPTransport(
                 limits=httpx.Limits(
                     max_connections=None,
                     max_keepalive_connections=None,
                     keepalive_expiry=self.limits.keep_alive_seconds,
                 ),
+                socket_options=keep_alive_options(self.limits.dead_peer_seconds),
                 trust_env=False,
-            )
-        except UnicodeEncodeError:
-            raise ProtocolError("a token is plain ASCII", hint="copy it from `webgym serve`") from None
+            ),
+            trust_env=False,
+        )
+        self._ways = Ways(self._http, self.base_url, self.limits)
         self._pools = {name: asyncio.Semaphore(getattr(self.limits, name)) for name in QUEUES}
         self._sessions: set[Session] = set()
 
@@ -107,6 +138,7 @@ class BrowserClient:
 
     async def __aexit__(self, *_: object) -> None:
         await asyncio.gather(*(session.close() for session in tuple(self._sessions)))
+        await self._ways.close()
         await self._http.aclose()
 
     async def open(self, options: SessionOptions | None = None) -> Session:
@@ -114,11 +146,21 @@ class BrowserClient:
 
         Raises:
             NoCapacity: all slots stayed taken.
+            TooManySessions: this client has all that it may have.
         """
         grant = await self.call(ALLOCATE, SessionGrant, options or SessionOptions())
-        session = Session(self, grant)
+        try:
+            way = await self._ways.find(grant)
+        except asyncio.CancelledError:
+            await asyncio.shield(self._give_back(grant))
+            raise
+        session = Session(self, grant, way)
         self._sessions.add(session)
         return session
+
+    async def _give_back(self, grant: SessionGrant) -> None:
+        with contextlib.suppress(WebGymError):  # it runs out by itself
+            await self.call(RELEASE, Closed, grant=grant, seconds=self.limits.release_seconds)
 
     async def info(self) -> ServerInfo:
         """What the server is."""
@@ -126,7 +168,11 @@ class BrowserClient:
 
     async def health(self) -> Health:
         """Whether it can give sessions. Needs no token."""
-        return await self.call(HEALTH, Health)
+        response = await self._through(Way(self.base_url, False), HEALTH, None, None, None, None)
+        if response.status_code == UNHEALTHY_STATUS:
+            with contextlib.suppress(ProtocolError):  # then it is an error like any other
+                return self._decode(HEALTH, Health, response)
+        return self._answer(HEALTH, Health, response)
 
     async def pressure(self) -> Pressure:
         """Its load per operation type."""
@@ -145,6 +191,7 @@ class BrowserClient:
         body: msgspec.Struct | None = None,
         *,
         grant: SessionGrant | None = None,
+        way: Way | None = None,
         queue: QueueName | None = None,
         seconds: float | None = None,
     ) -> T:
@@ -153,12 +200,51 @@ class BrowserClient:
         Args:
             reply: shape of the answer; ``bytes`` for a body that is no struct.
             grant: the session, for operations that need one.
+            way: where to; the known address if there is none. One that breaks is changed for the known
+                address from then on, but what may have been carried out is not asked for again.
             queue: the pool, where it is not the operation's own.
             seconds: deadline, where it is not the usual one.
         """
-        response = await self._send(operation, body, grant, queue or operation.queue, seconds)
+        way = way or Way(self.base_url, False)
+        response = await self._through(way, operation, body, grant, queue or operation.queue, seconds)
+        return self._answer(operation, reply, response)
+
+    async def _through(
+        self,
+        way: Way,
+        operation: Operation,
+        body: msgspec.Struct | None,
+        grant: SessionGrant | None,
+        queue: QueueName | None,
+        seconds: float | None,
+    ) -> httpx.Response:
+        """Send a call on its way, and on the other way if this one breaks."""
+        was_straight = way.is_straight
+        try:
+            return await self._send(way.base_url, operation, body, grant, queue, seconds)
+        except _Broken as broken:
+            if not was_straight:
+                raise broken.error from None
+            way.base_url, way.is_straight = self.base_url, False
+            again = not broken.was_sent or operation.is_repeatable
+            # A server that knows what became of the session says it better than we can.
+            asked = operation if again else HEARTBEAT
+            try:
+                response = await self._send(
+                    self.base_url, asked, body if again else None, grant, queue, seconds
+                )
+            except _Broken as other:
+                raise (other.error if again else broken.error) from None
+            if again or not response.is_success:
+                return response
+            raise broken.error from None
+
+    def _answer(self, operation: Operation, reply: type[T], response: httpx.Response) -> T:
         if not response.is_success:
             raise _error_of(response)
+        return self._decode(operation, reply, response)
+
+    def _decode(self, operation: Operation, reply: type[T], response: httpx.Response) -> T:
         try:
             if reply is bytes:
                 return response.content  # type: ignore[return-value]
@@ -173,37 +259,44 @@ class BrowserClient:
 
     async def _send(
         self,
+        base_url: str,
         operation: Operation,
         body: msgspec.Struct | None,
         grant: SessionGrant | None,
         queue: QueueName | None,
         seconds: float | None,
     ) -> httpx.Response:
-        path, headers = operation.path, {}
+        """One call to one server.
+
+        Raises:
+            _Broken: no answer came back.
+        """
+        path, headers = operation.path, self._headers
         if grant is not None:
             path = path.replace("{id}", grant.session_id)
-            headers = {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
+            headers = headers | {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
         content = None if body is None else msgspec.json.encode(body)
         pool = self._pools[queue] if queue else contextlib.nullcontext()
         try:
             async with pool, asyncio.timeout(seconds or self.limits.reply_seconds):
                 return await self._http.request(
-                    operation.method, self.base_url + path, content=content, headers=headers
+                    operation.method, base_url + path, content=content, headers=headers
                 )
         except (httpx.InvalidURL, httpx.UnsupportedProtocol) as error:
-            raise ServerUnreachable(
-                f"{self.base_url} is not an http address: {error}", hint="check --server"
-            ) from None
-        except httpx.ConnectError:
-            raise ServerUnreachable(
-                f"nothing answers at {self.base_url}", hint="start one with `webgym serve`"
-            ) from None
+            told = ServerUnreachable(f"{base_url} is not an http address: {error}", hint="check --server")
+            raise _Broken(told, was_sent=False) from None
+        except (httpx.ConnectError, httpx.ConnectTimeout):
+            told = ServerUnreachable(f"nothing answers at {base_url}", hint="start one with `webgym serve`")
+            raise _Broken(told, was_sent=False) from None
         except (httpx.TimeoutException, TimeoutError):
-            raise ServerUnreachable(f"{operation.name}: no answer from {self.base_url} in time") from None
+            told = ServerUnreachable(f"{operation.name}: no answer from {base_url} in time")
+            raise _Broken(told, was_sent=True) from None
         except httpx.HTTPError as error:
-            raise ServerUnreachable(
-                f"{operation.name}: the connection to {self.base_url} broke ({type(error).__name__})"
-            ) from None
+            told = ServerUnreachable(
+                f"{operation.name}: the connection to {base_url} broke ({type(error).__name__})",
+                hint="it may have been carried out: look before you act again",
+            )
+            raise _Broken(told, was_sent=True) from None
 
 
 def _error_of(response: httpx.Response) -> WebGymError:
@@ -227,9 +320,10 @@ class Session:
         BrowserCrashed, BrowserTimeout: the browser failed; the session is over.
     """
 
-    def __init__(self, client: BrowserClient, grant: SessionGrant) -> None:
+    def __init__(self, client: BrowserClient, grant: SessionGrant, way: Way) -> None:
         self._client = client
         self._grant = grant
+        self._way = way
         self._pictures: OrderedDict[str, bytes] = OrderedDict()
         self._is_closed = False
         self._used = asyncio.Event()
@@ -239,6 +333,11 @@ class Session:
     def id(self) -> str:
         """Of the lease, for tracing a fault."""
         return self._grant.session_id
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether its calls go straight to the worker that holds it."""
+        return self._way.is_straight
 
     async def step(self, action: BrowserAction | None = None) -> View:
         """Act (or not), wait until the page is quiet, and look: one round trip."""
@@ -288,7 +387,7 @@ class Session:
         await asyncio.wait({self._renewal})
         try:
             seconds = self._client.limits.release_seconds
-            await self._client.call(RELEASE, Closed, grant=self._grant, seconds=seconds)
+            await self._client.call(RELEASE, Closed, grant=self._grant, way=self._way, seconds=seconds)
         except LeaseLost:
             return
         except ServerError as error:
@@ -304,7 +403,7 @@ class Session:
         if self._is_closed:
             raise LeaseLost("the session was closed here", hint="open a new one")
         self._used.set()
-        return await self._client.call(operation, reply, body, grant=self._grant, queue=queue)
+        return await self._client.call(operation, reply, body, grant=self._grant, way=self._way, queue=queue)
 
     async def _keep_alive(self) -> None:
         """Renew the lease whenever no call has done so for a while: a thinking model never loses it."""
@@ -318,7 +417,7 @@ class Session:
             except TimeoutError:
                 pass
             try:
-                await self._client.call(HEARTBEAT, Renewed, grant=self._grant)
+                await self._client.call(HEARTBEAT, Renewed, grant=self._grant, way=self._way)
             except LeaseLost:
                 return  # the next call says so
             except WebGymError as error:

@@ -60,6 +60,9 @@ class ServerConfig(BaseModel):
     token: str | None = Field(default=None, min_length=16, repr=False)
     """Bearer token of every call but ``/healthz``; ``None`` makes a random one."""
 
+    name: str = Field(default="", pattern=r"^[a-z0-9]{0,32}$")
+    """Of one worker among others: its session ids begin with it, which is how a gateway finds it."""
+
     slots: int = Field(default_factory=lambda: 4 * _cores(), gt=0)
     """Sessions at once. A slot takes 75-100 MB, and CPU only while its page works."""
 
@@ -81,14 +84,27 @@ class ServerConfig(BaseModel):
     session_seconds: float = Field(default=4 * 3600.0, gt=0)
     """Longest life of a session, however often it is renewed."""
 
+    sessions_per_client: int | None = Field(default=None, gt=0)
+    """Most sessions that one client holds or waits for; ``None`` for as many as there are. A client is known
+    by the name that it gives itself, or by its address."""
+
     body_bytes: int = Field(default=1024 * 1024, gt=0)
     """Largest request body."""
+
+    head_bytes: int = Field(default=32 * 1024, gt=0)
+    """Largest request line and headers together. Ours take about 400 bytes."""
 
     pixels: int = Field(default=3840 * 2160, gt=0)
     """Largest viewport, width times height."""
 
     keep_alive_seconds: int = Field(default=75, gt=0)
     """Idle connections are kept for longer than a model thinks, and longer than clients keep them."""
+
+    dead_peer_seconds: float = Field(default=20.0, gt=0)
+    """A connection whose other end answers nothing, not even the kernel's probes, for so long is closed."""
+
+    beat_seconds: float = Field(default=1.0, gt=0)
+    """Whoever watches the server hears from it at least so often."""
 
     shutdown_seconds: int = Field(default=5, gt=0)
     """Calls in flight get so long to end when the server is told to stop."""
@@ -124,6 +140,15 @@ class ClientLimits(BaseModel):
 
     keep_alive_seconds: float = Field(default=30.0, gt=0)
     """Idle connections are dropped before the server drops them."""
+
+    direct: bool = True
+    """Go straight to the worker that holds a session, where it can be reached."""
+
+    direct_seconds: float = Field(default=2.0, gt=0)
+    """A worker that does not answer in this time is reached through the address that is known."""
+
+    dead_peer_seconds: float = Field(default=20.0, gt=0)
+    """A server that answers nothing, not even the kernel's probes, for so long is taken for dead."""
 
     heartbeat_share: float = Field(default=0.3, gt=0, lt=1)
     """A session that made no call for this share of its lease's time to live is renewed."""

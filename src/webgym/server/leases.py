@@ -97,12 +97,17 @@ class Leases:
 
     Args:
         take_back: what becomes of a slot whose lease ended.
+        name: of this server among others; its session ids begin with it.
     """
 
-    def __init__(self, take_back: Callable[[Slot], Awaitable[None]]) -> None:
+    def __init__(self, take_back: Callable[[Slot], Awaitable[None]], name: str = "") -> None:
         self._take_back = take_back
+        self._prefix = f"{name}-" if name else ""
         self._leases: dict[str, Lease] = {}
-        self._generations: dict[Slot, int] = {}
+        self.granted = 0
+        """How many so far. Every lease takes the next number for its generation."""
+        self.on_end: Callable[[str], None] = lambda _: None
+        """Called with the id of every lease that ends, when it does."""
         self._changed = asyncio.Event()
         self._reaper: asyncio.Task[None] | None = None
         self._endings: set[asyncio.Task[None]] = set()
@@ -123,14 +128,19 @@ class Leases:
     def __len__(self) -> int:
         return len(self._leases)
 
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """Of the living leases."""
+        return tuple(self._leases)
+
     def grant(self, slot: Slot, ttl_seconds: float, session_seconds: float) -> Lease:
         """A new lease of a slot; all earlier ones of it are void."""
-        self._generations[slot] = self._generations.get(slot, 0) + 1
+        self.granted += 1
         now = asyncio.get_running_loop().time()
         lease = Lease(
-            id=secrets.token_hex(8),
+            id=self._prefix + secrets.token_hex(8),
             secret=secrets.token_urlsafe(24),
-            generation=self._generations[slot],
+            generation=self.granted,
             slot=slot,
             ttl_seconds=ttl_seconds,
             expires=now + min(ttl_seconds, session_seconds),
@@ -157,6 +167,7 @@ class Leases:
         """End a lease: when this returns, nothing of it touches the slot any more, which is taken back in
         the background. Safe to call twice; not undone by cancellation."""
         if self._leases.pop(lease.id, None) is not None:
+            self.on_end(lease.id)
             self._in_background(lease)
         await lease.over.wait()
 
@@ -181,6 +192,7 @@ class Leases:
                     self.expired += 1
                     log.warning("session %s was not renewed and is taken back", lease.id)
                     del self._leases[lease.id]
+                    self.on_end(lease.id)
                     self._in_background(lease)
             self._changed.clear()
             idle = [lease.expires for lease in self._leases.values() if not lease.is_busy]

@@ -10,6 +10,9 @@ from webgym.core.observation import Observation
 
 SECRET_HEADER = "x-webgym-secret"  # noqa: S105
 GENERATION_HEADER = "x-webgym-generation"
+CLIENT_HEADER = "x-webgym-client"
+INSTANCE_HEADER = "x-webgym-instance"
+"""With every answer to ``/healthz``: which run of a server it is. No two runs share one."""
 
 
 class SessionOptions(PageOptions, frozen=True, omit_defaults=True):
@@ -26,9 +29,11 @@ class SessionGrant(msgspec.Struct, frozen=True):
     """A lease. All three of id, secret and generation come back with every call.
 
     Attributes:
-        generation: counts the leases of the slot; a call of an earlier holder is refused by it.
-        endpoint: where the session's calls go.
+        generation: counts the leases of the server; a call of an earlier holder is refused by it.
+        endpoint: base URL of the server that holds the session, for callers who can reach it; empty if
+            it has none that would mean the same elsewhere. The address that was asked always serves too.
         ttl_seconds: as granted.
+        instance: what ``/healthz`` at the endpoint says about itself (:data:`INSTANCE_HEADER`).
     """
 
     session_id: str
@@ -36,6 +41,7 @@ class SessionGrant(msgspec.Struct, frozen=True):
     generation: int
     endpoint: str
     ttl_seconds: float
+    instance: str = ""
 
 
 class StepRequest(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -111,8 +117,12 @@ class Closed(msgspec.Struct, frozen=True):
     session_id: str
 
 
+HEALTHY = "ok"
+UNHEALTHY_STATUS = 503
+
+
 class Health(msgspec.Struct, frozen=True):
-    """Whether sessions can be had."""
+    """Whether sessions can be had: ``ok`` with HTTP 200, or why not with 503."""
 
     status: str
 
@@ -150,6 +160,23 @@ class Pressure(msgspec.Struct, frozen=True):
     operations: dict[str, QueueLoad]
     permits: PermitLoad
     slots: SlotLoad
+
+
+class Watched(msgspec.Struct, frozen=True):
+    """What a gateway must know of its worker, whenever it changes.
+
+    Attributes:
+        asked: calls for a session that have arrived so far, answered or not.
+        granted: generation of the newest lease.
+        sessions: ids of the living leases.
+        is_healthy: whether any browser comes up.
+    """
+
+    asked: int
+    granted: int
+    slots: SlotLoad
+    sessions: tuple[str, ...]
+    is_healthy: bool
 
 
 class ServerInfo(msgspec.Struct, frozen=True):

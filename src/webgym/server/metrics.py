@@ -65,23 +65,36 @@ def _egress_metrics(load: EgressLoad) -> Iterable[Metric]:
     yield passed
 
 
-class Metrics:
-    """A registry of its own, so that several servers in one process do not mix."""
+class CallMetrics:
+    """Time and errors per operation, and what else a server counts.
 
-    def __init__(self, gate: Gatekeeper, pool: Pool, leases: Leases) -> None:
+    A registry of its own, so that several servers in one process do not mix.
+
+    Args:
+        prefix: of the names.
+    """
+
+    def __init__(self, collector: Collector, prefix: str = "webgym") -> None:
         self._registry = CollectorRegistry()
-        self._registry.register(_Load(gate, pool, leases))
+        self._registry.register(collector)
         self.seconds = Histogram(
-            "webgym_operation_seconds",
+            f"{prefix}_operation_seconds",
             "Wall time per operation, waiting included",
             ["operation"],
             buckets=_BUCKETS,
             registry=self._registry,
         )
         self.errors = Counter(
-            "webgym_operation_errors", "Typed errors", ["operation", "code"], registry=self._registry
+            f"{prefix}_operation_errors", "Typed errors", ["operation", "code"], registry=self._registry
         )
 
     def exposition(self) -> bytes:
         """In Prometheus's text format."""
         return generate_latest(self._registry)
+
+
+class Metrics(CallMetrics):
+    """Of one worker."""
+
+    def __init__(self, gate: Gatekeeper, pool: Pool, leases: Leases) -> None:
+        super().__init__(_Load(gate, pool, leases))

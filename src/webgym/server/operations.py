@@ -7,6 +7,7 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from webgym.server.messages import (
+    CLIENT_HEADER,
     GENERATION_HEADER,
     SECRET_HEADER,
     Closed,
@@ -22,6 +23,7 @@ from webgym.server.messages import (
     SessionOptions,
     StepReply,
     StepRequest,
+    Watched,
 )
 
 QueueName: TypeAlias = Literal["navigate", "execute", "screenshot", "metadata", "allocate", "release"]
@@ -31,6 +33,7 @@ JSON = "application/json"
 MSGPACK = "application/msgpack"
 PNG = "image/png"
 TEXT = "text/plain"
+LINES = "application/x-ndjson"
 
 
 class Operation(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,6 +47,7 @@ class Operation(msgspec.Struct, frozen=True, kw_only=True):
         media: of the reply.
         is_open: needs no token.
         has_lease: names a session and proves to hold it.
+        is_repeatable: does no harm if it is carried out twice.
     """
 
     name: str
@@ -55,6 +59,7 @@ class Operation(msgspec.Struct, frozen=True, kw_only=True):
     queue: QueueName | None = None
     media: str = JSON
     is_open: bool = False
+    is_repeatable: bool = False
 
     @property
     def has_lease(self) -> bool:
@@ -106,6 +111,7 @@ SCREENSHOT = Operation(
     summary="The bare viewport as it is now",
     queue="screenshot",
     media=PNG,
+    is_repeatable=True,
 )
 METADATA = Operation(
     name="metadata",
@@ -114,6 +120,7 @@ METADATA = Operation(
     summary="Address, title, status and scroll position",
     reply=PageMetadata,
     queue="metadata",
+    is_repeatable=True,
 )
 HEARTBEAT = Operation(
     name="heartbeat",
@@ -121,6 +128,7 @@ HEARTBEAT = Operation(
     path="/v1/sessions/{id}/heartbeat",
     summary="Renew the lease",
     reply=Renewed,
+    is_repeatable=True,
 )
 RELEASE = Operation(
     name="release",
@@ -129,6 +137,7 @@ RELEASE = Operation(
     summary="End the session; everything in it is thrown away",
     reply=Closed,
     queue="release",
+    is_repeatable=True,
 )
 HEALTH = Operation(
     name="health",
@@ -153,6 +162,14 @@ METRICS = Operation(
     summary="The same and more, for Prometheus",
     media=TEXT,
 )
+WATCH = Operation(
+    name="watch",
+    method="GET",
+    path="/v1/watch",
+    summary="The slots and the living sessions, a line of JSON whenever they change",
+    reply=Watched,
+    media=LINES,
+)
 OPENAPI = Operation(name="openapi", method="GET", path="/openapi.json", summary="This document")
 
 OPERATIONS: tuple[Operation, ...] = (
@@ -168,6 +185,7 @@ OPERATIONS: tuple[Operation, ...] = (
     INFO,
     PRESSURE,
     METRICS,
+    WATCH,
     OPENAPI,
 )
 
@@ -210,6 +228,10 @@ def _describe(operation: Operation) -> dict[str, Any]:
     }
     if operation.request is not None:
         described["requestBody"] = {"required": True, "content": {JSON: {"schema": _ref(operation.request)}}}
+    if operation is ALLOCATE:
+        described["parameters"] = [
+            {"name": CLIENT_HEADER, "in": "header", "required": False, "schema": {"type": "string"}}
+        ]
     if operation.has_lease:
         described["parameters"] = [
             {"name": "id", "in": "path", "required": True, "schema": {"type": "string"}},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 from pathlib import Path
 
 from webgym.browser import Egress, ProfileRoot, Slot
@@ -35,6 +36,8 @@ class Pool:
         self._waiting = 0
         self._leased: set[Slot] = set()
         self._failing: dict[Slot, BrowserError] = {}
+        self.on_change: Callable[[], None] = lambda: None
+        """Called whenever :attr:`load` or :attr:`is_healthy` may have changed."""
         self.browser = ""
         self.sandbox = SandboxState(False, "no browser was started yet")
 
@@ -88,6 +91,7 @@ class Pool:
         if len(self._failing) == len(self._slots):
             raise next(iter(self._failing.values()))
         self._waiting += 1
+        self.on_change()
         try:
             async with asyncio.timeout(self._config.allocate_seconds):
                 slot = await self._free.get()
@@ -98,6 +102,7 @@ class Pool:
             ) from None
         finally:
             self._waiting -= 1
+            self.on_change()
         self._leased.add(slot)
         return slot
 
@@ -115,9 +120,14 @@ class Pool:
         """Put the slot back in line; one that is not clean and warm gets a fresh browser first."""
         self._leased.discard(slot)
         if slot.is_warm and not slot.needs_replacement:
-            self._free.put_nowait(slot)
+            self._put_in_line(slot)
         else:
+            self.on_change()
             self._in_background(slot)
+
+    def _put_in_line(self, slot: Slot) -> None:
+        self._free.put_nowait(slot)
+        self.on_change()
 
     async def _make_ready(self, slot: Slot) -> None:
         await slot.start()
@@ -140,11 +150,12 @@ class Pool:
             except (BrowserError, OSError) as error:
                 known = error if isinstance(error, BrowserError) else BrowserError(str(error))
                 self._failing[slot] = known
+                self.on_change()
                 log.error("a browser did not come up, next try in %g s: %s", pause, error)
             await asyncio.sleep(pause)
             pause = min(pause * 2, longest)
         self._failing.pop(slot, None)
-        self._free.put_nowait(slot)
+        self._put_in_line(slot)
 
     # --- what is seen -------------------------------------------------------------------------------
 

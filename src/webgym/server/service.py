@@ -18,8 +18,10 @@ from webgym.core.action import BrowserAction, Navigate
 from webgym.core.errors import BrowserError, ProtocolError
 from webgym.server.admission import Gatekeeper
 from webgym.server.config import ServerConfig
+from webgym.server.feed import Feed
 from webgym.server.leases import Lease, Leases
 from webgym.server.messages import (
+    HEALTHY,
     Closed,
     ExecuteRequest,
     Health,
@@ -32,6 +34,7 @@ from webgym.server.messages import (
     SessionOptions,
     StepReply,
     StepRequest,
+    Watched,
 )
 from webgym.server.metrics import Metrics
 from webgym.server.operations import QueueName, openapi
@@ -51,7 +54,13 @@ class Service:
     def __init__(self, config: ServerConfig, executable: Path) -> None:
         self.config = config
         self.pool = Pool(config, executable)
-        self.leases = Leases(self._take_back)
+        self.leases = Leases(self._take_back, config.name)
+        self.feed = Feed(self._watched, config.beat_seconds)
+        self.pool.on_change = self.feed.changed
+        self.leases.on_end = self._ended
+        self.on_end: Callable[[str], None] = lambda _: None
+        """Called with the id of every session that ends, when it does."""
+        self._asked = 0
         self.gate = Gatekeeper(config.admission)
         self._metrics = Metrics(self.gate, self.pool, self.leases)
 
@@ -92,6 +101,7 @@ class Service:
 
     async def allocate(self, options: SessionOptions) -> SessionGrant:
         """Lease a slot with a fresh page."""
+        self._asked += 1
         lease = await self._lease(options)
         return SessionGrant(lease.id, lease.secret, lease.generation, "", lease.ttl_seconds)
 
@@ -203,7 +213,7 @@ class Service:
 
     async def health(self) -> Health:
         """Whether sessions can be had."""
-        return Health("ok" if self.pool.is_healthy else "no browser comes up")
+        return Health(HEALTHY if self.pool.is_healthy else "no browser comes up")
 
     async def info(self) -> ServerInfo:
         """What this server is."""
@@ -223,6 +233,18 @@ class Service:
     async def metrics(self) -> bytes:
         """For Prometheus."""
         return self._metrics.exposition()
+
+    async def watch(self) -> AsyncIterator[bytes]:
+        """For a gateway."""
+        return self.feed.lines()
+
+    def _watched(self) -> Watched:
+        pool, leases = self.pool, self.leases
+        return Watched(self._asked, leases.granted, pool.load, leases.ids, pool.is_healthy)
+
+    def _ended(self, session_id: str) -> None:
+        self.on_end(session_id)
+        self.feed.changed()
 
     async def openapi(self) -> dict[str, Any]:
         """The API's description."""

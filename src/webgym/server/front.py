@@ -1,0 +1,197 @@
+"""What every HTTP front of ours does: authentication, limits, decoding, typed errors."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import logging
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from typing import Any, TypeVar
+
+import msgspec
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import Response, StreamingResponse
+
+from webgym.core.errors import (
+    BrowserError,
+    BrowserTimeout,
+    LeaseLost,
+    NoCapacity,
+    ProtocolError,
+    ServerUnreachable,
+    TooManySessions,
+    Unauthorized,
+    WebGymError,
+)
+from webgym.server.messages import HEALTHY, INSTANCE_HEADER, UNHEALTHY_STATUS, ErrorBody, ErrorReply, Health
+from webgym.server.metrics import CallMetrics
+from webgym.server.operations import JSON, MSGPACK, Operation
+
+log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+_STATUS_OF: dict[type[WebGymError], int] = {
+    Unauthorized: 401,
+    LeaseLost: 410,
+    TooManySessions: 429,
+    NoCapacity: 503,
+    ServerUnreachable: 502,
+    ProtocolError: 400,
+    BrowserTimeout: 504,
+    BrowserError: 502,
+    WebGymError: 500,
+}
+"""The first class of an error's ancestry that stands here decides."""
+
+
+class _TooLarge(ProtocolError):
+    """A request body over the limit."""
+
+
+class Front:
+    """One server's side of HTTP.
+
+    Args:
+        token: bearer token of every call that is not open.
+        body_bytes: largest request body.
+        instance: which run of the server this is.
+        metrics: where time and errors are counted.
+    """
+
+    def __init__(self, token: str, body_bytes: int, instance: str, metrics: CallMetrics) -> None:
+        self._authorization = f"Bearer {token}".encode()
+        self._body_bytes = body_bytes
+        self.instance = instance
+        self._metrics = metrics
+
+    def endpoint(
+        self, operation: Operation, work: Callable[[Request], Awaitable[Any]]
+    ) -> Callable[[Request], Awaitable[Response]]:
+        """What serves one operation's route: ``work``, with everything around it."""
+        seconds = self._metrics.seconds.labels(operation.name)
+        errors = self._metrics.errors
+
+        async def serve(request: Request) -> Response:
+            start = time.perf_counter()
+            try:
+                self.admit(operation, request)
+                return self._response(operation, await work(request))
+            except WebGymError as error:
+                errors.labels(operation.name, error.code).inc()
+                return error_response(error)
+            except ClientDisconnect:
+                return Response(status_code=499)
+            except Exception as error:
+                log.exception("%s failed by our own mistake", operation.name)
+                errors.labels(operation.name, "internal").inc()
+                return error_response(WebGymError(f"the server made a mistake: {error!r}"))
+            finally:
+                seconds.observe(time.perf_counter() - start)
+
+        return serve
+
+    def admit(self, operation: Operation, request: Request) -> None:
+        """Let a caller in.
+
+        Raises:
+            Unauthorized: the operation is not open and the caller lacks the token.
+        """
+        given = request.headers.get("authorization", "").encode("utf-8", "replace")
+        if not (operation.is_open or hmac.compare_digest(given, self._authorization)):
+            raise Unauthorized("the token is wrong or missing", hint="`webgym serve` says where its token is")
+
+    async def body(self, request: Request) -> bytes:
+        """A request's whole body.
+
+        Raises:
+            ProtocolError: it is larger than it may be.
+        """
+        body = bytearray()
+        async for part in request.stream():
+            body += part
+            if len(body) > self._body_bytes:
+                raise _TooLarge(f"the request is larger than {self._body_bytes} bytes")
+        return bytes(body)
+
+    def _response(self, operation: Operation, result: Any) -> Response:
+        if isinstance(result, Response):
+            return result
+        if isinstance(result, bytes):
+            return Response(result, media_type=operation.media)
+        if isinstance(result, AsyncIterator):
+            return StreamingResponse(result, media_type=operation.media)
+        if operation.media == MSGPACK:
+            return Response(msgspec.msgpack.encode(result), media_type=MSGPACK)
+        response = Response(msgspec.json.encode(result), media_type=JSON)
+        if isinstance(result, Health):
+            response.headers[INSTANCE_HEADER] = self.instance
+            response.status_code = 200 if result.status == HEALTHY else UNHEALTHY_STATUS
+        return response
+
+
+def decode(body: bytes, shape: type[msgspec.Struct]) -> Any:
+    """A request's body as what it must be.
+
+    Raises:
+        ProtocolError: it is something else.
+    """
+    try:
+        return msgspec.json.decode(body or b"{}", type=shape)
+    except (msgspec.MsgspecError, ValueError, UnicodeError) as error:
+        raise ProtocolError(f"the request is not understood: {error}", hint="see /openapi.json") from None
+
+
+async def while_connected(
+    request: Request, work: Coroutine[Any, Any, T], undo: Callable[[T], Awaitable[object]]
+) -> T:
+    """Do the work only as long as the caller is there; what was done for one who left is undone.
+
+    Raises:
+        ClientDisconnect: the caller left.
+    """
+    task = asyncio.create_task(work)
+    gone = asyncio.create_task(_disconnected(request))
+    try:
+        await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
+        if not gone.done():
+            return task.result()
+        task.cancel()
+        await asyncio.wait({task})
+        if not task.cancelled() and task.exception() is None:
+            await undo(task.result())
+        raise ClientDisconnect
+    finally:
+        gone.cancel()
+        if not task.done():
+            task.cancel()
+        await asyncio.wait({gone, task})
+
+
+async def _disconnected(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
+
+
+async def http_error(_: Request, error: Exception) -> Response:
+    """A path or method that does not exist."""
+    assert isinstance(error, HTTPException)
+    return error_response(ProtocolError(error.detail, hint="see /openapi.json"), error.status_code)
+
+
+def error_response(error: WebGymError, status: int | None = None) -> Response:
+    """A typed error, as it travels."""
+    if status is None:
+        status = 413 if isinstance(error, _TooLarge) else _status_of(type(error))
+    # An error that is ours alone travels as the public class that it belongs to.
+    public = next(cls for cls in type(error).__mro__ if cls.__module__ == WebGymError.__module__)
+    code = getattr(public, "code", WebGymError.code)
+    body = ErrorReply(ErrorBody(code, error.message, error.hint))
+    headers = {"www-authenticate": "Bearer"} if status == 401 else None
+    return Response(msgspec.json.encode(body), status_code=status, media_type=JSON, headers=headers)
+
+
+def _status_of(cls: type[WebGymError]) -> int:
+    return next(_STATUS_OF[ancestor] for ancestor in cls.__mro__ if ancestor in _STATUS_OF)

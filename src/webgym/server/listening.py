@@ -1,0 +1,131 @@
+"""How our servers listen: one socket, requests of bounded size, dead callers noticed."""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+import socket
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from typing import Any
+
+import uvicorn
+from starlette.types import ASGIApp
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
+
+from webgym.core.errors import ConfigError
+from webgym.server.config import ServerConfig
+
+_BACKLOG = 2048
+_PROBES = 3
+
+
+def keep_alive_options(seconds: float) -> list[tuple[int, int, int]]:
+    """Socket options with which a peer that vanished without a word is noticed within ``seconds``.
+
+    Without them a machine that lost its power holds its connections for hours.
+    """
+    pause = max(1, round(seconds / (_PROBES + 1)))
+    return [
+        (socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1),
+        (socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, pause),
+        (socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, pause),
+        (socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES),
+        (socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(seconds * 1000)),
+    ]
+
+
+def listen(config: ServerConfig) -> socket.socket:
+    """The server's socket. From here on callers wait rather than be refused.
+
+    Raises:
+        ConfigError: the address cannot be listened on.
+    """
+    family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    for option in keep_alive_options(config.dead_peer_seconds):
+        listener.setsockopt(*option)  # accepted connections inherit them
+    try:
+        listener.bind((config.host, config.port))
+        listener.listen(_BACKLOG)
+    except OSError as error:
+        listener.close()
+        raise ConfigError(
+            f"{config.host}:{config.port} cannot be listened on: {error.strerror}",
+            hint="choose another --port, or 0 for a free one",
+        ) from error
+    return listener
+
+
+def url_of(listener: socket.socket) -> str:
+    """The base URL of who listens here."""
+    host, port = listener.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def is_wildcard(host: str) -> bool:
+    """Whether a host to listen on stands for every address of the machine, so that it names none."""
+    try:
+        return ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        return not host
+
+
+class _Quiet(uvicorn.Server):
+    """A server whose signals are its owner's business."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave the process's signal handlers alone."""
+        yield
+
+
+def _bounded(head_bytes: int) -> type[HttpToolsProtocol]:
+    """HTTP that takes no endless request line and no endless headers: both are kept before any of our
+    code, and any check of a token, sees the request."""
+
+    class Bounded(HttpToolsProtocol):
+        _head_bytes = 0
+
+        def on_message_begin(self) -> None:
+            self._head_bytes = 0
+            super().on_message_begin()
+
+        def on_url(self, url: bytes) -> None:
+            self._grow(len(url))
+            super().on_url(url)
+
+        def on_header(self, name: bytes, value: bytes) -> None:
+            self._grow(len(name) + len(value))
+            super().on_header(name, value)
+
+        def _grow(self, by: int) -> None:
+            self._head_bytes += by
+            if self._head_bytes > head_bytes:
+                # The parser makes a parser error of it, which is answered with 400 and the end.
+                raise ValueError(f"the request's head is larger than {head_bytes} bytes")
+
+    return Bounded
+
+
+@asynccontextmanager
+async def serving(app: ASGIApp, listener: socket.socket, config: ServerConfig) -> AsyncIterator[None]:
+    """Serve for the length of the block. The socket is its owner's to close."""
+    settings: dict[str, Any] = {
+        "lifespan": "off",
+        "log_config": None,
+        "access_log": False,
+        "server_header": False,
+        "ws": "none",
+        "http": _bounded(config.head_bytes),
+        "timeout_keep_alive": config.keep_alive_seconds,
+        "timeout_graceful_shutdown": config.shutdown_seconds,
+    }
+    server = _Quiet(uvicorn.Config(app, **settings))
+    task = asyncio.create_task(server.serve(sockets=[listener]))
+    try:
+        yield
+    finally:
+        server.should_exit = True
+        await task

@@ -1,0 +1,98 @@
+"""The two ways to a session: straight to the worker that holds it, or through the address that is known.
+
+Pictures are large, so they take the straight way where the network has one. Whether it has is found out
+once per worker; the other way always serves.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+from urllib.parse import urlsplit
+
+import httpx
+
+from webgym.server.config import ClientLimits
+from webgym.server.messages import INSTANCE_HEADER, SessionGrant
+from webgym.server.operations import HEALTH
+
+
+class Way:
+    """Where one session's calls go at present.
+
+    Attributes:
+        base_url: a server's.
+        is_straight: whether that is the worker's own; then there is another way.
+    """
+
+    def __init__(self, base_url: str, is_straight: bool) -> None:
+        self.base_url = base_url
+        self.is_straight = is_straight
+
+
+class Ways:
+    """Finds the way for every session of a client.
+
+    Args:
+        base_url: the address that the client knows.
+    """
+
+    def __init__(self, http: httpx.AsyncClient, base_url: str, limits: ClientLimits) -> None:
+        self._http = http
+        self._base_url = base_url
+        self._limits = limits
+        self._known: dict[tuple[str, str], asyncio.Task[bool]] = {}
+
+    async def find(self, grant: SessionGrant) -> Way:
+        """The better way to a session."""
+        endpoint = grant.endpoint
+        if not self._limits.direct or not may_go_straight(self._base_url, endpoint):
+            return Way(self._base_url, False)
+        key = endpoint, grant.instance
+        if key not in self._known:  # sessions that open at the same time ask once
+            self._known[key] = asyncio.create_task(self._is_there(endpoint, grant.instance))
+        if await asyncio.shield(self._known[key]):
+            return Way(endpoint, True)
+        return Way(self._base_url, False)
+
+    async def _is_there(self, endpoint: str, instance: str) -> bool:
+        """Whether this very worker answers there, and not some other server. No token is sent."""
+        try:
+            async with asyncio.timeout(self._limits.direct_seconds):
+                response = await self._http.request(HEALTH.method, endpoint + HEALTH.path)
+        except (httpx.HTTPError, httpx.InvalidURL, TimeoutError):
+            return False
+        answered: str | None = response.headers.get(INSTANCE_HEADER)
+        return answered == instance
+
+    async def close(self) -> None:
+        """End what is still being found out."""
+        for task in self._known.values():
+            task.cancel()
+        await asyncio.gather(*self._known.values(), return_exceptions=True)
+
+
+def may_go_straight(base_url: str, endpoint: str) -> bool:
+    """Whether an endpoint may be the same place seen from here.
+
+    A loopback address means something else on every machine; and who speaks TLS to the known address must
+    not send the token in the clear to another.
+    """
+    if not endpoint or endpoint == base_url:
+        return False
+    try:
+        known, offered = urlsplit(base_url), urlsplit(endpoint)
+    except ValueError:
+        return False
+    if _is_loopback(offered.hostname) and not _is_loopback(known.hostname):
+        return False
+    return offered.scheme == "https" or known.scheme == "http"
+
+
+def _is_loopback(host: str | None) -> bool:
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host or "").is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,34 @@
+"""How many sessions one client may hold."""
+
+from __future__ import annotations
+
+import pytest
+
+from webgym.core.errors import TooManySessions
+from webgym.server.quota import Quota
+
+
+def test_what_is_asked_for_counts_as_held() -> None:
+    quota = Quota(2)
+    with quota.asking("ann"):
+        quota.granted("ann", "1")
+    with quota.asking("ann"):  # still waits in line
+        with pytest.raises(TooManySessions, match="2 sessions"), quota.asking("ann"):
+            raise AssertionError
+        with quota.asking("bob"):
+            pass
+    quota.ended("1")
+    quota.ended("1")
+    quota.ended("nobody's")
+    for name in ("2", "3"):
+        with quota.asking("ann"):
+            quota.granted("ann", name)
+    with pytest.raises(TooManySessions), quota.asking("ann"):
+        raise AssertionError
+
+
+def test_no_limit() -> None:
+    quota = Quota(None)
+    for number in range(1000):
+        with quota.asking("ann"):
+            quota.granted("ann", str(number))

@@ -187,6 +187,9 @@ async def test_a_browser_that_died_in_line_is_not_handed_out(
     for slot in server.service.pool.slots:
         assert slot.process is not None
         os.killpg(slot.process.pid, signal.SIGKILL)
+    async with asyncio.timeout(10):
+        while any(slot.is_up for slot in server.service.pool.slots):
+            await asyncio.sleep(0.01)
     session = await client.open()
     assert (await session.navigate(site.url())).title == "Home"
     await session.close()

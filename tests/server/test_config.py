@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 import webgym.browser
 import webgym.server
 from webgym.browser import EgressConfig
-from webgym.server import BrowserConfig, ClientLimits, ServerConfig
+from webgym.server import BrowserConfig, ClientLimits, GatewayConfig, ServerConfig
 from webgym.server.operations import QUEUES
 
 SOURCE = "".join(
@@ -21,7 +21,7 @@ SOURCE = "".join(
 )
 
 
-@pytest.mark.parametrize("config", [BrowserConfig, EgressConfig, ServerConfig, ClientLimits])
+@pytest.mark.parametrize("config", [BrowserConfig, EgressConfig, ServerConfig, GatewayConfig, ClientLimits])
 def test_every_key_is_read(config: type[BaseModel]) -> None:
     for name in config.model_fields.keys() - set(QUEUES):  # those are read by their names
         assert re.search(rf"(config|limits|browser)\.{name}\b", SOURCE), f"{config.__name__}.{name}"

@@ -14,7 +14,7 @@ import pytest
 
 from webgym.browser import ProfileRoot
 from webgym.core.action import Navigate
-from webgym.core.errors import ServerUnreachable
+from webgym.core.errors import LeaseLost, ServerUnreachable
 from webgym.server import BrowserClient, SessionOptions
 
 from .conftest import Site, quick
@@ -75,13 +75,58 @@ async def test_told_to_stop_it_leaves_nothing(site: Site, tmp_path: Path) -> Non
     assert list((tmp_path / f"webgym-{os.getuid()}").iterdir()) == []
 
 
-async def test_killed_it_leaves_no_browser_and_its_folder_is_swept(site: Site, tmp_path: Path) -> None:
+def in_tree(folder: Path) -> list[psutil.Process]:
+    """All processes of the server: gateway, workers, browsers."""
+    return [
+        process
+        for process in psutil.process_iter(["environ", "status"])
+        if process.info["status"] != psutil.STATUS_ZOMBIE
+        and (process.info["environ"] or {}).get("TMPDIR", "").startswith(str(folder))
+    ]
+
+
+async def test_killed_and_started_again(site: Site, tmp_path: Path) -> None:
+    """kill -9 of the gateway: no worker, no browser and no profile outlives it. Its sessions are gone, and
+    their holders are told, also by the one that is started in its place."""
+    process, url = await start(tmp_path)
+    token = (tmp_path / "token").read_text().strip()
+    async with (
+        BrowserClient(url, token=token, limits=quick()) as client,
+        BrowserClient(url, token=token, limits=quick(direct=False)) as relayed,
+    ):
+        session, other = await client.open(), await relayed.open()
+        await session.navigate(site.url())
+        assert session.is_direct
+        assert len(in_tree(tmp_path)) > 3
+        process.kill()
+        await process.wait()
+        async with asyncio.timeout(20):
+            while in_tree(tmp_path):
+                await asyncio.sleep(0.05)
+        assert list((tmp_path / f"webgym-{os.getuid()}").iterdir()) == []
+        for gone in (session, other):
+            with pytest.raises(ServerUnreachable):
+                await gone.step()
+        process, _ = await start(tmp_path, "--port", url.rpartition(":")[2])
+        for gone in (session, other):
+            with pytest.raises(LeaseLost):
+                await gone.step()
+        assert (await (await client.open()).navigate(site.url())).title == "Home"
+    process.terminate()
+    assert await process.wait() == 0
+
+
+async def test_all_killed_at_once_the_next_one_clears_up(site: Site, tmp_path: Path) -> None:
     process, url = await start(tmp_path)
     token = (tmp_path / "token").read_text().strip()
     async with BrowserClient(url, token=token, limits=quick()) as client:
         session = await client.open()
         await session.navigate(site.url())
-        process.kill()
+        workers = psutil.Process(process.pid).children()
+        for each in (psutil.Process(process.pid), *workers):
+            each.suspend()  # so that none does anything about the end of another
+        for each in (psutil.Process(process.pid), *workers):
+            each.kill()
         await process.wait()
         with pytest.raises(ServerUnreachable):
             await session.step()
@@ -89,3 +134,13 @@ async def test_killed_it_leaves_no_browser_and_its_folder_is_swept(site: Site, t
     root = ProfileRoot(tmp_path)
     assert len(await asyncio.to_thread(root.sweep)) == 1
     assert list(root.path.parent.iterdir()) == []
+
+
+async def test_the_token_is_on_no_command_line(tmp_path: Path) -> None:
+    process, _ = await start(tmp_path)
+    token = (tmp_path / "token").read_text().strip()
+    for each in in_tree(tmp_path):
+        assert token not in " ".join(each.cmdline())
+        assert token not in each.environ().values()
+    process.terminate()
+    assert await process.wait() == 0

@@ -10,7 +10,7 @@ import typer
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from webgym.server import RunningServer, ServerConfig
+    from webgym.server import GatewayConfig, ServerConfig, ServerInfo
 
 TOKEN = "WEBGYM_TOKEN"  # noqa: S105 - a variable's name
 _TOKEN_BYTES = 32
@@ -21,6 +21,21 @@ def command(
     port: int = typer.Option(8700, "--port", min=0, max=65535, help="Port; 0 takes a free one."),
     slots: int | None = typer.Option(
         None, "--slots", min=1, help="Sessions at the same time.", show_default="4 per core"
+    ),
+    workers: int | None = typer.Option(
+        None,
+        "--workers",
+        min=1,
+        help="Worker processes that share the slots.",
+        show_default="1 per 4 cores",
+    ),
+    worker_host: str = typer.Option(
+        "127.0.0.1",
+        "--worker-host",
+        help="Address where workers listen. One that clients reach saves them the way through the gateway.",
+    ),
+    sessions_per_client: int | None = typer.Option(
+        None, "--sessions-per-client", min=1, help="Most sessions of one client.", show_default="no limit"
     ),
     token_file: Path | None = typer.Option(
         None, "--token-file", help="Where the token is; made, for your eyes only, if it is not there."
@@ -39,7 +54,7 @@ def command(
     ttl: float = typer.Option(60.0, "--ttl", help="Seconds after which an unrenewed session is taken back."),
     wait: float = typer.Option(60.0, "--wait", min=0, help="Seconds that a caller waits for a free slot."),
 ) -> None:
-    """Start a browser server; SIGTERM or Ctrl-C stops it and every browser of it.
+    """Start a browser server: a gateway and its workers. SIGTERM or Ctrl-C stops it and every browser of it.
 
     The token is taken from --token-file, or from WEBGYM_TOKEN, or made up and printed once.
     """
@@ -49,7 +64,7 @@ def command(
     import uvloop
     from pydantic import ValidationError
 
-    from webgym.server import ServerConfig
+    from webgym.server import GatewayConfig, ServerConfig
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     token = _token_in(token_file) if token_file else os.environ.get(TOKEN)
@@ -60,6 +75,7 @@ def command(
         "token": token,
         "ttl_seconds": ttl,
         "allocate_seconds": wait,
+        "sessions_per_client": sessions_per_client,
         "browser": {"executable": browser, "egress": {"allow": allow_host}, "sandbox": sandbox},
     }
     try:
@@ -70,31 +86,30 @@ def command(
         first = error.errors()[0]
         raise ConfigError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
     where = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
-    uvloop.run(_serve(config, where))
+    uvloop.run(_serve(config, GatewayConfig(workers=workers, worker_host=worker_host), where))
 
 
-async def _serve(config: ServerConfig, token_is: str) -> None:
+async def _serve(config: ServerConfig, fleet: GatewayConfig, token_is: str) -> None:
     import asyncio
     import signal
 
-    from webgym.server import running_server
+    from webgym.server import running_gateway
 
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    async with running_server(config) as server:
-        _say(config, server, token_is)
+    async with running_gateway(config, fleet) as server:
+        _say(server.url, token_is or server.token, await server.gateway.info())
         await stop.wait()
 
 
-def _say(config: ServerConfig, server: RunningServer, token_is: str) -> None:
-    pool = server.service.pool
-    sandbox = "on" if pool.sandbox.on else f"OFF: {pool.sandbox.reason}"
-    print(f"server   {server.url}")
-    print(f"token    {token_is or server.token}")
-    print(f"slots    {config.slots}")
-    print(f"browser  {pool.browser} ({pool.executable})")
-    print(f"sandbox  {sandbox}", flush=True)
+def _say(url: str, token: str, info: ServerInfo) -> None:
+    print(f"server   {url}")
+    print(f"token    {token}")
+    print(f"slots    {info.slots}")
+    print(f"workers  {len(info.workers)}")
+    print(f"browser  {info.browser} ({info.executable})")
+    print(f"sandbox  {'on' if info.sandboxed else f'OFF: {info.sandbox_reason}'}", flush=True)
 
 
 def _token_in(path: Path) -> str:

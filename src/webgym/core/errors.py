@@ -283,7 +283,8 @@ class StoreCorrupt(StoreError):
 
 
 def _tree(cls: type[WebGymError]) -> dict[str, type[WebGymError]]:
-    found = {cls.code: cls}
+    # A class without a code of its own is private to a module, and travels as the one above it.
+    found = {cls.code: cls} if "code" in vars(cls) else {}
     for child in cls.__subclasses__():
         found |= _tree(child)
     return found

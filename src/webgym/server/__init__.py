@@ -3,21 +3,40 @@
 operations.py  the one table of operations: routing, the OpenAPI document and the client follow it
 messages.py    what travels between client and server
 client.py      BrowserClient and Session: what the collector uses
-config.py      ServerConfig, ClientLimits: every limit, with its unit and its reason
-app.py         HTTP: authentication, limits, decoding, errors
+ways.py        straight to the worker that holds a session, or through the gateway
+config.py      ServerConfig, GatewayConfig, ClientLimits: every limit, with its unit and its reason
+front.py       HTTP: authentication, limits, decoding, errors
+listening.py   sockets, and requests of bounded size
+
+A worker:
+
+app.py         HTTP in front of a service
 service.py     what each operation does
 leases.py      who may use which slot, and until when
 pool.py        slots: brought up, lent, cleaned, replaced
 admission.py   run permits, and a queue of its own for each type of operation
 metrics.py     what Prometheus sees
-worker.py      running a server, in this process
+quota.py       how many sessions one client may hold
+feed.py        tells those who watch what changed
+worker.py      running a worker, in this process
+child.py       running one as a process that ends with its parent
+
+A gateway, one address for many workers:
+
+gateway.py     what each operation does, over all workers
+line.py        who gets the next free slot
+relay.py       passes calls on as bytes
+workers.py     keeps workers up, wherever they run
+local.py       workers as processes of this machine
+totals.py      what many workers say, as one
 """
 
 from __future__ import annotations
 
 from webgym.browser.config import BrowserConfig, Cookie
 from webgym.server.client import BrowserClient, Session
-from webgym.server.config import ClientLimits, ServerConfig
+from webgym.server.config import ClientLimits, GatewayConfig, ServerConfig
+from webgym.server.gateway import RunningGateway, running_gateway
 from webgym.server.messages import ServerInfo, SessionOptions, View
 from webgym.server.worker import RunningServer, running_server
 
@@ -26,11 +45,14 @@ __all__ = [
     "BrowserConfig",
     "ClientLimits",
     "Cookie",
+    "GatewayConfig",
+    "RunningGateway",
     "RunningServer",
     "ServerConfig",
     "ServerInfo",
     "Session",
     "SessionOptions",
     "View",
+    "running_gateway",
     "running_server",
 ]

@@ -25,7 +25,6 @@ from webgym.core.errors import (
     ServerError,
     ServerUnreachable,
     WebGymError,
-    error_from_code,
 )
 from webgym.server.config import ClientLimits
 from webgym.server.listening import keep_alive_options
@@ -35,7 +34,6 @@ from webgym.server.messages import (
     SECRET_HEADER,
     UNHEALTHY_STATUS,
     Closed,
-    ErrorReply,
     ExecuteRequest,
     Health,
     NavigateRequest,
@@ -48,6 +46,7 @@ from webgym.server.messages import (
     StepReply,
     StepRequest,
     View,
+    error_of,
 )
 from webgym.server.operations import (
     ALLOCATE,
@@ -241,7 +240,7 @@ class BrowserClient:
 
     def _answer(self, operation: Operation, reply: type[T], response: httpx.Response) -> T:
         if not response.is_success:
-            raise _error_of(response)
+            raise error_of(response.content, response.status_code, response.url.host)
         return self._decode(operation, reply, response)
 
     def _decode(self, operation: Operation, reply: type[T], response: httpx.Response) -> T:
@@ -297,17 +296,6 @@ class BrowserClient:
                 hint="it may have been carried out: look before you act again",
             )
             raise _Broken(told, was_sent=True) from None
-
-
-def _error_of(response: httpx.Response) -> WebGymError:
-    try:
-        error = msgspec.json.decode(response.content, type=ErrorReply).error
-    except (msgspec.MsgspecError, ValueError):
-        return ProtocolError(
-            f"{response.url.host} answered {response.status_code} with no typed error",
-            hint="is this the address of a WebGym server?",
-        )
-    return error_from_code(error.code, error.message, error.hint)
 
 
 class Session:

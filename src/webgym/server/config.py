@@ -113,6 +113,49 @@ class ServerConfig(BaseModel):
     browser: BrowserConfig = Field(default_factory=BrowserConfig)
 
 
+class GatewayConfig(BaseModel):
+    """A gateway: how many workers it keeps up, and how it knows that one is gone."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    workers: int | None = Field(default=None, gt=0)
+    """Worker processes per machine; ``None`` for one per ``cores_per_worker``. They share its slots."""
+
+    cores_per_worker: int = Field(default=4, gt=0)
+    """One process of ours keeps about so many cores busy with browsers."""
+
+    worker_host: str = "127.0.0.1"
+    """Where local workers listen. Loopback serves clients on this machine; others go through the gateway
+    unless this is an address that they reach."""
+
+    start_seconds: float = Field(default=90.0, gt=0)
+    """From starting a worker until its first browser is up."""
+
+    stop_seconds: float = Field(default=15.0, gt=0)
+    """From telling a worker to end until it is killed. It ends calls and browsers in that time."""
+
+    restart_seconds: tuple[float, float] = (0.5, 30.0)
+    """First and longest pause before a worker that ended or did not come up is started again."""
+
+    settled_seconds: float = Field(default=60.0, gt=0)
+    """A worker that lived for so long is started again after the first pause."""
+
+    silent_seconds: float = Field(default=15.0, gt=0)
+    """A worker that is not heard of for so long is gone, and ended. Several beats of the worker's."""
+
+    connect_seconds: float = Field(default=3.0, gt=0)
+    """Until a connection to a worker is up."""
+
+    answer_seconds: float = Field(default=5.0, gt=0)
+    """Until a worker has said how it is. Calls of sessions have no deadline but the worker's own."""
+
+    idle_seconds: float = Field(default=30.0, gt=0)
+    """Idle connections to workers are dropped before the worker drops them."""
+
+    dead_peer_seconds: float = Field(default=15.0, gt=0)
+    """A worker whose machine answers nothing, not even the kernel's probes, for so long is gone."""
+
+
 class ClientLimits(BaseModel):
     """How much a client asks for at once, and how long it waits.
 

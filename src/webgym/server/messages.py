@@ -6,6 +6,7 @@ import msgspec
 
 from webgym.browser.config import PageOptions
 from webgym.core.action import BrowserAction
+from webgym.core.errors import ProtocolError, WebGymError, error_from_code
 from webgym.core.observation import Observation
 
 SECRET_HEADER = "x-webgym-secret"  # noqa: S105
@@ -179,6 +180,14 @@ class Watched(msgspec.Struct, frozen=True):
     is_healthy: bool
 
 
+class WorkerInfo(msgspec.Struct, frozen=True):
+    """One worker behind a gateway."""
+
+    name: str
+    url: str
+    slots: int
+
+
 class ServerInfo(msgspec.Struct, frozen=True):
     """What a server is.
 
@@ -186,6 +195,7 @@ class ServerInfo(msgspec.Struct, frozen=True):
         browser: product and version, as Chromium tells it.
         sandboxed: whether Chromium's sandbox is on.
         sandbox_reason: why not.
+        workers: of a gateway.
     """
 
     version: str
@@ -195,6 +205,7 @@ class ServerInfo(msgspec.Struct, frozen=True):
     sandboxed: bool
     sandbox_reason: str
     viewport: tuple[int, int] = (1280, 768)
+    workers: tuple[WorkerInfo, ...] = ()
 
 
 class ErrorBody(msgspec.Struct, frozen=True):
@@ -209,3 +220,15 @@ class ErrorReply(msgspec.Struct, frozen=True):
     """Every reply that is not a 2xx."""
 
     error: ErrorBody
+
+
+def error_of(body: bytes, status: int, host: str) -> WebGymError:
+    """The error that a reply is, as it was raised on the other side."""
+    try:
+        error = msgspec.json.decode(body, type=ErrorReply).error
+    except (msgspec.MsgspecError, ValueError):
+        return ProtocolError(
+            f"{host} answered {status} with no typed error",
+            hint="is this the address of a WebGym server?",
+        )
+    return error_from_code(error.code, error.message, error.hint)

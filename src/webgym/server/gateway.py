@@ -1,0 +1,393 @@
+"""One address for many workers. It speaks the same table of operations as they do.
+
+A session is opened where there is most room, and its id names the worker that holds it; clients that can
+reach that worker then talk to it alone. The calls of the others are passed on as bytes.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import secrets
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
+from contextlib import AsyncExitStack, asynccontextmanager, closing
+from importlib.metadata import version
+from typing import Any
+
+import msgspec
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+from starlette.types import Receive, Scope, Send
+
+from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, WorkerLost
+from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.server.feed import Feed
+from webgym.server.front import Front, decode, http_error, while_connected
+from webgym.server.line import Line
+from webgym.server.listening import listen, serving, url_of
+from webgym.server.local import LocalHosts
+from webgym.server.messages import (
+    HEALTHY,
+    Health,
+    PermitLoad,
+    Pressure,
+    ServerInfo,
+    SessionGrant,
+    SessionOptions,
+    SlotLoad,
+    Watched,
+    WorkerInfo,
+    error_of,
+)
+from webgym.server.operations import (
+    ALLOCATE,
+    METRICS,
+    OPERATIONS,
+    PRESSURE,
+    Operation,
+    openapi,
+)
+from webgym.server.quota import Quota, client_of
+from webgym.server.relay import Answer, Header, Interrupted, NotSent
+from webgym.server.totals import GatewayMetrics, merge_expositions, total
+from webgym.server.worker import TOKEN_BYTES, new_instance
+from webgym.server.workers import Fleet, Hosts, Worker
+
+log = logging.getLogger(__name__)
+
+_SESSION = re.compile(r"(w\d{1,12})-[0-9a-f]{1,64}")
+_PASSED_ON = (b"authorization", b"content-type")
+_PASSED_ON_PREFIX = b"x-webgym-"
+_NOT_PASSED_BACK = (b"date", b"connection", b"keep-alive", b"transfer-encoding")
+_OPEN_ATTEMPTS = 3
+"""Workers that may go away under a caller that opens a session, before it is told."""
+
+
+class Gateway:
+    """What each operation does, over all workers.
+
+    Args:
+        config: limits of the front: the line, the quota, sizes.
+        fleet_config: limits of the workers.
+    """
+
+    def __init__(self, config: ServerConfig, fleet_config: GatewayConfig, hosts: Hosts, token: str) -> None:
+        self.config = config
+        self.fleet = Fleet(hosts, fleet_config, token, self._on_change)
+        self.line = Line(self.fleet.workers)
+        self.feed = Feed(self._watched, config.beat_seconds)
+        self._quota = Quota(config.sessions_per_client)
+        self._asked = 0
+        self._granted = 0
+        self._endings: set[asyncio.Task[None]] = set()
+        self.observed = GatewayMetrics(self.fleet, self.line)
+
+    def _on_change(self, ended: Collection[str]) -> None:
+        for session in ended:
+            self._quota.ended(session)
+        self.line.serve()
+        self.feed.changed()
+
+    # --- sessions -------------------------------------------------------------------------------------
+
+    async def allocate(self, request: Request, front: Front) -> SessionGrant:
+        """Open a session where there is most room."""
+        body = await front.body(request)
+        decode(body, SessionOptions)  # what is not understood does not wait in line
+        client = client_of(request)
+        self._asked += 1
+        with self._quota.asking(client):
+            work = self._open(list(_passed_on(request)), body)
+            worker, grant = await while_connected(request, work, self._undo)
+            if not worker.is_lost:  # else it has ended already
+                worker.sessions[grant.session_id] = grant.generation
+                self._quota.granted(client, grant.session_id)
+        self._granted += 1
+        return grant
+
+    async def _open(self, headers: list[Header], body: bytes) -> tuple[Worker, SessionGrant]:
+        deadline = asyncio.get_running_loop().time() + self.config.allocate_seconds
+        attempt = 1
+        while True:
+            left = max(0.0, deadline - asyncio.get_running_loop().time())
+            worker = await self.line.turn(left, again=attempt > 1)
+            asking = asyncio.create_task(self._ask(worker, headers, body))
+            try:
+                return worker, await asyncio.shield(asking)
+            except asyncio.CancelledError:
+                # Never torn off: what it opens must be closed, and its slot counted right.
+                self._in_background(self._undo_when_there(worker, asking))
+                raise
+            except (NotSent, Interrupted) as error:
+                await self.fleet.check(worker)
+                if attempt == _OPEN_ATTEMPTS:
+                    raise ServerUnreachable(f"worker {worker.name} cannot be asked: {error}") from None
+                attempt += 1
+
+    async def _ask(self, worker: Worker, headers: list[Header], body: bytes) -> SessionGrant:
+        worker.pending += 1
+        try:
+            async with worker.relay.call(ALLOCATE.method, ALLOCATE.path, headers, body) as answer:
+                said = await answer.body()
+        except NotSent:
+            worker.sent -= 1
+            raise
+        finally:
+            worker.pending -= 1
+        if answer.status != 200:
+            raise error_of(said, answer.status, worker.url)
+        return msgspec.json.decode(said, type=SessionGrant)
+
+    async def _undo_when_there(self, worker: Worker, asking: asyncio.Task[SessionGrant]) -> None:
+        try:
+            grant = await asking
+        except (NotSent, Interrupted, ServerError):
+            return
+        await self._undo((worker, grant))
+
+    async def _undo(self, opened: tuple[Worker, SessionGrant]) -> None:
+        """Give a session back whose caller has left."""
+        worker, grant = opened
+        try:
+            await worker.release(grant)
+        except (NotSent, Interrupted, TimeoutError) as error:
+            log.warning("session %s was not given back, it will run out: %s", grant.session_id, error)
+
+    def _in_background(self, work: Any) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._endings.add(task)
+        task.add_done_callback(self._endings.discard)
+
+    async def stop(self) -> None:
+        """Finish what goes on in the background."""
+        await asyncio.gather(*self._endings, return_exceptions=True)
+
+    async def relay(self, operation: Operation, request: Request, front: Front) -> Response:
+        """Pass a session's call on to the worker that holds it."""
+        worker, path = self._find(operation, request.path_params["id"])
+        body = await front.body(request)
+        async with AsyncExitStack() as stack:
+            call = worker.relay.call(operation.method, path, _passed_on(request), body)
+            try:
+                answer = await stack.enter_async_context(call)
+            except (NotSent, Interrupted) as error:
+                raise await self._why(worker, error) from None
+            return _Passing(answer, stack.pop_all())
+
+    def _find(self, operation: Operation, session: str) -> tuple[Worker, str]:
+        named = _SESSION.fullmatch(session)
+        worker = self.fleet.workers.get(named[1]) if named else None
+        if worker is not None:
+            return worker, operation.path.replace("{id}", session)
+        if named and self.fleet.has_been(named[1]):
+            raise _gone(named[1])
+        raise LeaseLost("the session expired, was closed, or is not yours", hint="open a new one")
+
+    async def _why(self, worker: Worker, error: Exception) -> ServerError:
+        if not await self.fleet.check(worker):
+            return _gone(worker.name)
+        return ServerUnreachable(
+            f"the connection to worker {worker.name} broke: {error}",
+            hint="it may have been carried out: look before you act again",
+        )
+
+    # --- what is seen ---------------------------------------------------------------------------------
+
+    @property
+    def workers(self) -> list[Worker]:
+        """Those that are up, oldest first."""
+        return list(self.fleet.workers.values())
+
+    async def health(self) -> Health:
+        """Whether sessions can be had."""
+        if any(worker.watched and worker.watched.is_healthy for worker in self.workers):
+            return Health(HEALTHY)
+        return Health("no browser comes up" if self.workers else "no worker is up")
+
+    async def info(self) -> ServerInfo:
+        """What is behind this address."""
+        workers = self.workers
+        if not workers:
+            return ServerInfo(
+                version("webgym-rl"), 0, "", "", sandboxed=False, sandbox_reason="no worker is up"
+            )
+        exposed = next((worker.info for worker in workers if not worker.info.sandboxed), workers[0].info)
+        return msgspec.structs.replace(
+            exposed,
+            slots=sum(worker.info.slots for worker in workers),
+            workers=tuple(WorkerInfo(worker.name, worker.url, worker.info.slots) for worker in workers),
+        )
+
+    async def pressure(self) -> Pressure:
+        """Load of all workers together, and of the line in front of them."""
+        told = [msgspec.json.decode(one) for one in (await self._ask_all(PRESSURE)).values()]
+        if not told:
+            return Pressure({}, PermitLoad(0, 0, 0.0), self._slots())
+        pressure = msgspec.convert(total(told), type=Pressure)
+        waiting = pressure.slots.waiting + len(self.line)
+        return msgspec.structs.replace(
+            pressure, slots=msgspec.structs.replace(pressure.slots, waiting=waiting)
+        )
+
+    async def metrics(self) -> bytes:
+        """Our own, and every worker's under its name."""
+        return merge_expositions(self.observed.exposition(), await self._ask_all(METRICS))
+
+    async def openapi(self) -> dict[str, Any]:
+        """The API's description."""
+        return openapi(version("webgym-rl"))
+
+    async def watch(self) -> AsyncIterator[bytes]:
+        """For whoever wants to know without asking."""
+        return self.feed.lines()
+
+    def _watched(self) -> Watched:
+        said = [worker.watched for worker in self.workers if worker.watched]
+        sessions = tuple(session for one in said for session in one.sessions)
+        return Watched(
+            self._asked, self._granted, self._slots(), sessions, any(one.is_healthy for one in said)
+        )
+
+    def _slots(self) -> SlotLoad:
+        said = [msgspec.to_builtins(worker.watched.slots) for worker in self.workers if worker.watched]
+        load = msgspec.convert(total(said), type=SlotLoad) if said else SlotLoad(0, 0, 0, 0, 0)
+        return msgspec.structs.replace(load, waiting=load.waiting + len(self.line))
+
+    async def _ask_all(self, operation: Operation) -> dict[str, bytes]:
+        """Every worker's answer, by its name; those that do not answer are left out."""
+
+        async def ask(worker: Worker) -> bytes | None:
+            try:
+                return await worker.get(operation.path)
+            except (NotSent, Interrupted, TimeoutError) as error:
+                log.warning("worker %s does not say its %s: %s", worker.name, operation.name, error)
+                return None
+
+        workers = self.workers
+        said = await asyncio.gather(*(ask(worker) for worker in workers))
+        return {worker.name: body for worker, body in zip(workers, said, strict=True) if body is not None}
+
+
+def _gone(name: str) -> WorkerLost:
+    return WorkerLost(f"worker {name} is gone, and the session with it", hint="open a new session")
+
+
+def _passed_on(request: Request) -> Iterable[Header]:
+    for header in request.scope["headers"]:
+        if header[0] in _PASSED_ON or header[0].startswith(_PASSED_ON_PREFIX):
+            yield header
+
+
+class _Passing(Response):
+    """An answer that is sent on while it arrives. Ends the call when it is through."""
+
+    def __init__(self, answer: Answer, call: AsyncExitStack) -> None:
+        self.status_code = answer.status
+        self.background = None
+        self._answer = answer
+        self._call = call
+
+    async def __call__(self, _: Scope, __: Receive, send: Send) -> None:
+        answer = self._answer
+        headers = [header for header in answer.headers if header[0] not in _NOT_PASSED_BACK]
+        async with self._call:
+            await send({"type": "http.response.start", "status": answer.status, "headers": headers})
+            # A worker that dies now cuts the body off, which is what the caller must see.
+            async for chunk in answer.chunks():
+                await send({"type": "http.response.body", "body": chunk, "more_body": True})
+            await send({"type": "http.response.body", "body": b"", "more_body": False})
+
+
+def create_gateway_app(gateway: Gateway, token: str, instance: str) -> Starlette:
+    """The ASGI application of a gateway."""
+    front = Front(token, gateway.config.body_bytes, instance, gateway.observed)
+
+    def work(operation: Operation) -> Callable[[Request], Awaitable[Any]]:
+        async def serve(request: Request) -> Any:
+            if operation is ALLOCATE:
+                return await gateway.allocate(request, front)
+            if operation.has_lease:
+                return await gateway.relay(operation, request, front)
+            return await getattr(gateway, operation.name)()
+
+        return front.endpoint(operation, serve)
+
+    return Starlette(
+        routes=[Route(each.path, work(each), methods=[each.method]) for each in OPERATIONS],
+        exception_handlers={HTTPException: http_error},
+    )
+
+
+class RunningGateway:
+    """A gateway that takes calls.
+
+    Attributes:
+        url: its base URL.
+        token: the bearer token.
+        gateway: what is behind it.
+    """
+
+    def __init__(self, url: str, token: str, gateway: Gateway) -> None:
+        self.url = url
+        self.token = token
+        self.gateway = gateway
+
+
+@asynccontextmanager
+async def running_gateway(
+    config: ServerConfig | None = None,
+    fleet: GatewayConfig | None = None,
+    hosts: Hosts | None = None,
+) -> AsyncIterator[RunningGateway]:
+    """Serve for the length of the block; afterwards no worker and no browser is left.
+
+    Args:
+        config: what all workers are together, and the address that clients know.
+        fleet: how workers are kept up.
+        hosts: where they run; on this machine if not said.
+
+    Raises:
+        BrowserNotFound, BrowserLaunchFailed: no worker comes up.
+        ConfigError: the address cannot be listened on.
+    """
+    config = config or ServerConfig()
+    fleet = fleet or GatewayConfig()
+    token = config.token or secrets.token_urlsafe(TOKEN_BYTES)
+    config = config.model_copy(update={"token": token})
+    gateway = Gateway(config, fleet, hosts or LocalHosts(config, fleet), token)
+    with closing(listen(config)) as listener:
+        async with _kept_up(gateway):
+            app = create_gateway_app(gateway, token, new_instance())
+            async with serving(app, listener, config):
+                try:
+                    yield RunningGateway(url_of(listener), token, gateway)
+                finally:
+                    gateway.feed.close()
+
+
+@asynccontextmanager
+async def _kept_up(gateway: Gateway) -> AsyncIterator[None]:
+    """Workers for the length of the block, which begins when there is one."""
+    running = asyncio.create_task(gateway.fleet.run())
+    ready = asyncio.create_task(gateway.fleet.ready())
+    try:
+        await asyncio.wait({running, ready}, return_when=asyncio.FIRST_COMPLETED)
+        if running.done():
+            running.result()
+        ready.result()
+        running.add_done_callback(_say_why)
+        yield
+        await gateway.stop()
+    finally:
+        for task in (ready, running):
+            task.cancel()
+        await asyncio.wait({ready, running})
+
+
+def _say_why(running: asyncio.Task[None]) -> None:
+    if not running.cancelled() and (error := running.exception()) is not None:
+        log.critical("workers are no longer kept up, by our own mistake", exc_info=error)

@@ -1,0 +1,382 @@
+"""The workers behind a gateway: started, watched, and started again when they end.
+
+A *host* is where worker processes run: this machine, or a node of a Ray cluster. Every run of a worker gets
+a name of its own, which is never given again, so the id of a session says for ever which run held it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import math
+from collections.abc import AsyncIterator, Callable, Collection
+from typing import Protocol
+
+import msgspec
+
+from webgym.core.errors import ServerError, WebGymError
+from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.server.messages import (
+    GENERATION_HEADER,
+    INSTANCE_HEADER,
+    SECRET_HEADER,
+    ServerInfo,
+    SessionGrant,
+    Watched,
+)
+from webgym.server.operations import HEALTH, RELEASE, WATCH
+from webgym.server.relay import Answer, Header, Interrupted, NotSent, Relay
+
+log = logging.getLogger(__name__)
+
+
+class Started(msgspec.Struct, frozen=True):
+    """What a worker says when it is up.
+
+    Attributes:
+        url: its base URL, for whoever can reach it.
+        instance: which run of a server it is.
+    """
+
+    url: str
+    instance: str
+    info: ServerInfo
+
+
+class Host(Protocol):
+    """Where worker processes run."""
+
+    @property
+    def id(self) -> str:
+        """No two hosts share one."""
+
+    @property
+    def shares(self) -> tuple[ServerConfig, ...]:
+        """What each of its workers is to be, its name left out."""
+
+    async def start(self, config: ServerConfig) -> Started:
+        """Start a worker and wait until it is up. Nothing is left of one that does not come up.
+
+        Raises:
+            WebGymError: it does not come up.
+        """
+
+    async def stop(self, name: str) -> None:
+        """End a worker, whatever state it is in. Safe to call for one that is gone."""
+
+
+class Hosts(Protocol):
+    """All hosts, which may come and go."""
+
+    def changes(self) -> AsyncIterator[Collection[Host]]:
+        """Those that are there, now and after every change. Never ends."""
+
+
+def split(slots: int, cores: float, config: GatewayConfig) -> list[int]:
+    """The slots of a machine's workers: as many workers as are asked for or useful, and none without one."""
+    workers = min(slots, config.workers or max(1, round(cores / config.cores_per_worker)))
+    return [slots // workers + (number < slots % workers) for number in range(workers)]
+
+
+def share_of(config: ServerConfig, slots: int, cores: float, *, share: float, of_cores: int) -> ServerConfig:
+    """What one of the workers of a machine is to be.
+
+    Args:
+        config: of all of them together, made for ``of_cores`` processors.
+        slots: this one's.
+        cores: how many processors it may keep busy.
+        share: of the machine's sessions.
+    """
+    part = cores / of_cores
+    admission, egress = config.admission, config.browser.egress
+
+    def scaled(value: int) -> int:
+        return max(1, math.ceil(value * part))
+
+    numbers = {name: scaled(getattr(admission, name)) for name in ("fewest", "most", "step")}
+    # To websites all workers of a machine are one visitor.
+    polite = egress.model_copy(
+        update={"rate": egress.rate * share, "burst": max(1, math.ceil(egress.burst * share))}
+    )
+    return config.model_copy(
+        update={
+            "port": 0,
+            "slots": slots,
+            "parallel_launches": scaled(config.parallel_launches),
+            "admission": admission.model_copy(update=numbers),
+            "browser": config.browser.model_copy(update={"egress": polite}),
+            "sessions_per_client": None,  # counted by the gateway, over all workers
+        }
+    )
+
+
+class Worker:
+    """One run of a worker, as its gateway knows it.
+
+    Attributes:
+        sent: calls for a session that were sent to it so far.
+        pending: those of them that have no answer yet.
+        watched: what it said last.
+        sessions: the living ones that were opened through the gateway, and their generations.
+        is_lost: whether it is gone.
+    """
+
+    def __init__(self, name: str, started: Started, config: GatewayConfig, token: str) -> None:
+        self.name = name
+        self.url = started.url
+        self.instance = started.instance
+        self.info = started.info
+        self.relay = Relay(started.url, config)
+        self.sent = 0
+        self.pending = 0
+        self.watched: Watched | None = None
+        self.sessions: dict[str, int] = {}
+        self.is_lost = False
+        self._answer_seconds = config.answer_seconds
+        self._credentials: list[Header] = [(b"authorization", f"Bearer {token}".encode("ascii"))]
+        self._was_astray = False
+
+    @property
+    def room(self) -> int:
+        """Free slots that nobody is on the way to."""
+        if self.watched is None or self.is_lost:
+            return 0
+        slots = self.watched.slots
+        return slots.free - slots.waiting - (self.sent - self.watched.asked)
+
+    def take(self, watched: Watched) -> list[str]:
+        """What it says now. Returns the ids of the sessions that have ended."""
+        self.watched = watched
+        # With no call on its way both count the same, unless one was lost with its connection.
+        is_astray = not self.pending and self.sent != watched.asked
+        if is_astray and self._was_astray:
+            self.sent = watched.asked
+        self._was_astray = is_astray
+        living = set(watched.sessions)
+        ended = [
+            session
+            for session, generation in self.sessions.items()
+            if generation <= watched.granted and session not in living
+        ]
+        for session in ended:
+            del self.sessions[session]
+        return ended
+
+    async def get(self, path: str) -> bytes:
+        """The body of a small answer.
+
+        Raises:
+            NotSent, Interrupted, TimeoutError: there is none.
+        """
+        async with (
+            asyncio.timeout(self._answer_seconds),
+            self.relay.call("GET", path, self._credentials) as answer,
+        ):
+            return await answer.body()
+
+    async def release(self, grant: SessionGrant) -> None:
+        """End a session.
+
+        Raises:
+            NotSent, Interrupted, TimeoutError: it could not be asked.
+        """
+        proof = [
+            (SECRET_HEADER.encode(), grant.secret.encode("ascii")),
+            (GENERATION_HEADER.encode(), b"%d" % grant.generation),
+        ]
+        path = RELEASE.path.replace("{id}", grant.session_id)
+        async with (
+            asyncio.timeout(self._answer_seconds),
+            self.relay.call(RELEASE.method, path, [*self._credentials, *proof]) as answer,
+        ):
+            await answer.body()
+
+    async def is_there(self) -> bool:
+        """Whether it still answers."""
+        try:
+            async with asyncio.timeout(self._answer_seconds), self.relay.call("GET", HEALTH.path) as answer:
+                await answer.body()
+        except (NotSent, Interrupted, TimeoutError):
+            return False
+        return (INSTANCE_HEADER.encode(), self.instance.encode()) in answer.headers
+
+    async def watch(self, silent_seconds: float) -> AsyncIterator[Watched]:
+        """What it says, until it says nothing more.
+
+        Raises:
+            NotSent, Interrupted, TimeoutError: the connection is gone, or silent.
+        """
+        loop = asyncio.get_running_loop()
+        async with self.relay.call("GET", WATCH.path, self._credentials) as answer:
+            lines = _lines(answer)
+            while True:
+                async with asyncio.timeout_at(loop.time() + silent_seconds):
+                    line = await anext(lines, None)
+                if line is None:
+                    return
+                yield msgspec.json.decode(line, type=Watched)
+
+    def lose(self) -> None:
+        """It is gone: whoever waits for it is told."""
+        self.is_lost = True
+        self.relay.close()
+
+
+async def _lines(answer: Answer) -> AsyncIterator[bytes]:
+    rest = b""
+    async for chunk in answer.chunks():
+        *whole, rest = (rest + chunk).split(b"\n")
+        for line in whole:
+            yield line
+
+
+class Fleet:
+    """Keeps every worker of every host up.
+
+    Args:
+        on_change: called when a worker came, said something, or went; with the ids of sessions that ended.
+    """
+
+    def __init__(
+        self,
+        hosts: Hosts,
+        config: GatewayConfig,
+        token: str,
+        on_change: Callable[[Collection[str]], None],
+    ) -> None:
+        self._hosts = hosts
+        self._config = config
+        self._token = token
+        self._on_change = on_change
+        self.workers: dict[str, Worker] = {}
+        """Those that are up, by name."""
+        self.lost = 0
+        """Workers that were up and are gone, so far."""
+        self._started = 0
+        self._wanted = 0
+        self._has_looked = False
+        self._failing: dict[object, WebGymError] = {}
+        self._news = asyncio.Event()
+
+    async def run(self) -> None:
+        """Keep them up until cancelled; afterwards none is left."""
+        keepers: dict[str, asyncio.Task[None]] = {}
+        async with asyncio.TaskGroup() as group:
+            async for present in self._hosts.changes():
+                hosts = {host.id: host for host in present}
+                for gone in keepers.keys() - hosts.keys():
+                    log.warning("the host %s is gone", gone)
+                    keepers.pop(gone).cancel()
+                for new in hosts.keys() - keepers.keys():
+                    shares = hosts[new].shares
+                    self._wanted += len(shares)
+                    keepers[new] = group.create_task(self._keep_all(hosts[new], shares))
+                self._has_looked = True
+                self._news.set()
+
+    async def ready(self) -> None:
+        """Wait until a worker is up, or until there is no host to wait for.
+
+        Raises:
+            WebGymError: none came up.
+        """
+        while not self.workers:
+            if self._has_looked and len(self._failing) == self._wanted:
+                if not self._wanted:
+                    return
+                raise next(iter(self._failing.values()))
+            self._news.clear()
+            await self._news.wait()
+
+    async def check(self, worker: Worker) -> bool:
+        """Whether a worker whose connection broke is still there. One that is not is given up."""
+        if not worker.is_lost and not await worker.is_there():
+            worker.lose()
+            self.workers.pop(worker.name, None)
+        return not worker.is_lost
+
+    def has_been(self, name: str) -> bool:
+        """Whether a worker had this name."""
+        number = name.removeprefix("w")
+        return number.isdecimal() and number.isascii() and int(number) <= self._started
+
+    @property
+    def failure(self) -> WebGymError | None:
+        """Why a worker is not up."""
+        return next(iter(self._failing.values()), None)
+
+    # --- one worker -----------------------------------------------------------------------------------
+
+    async def _keep_all(self, host: Host, shares: Collection[ServerConfig]) -> None:
+        try:
+            async with asyncio.TaskGroup() as group:
+                for share in shares:
+                    group.create_task(self._keep(host, share))
+        finally:
+            self._wanted -= len(shares)
+
+    async def _keep(self, host: Host, share: ServerConfig) -> None:
+        """Keep one worker up: after each end a pause, which grows while it does not last."""
+        loop = asyncio.get_running_loop()
+        mark = object()
+        pause, longest = self._config.restart_seconds
+        try:
+            while True:
+                began = loop.time()
+                self._started += 1
+                name = f"w{self._started}"
+                try:
+                    await self._live(host, share.model_copy(update={"name": name}), mark)
+                    log.warning("worker %s at %s ended", name, host.id)
+                except WebGymError as error:
+                    self._failing[mark] = error
+                    log.error("worker %s at %s did not come up: %s", name, host.id, error)
+                self._tell(())
+                if loop.time() - began > self._config.settled_seconds:
+                    pause = self._config.restart_seconds[0]
+                await asyncio.sleep(pause)
+                pause = min(pause * 2, longest)
+        finally:
+            self._failing.pop(mark, None)
+
+    async def _live(self, host: Host, config: ServerConfig, mark: object) -> None:
+        """One run of a worker, from its start until it is gone.
+
+        Raises:
+            WebGymError: it did not come up.
+        """
+        try:
+            try:
+                async with asyncio.timeout(self._config.start_seconds):
+                    started = await host.start(config)
+            except TimeoutError:
+                raise ServerError(
+                    f"a worker did not come up within {self._config.start_seconds:g} s"
+                ) from None
+            worker = Worker(config.name, started, self._config, self._token)
+            self._failing.pop(mark, None)
+            try:
+                await self._watch(worker)
+            finally:
+                self.workers.pop(worker.name, None)
+                self.lost += 1
+                worker.lose()
+                self._tell(worker.sessions)
+        finally:
+            await host.stop(config.name)
+
+    async def _watch(self, worker: Worker) -> None:
+        """Follow what a worker says until it is gone. A connection that broke is made again."""
+        while not worker.is_lost:
+            try:
+                async for watched in worker.watch(self._config.silent_seconds):
+                    self.workers[worker.name] = worker
+                    self._tell(worker.take(watched))
+                return
+            except (NotSent, Interrupted, TimeoutError, msgspec.MsgspecError) as error:
+                if await self.check(worker):
+                    log.warning("worker %s was silent: %s", worker.name, error)
+
+    def _tell(self, ended: Collection[str]) -> None:
+        self._on_change(ended)
+        self._news.set()

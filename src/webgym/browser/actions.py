@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import Any, Literal
 
 import msgspec
 
-from webgym.browser.page import DocumentGone, Page
+from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, strokes
+from webgym.browser.page import Page
 from webgym.browser.settle import settle
 from webgym.browser.wire import History, Nothing
+from webgym.browser.worlds import DocumentGone
 from webgym.core.action import (
     GRID,
     MAX_WAIT_SECONDS,
@@ -27,25 +30,46 @@ from webgym.core.errors import ActionFailed, NavigationFailed
 Point = tuple[float, float]
 
 _SAID_LENGTH = 300
+_FRAME_DEPTH = 8
+"""Frames in frames that the focus is followed into."""
 _SCHEMES = ("http://", "https://")
 _OTHER_SCHEMES = frozenset(
     {"about", "blob", "chrome", "data", "file", "ftp", "javascript", "mailto", "view-source"}
 )
-_KEYS = {"Enter": (13, "\r"), "Backspace": (8, "")}
 
 
 class _Field(msgspec.Struct, frozen=True):
-    """What has the focus, readied for typing."""
+    """What has the focus, readied for typing.
 
-    kind: Literal["text", "set", "chosen", "refused", "none"]
+    Attributes:
+        kind: ``text`` is a field whose content is selected, ``keys`` something else that listens to keys,
+            ``frame`` a frame of another origin that has the focus; ``set`` and ``chosen`` are done.
+        filled: whether there is something to be cleared.
+        keyed: whether the field wants to see every key: numbers, codes, masks.
+        frame: which one; ``None`` if it was not entered yet, empty if it cannot be.
+        wondered: whether the focus may be in a closed root that was not entered yet.
+        why: what was refused.
+    """
+
+    kind: Literal["text", "keys", "frame", "set", "chosen", "refused", "none"]
     filled: bool = False
+    keyed: bool = False
+    frame: str | None = None
+    wondered: bool = False
     why: str = ""
 
 
-class _ScrollPoint(msgspec.Struct, frozen=True):
-    """The middle of an open list, if there is one: the wheel turns over that."""
+class _Wheel(msgspec.Struct, frozen=True):
+    """Where the wheel turns, and the height of which it scrolls a part, CSS pixels."""
 
-    point: Point | None = None
+    point: Point
+    height: float
+
+
+class _List(msgspec.Struct, frozen=True):
+    """The wheel over an open list, if there is one."""
+
+    wheel: _Wheel | None = None
 
 
 async def perform(page: Page, action: BrowserAction) -> None:
@@ -103,68 +127,120 @@ async def _click(page: Page, point: Point) -> None:
 
 
 async def _scroll(page: Page, direction: Literal["up", "down"]) -> None:
-    width, height = page.options.viewport
-    over = await page.run("scrollPoint", reply=_ScrollPoint)
-    point = over.point or (width / 2, height / 2)
-    distance = height * page.config.scroll_fraction * (1 if direction == "down" else -1)
-    await _mouse(page, "mouseWheel", point, deltaX=0, deltaY=distance)
+    sign = 1 if direction == "down" else -1
+    wheel = await _wheel(page, sign)
+    distance = wheel.height * page.config.scroll_fraction * sign
+    await _mouse(page, "mouseWheel", wheel.point, deltaX=0, deltaY=distance)
+
+
+async def _wheel(page: Page, sign: int) -> _Wheel:
+    """An open list in a frame of another origin goes first: the tab's own frame does not know of it."""
+    try:
+        for frame in page.worlds.entered:
+            over = (await page.run("listWheel", reply=_List, frame=frame)).wheel
+            if over is not None:
+                return _Wheel(await page.worlds.outward(frame, over.point), over.height)
+        return await page.run("wheel", sign, reply=_Wheel)
+    except DocumentGone:
+        width, height = page.options.viewport
+        return _Wheel((width / 2, height / 2), height)
 
 
 # --- keyboard -----------------------------------------------------------------------------------------
 
 
-async def _key(page: Page, kind: str, **more: Any) -> None:
-    await page.session.call(
-        "Input.dispatchKeyEvent", {"type": kind, **more}, reply=Nothing, seconds=page.config.execute_seconds
+async def _press(page: Page, key: Key) -> None:
+    kinds: tuple[Literal["down", "up"], ...] = ("down", "up")
+    seconds = page.config.execute_seconds
+    await asyncio.gather(  # sent at once, taken in order
+        *(page.session.do("Input.dispatchKeyEvent", key.event(kind), seconds=seconds) for kind in kinds)
     )
 
 
-async def _press(page: Page, key: str) -> None:
-    code, text = _KEYS[key]
-    named = {"key": key, "code": key, "windowsVirtualKeyCode": code}
-    await _key(page, "keyDown" if text else "rawKeyDown", **named, **({"text": text} if text else {}))
-    await _key(page, "keyUp", **named)
-
-
 async def _insert(page: Page, text: str) -> None:
-    """Insert text as an input method does, but for a last ASCII character, which is a key press: a page
-    that listens to keys alone hears of the change."""
-    last = text[-1] if text[-1].isascii() and text[-1].isprintable() else ""
-    head = text[: len(text) - len(last)]
-    if head:
-        await page.session.call(
-            "Input.insertText", {"text": head}, reply=Nothing, seconds=page.config.execute_seconds
-        )
-    if last:
-        await _key(page, "keyDown", key=last, text=last)
-        await _key(page, "keyUp", key=last)
+    await page.session.do("Input.insertText", {"text": text}, seconds=page.config.execute_seconds)
+
+
+async def _compose(page: Page, text: str) -> None:
+    """As an input method does: the page sees a composition begin, change and end."""
+    seconds = page.config.execute_seconds
+    end = len(text.encode("utf-16-le")) // 2
+    await asyncio.gather(
+        page.session.do("Input.dispatchKeyEvent", PROCESS.event("down"), seconds=seconds),
+        page.session.do(
+            "Input.imeSetComposition",
+            {"text": text, "selectionStart": end, "selectionEnd": end},
+            seconds=seconds,
+        ),
+        _insert(page, text),
+        page.session.do("Input.dispatchKeyEvent", PROCESS.event("up"), seconds=seconds),
+    )
+
+
+async def _write(page: Page, text: str, most_keys: int) -> None:
+    for way, run in strokes(text, most_keys):
+        match way:
+            case "keys":
+                for character in run:
+                    await _press(page, key_of(character))
+            case "compose":
+                await _compose(page, run)
+            case "insert":
+                await _insert(page, run)
 
 
 async def _prepare(page: Page, text: str) -> _Field:
-    try:
-        return await page.run("prepareTyping", text, reply=_Field)
-    except DocumentGone:
-        return _Field("none")
+    """Ready what has the focus, in whichever frame it is."""
+    frame: str | None = None
+    for _ in range(_FRAME_DEPTH):
+        try:
+            field = await page.run("prepareTyping", text, reply=_Field, frame=frame)
+            if field.kind != "frame":
+                return field
+            if field.frame is None:
+                await page.worlds.explore(again=True)
+            elif field.frame:
+                frame = field.frame
+            else:
+                break
+        except DocumentGone:
+            break
+    return _Field("none")
+
+
+async def _prepare_late(page: Page, text: str, wondered: bool) -> _Field:
+    """The click may open a field that takes a moment, or have gone into a closed root."""
+    await settle(page)
+    if wondered:
+        with contextlib.suppress(DocumentGone):
+            await page.worlds.explore()
+    return await _prepare(page, text)
 
 
 async def _type(page: Page, point: Point, text: str) -> None:
+    config = page.config
     await _click(page, point)
     field = await _prepare(page, text)
-    if field.kind == "none":  # the click may open a field that takes a moment
-        await settle(page)
-        field = await _prepare(page, text)
-    if field.kind == "none":
-        raise ActionFailed("there is no text field at this place; nothing was typed")
-    if field.kind == "refused":
-        raise ActionFailed(f"nothing was typed: {field.why}")
-    if field.kind == "chosen":
-        return
-    if field.kind == "text":
-        if text:
-            await _insert(page, text)
-        elif field.filled:
-            await _press(page, "Backspace")
-    await _press(page, "Enter")
+    if field.kind in ("none", "keys"):
+        field = await _prepare_late(page, text, field.wondered)
+    match field.kind:
+        case "none" | "frame":
+            raise ActionFailed("there is no text field at this place; nothing was typed")
+        case "refused":
+            raise ActionFailed(f"nothing was typed: {field.why}")
+        case "chosen":
+            return
+        case "keys":
+            if len(text) > config.watched_keys:
+                raise ActionFailed(
+                    f"this is no text field; it takes {config.watched_keys} key presses at most"
+                )
+            await _write(page, text, config.watched_keys)
+        case "text" if text:
+            await _write(page, text, config.watched_keys if field.keyed else config.typed_keys)
+        case "text" if field.filled:
+            await _press(page, BACKSPACE)
+    await _press(page, ENTER)
 
 
 # --- history and addresses ----------------------------------------------------------------------------

@@ -9,11 +9,15 @@ import time
 import msgspec
 
 from webgym.browser.cdp import CommandFailed
-from webgym.browser.page import DocumentGone, Page
+from webgym.browser.page import Page
 from webgym.browser.settle import settle
 from webgym.browser.wire import Screenshot
+from webgym.browser.worlds import DocumentGone
 from webgym.core.errors import BrowserTimeout
 from webgym.core.observation import Element, Observation
+
+_LOOKS = 3
+"""Frames in frames, and roots in roots, take a look each the first time they are seen."""
 
 
 class Look(msgspec.Struct, frozen=True):
@@ -39,12 +43,21 @@ class Metadata(msgspec.Struct, frozen=True):
 
 
 class Seen(msgspec.Struct, frozen=True):
-    """What a document says of itself."""
+    """What a document says of itself.
+
+    Attributes:
+        frames: the frames of other origins in its viewport.
+        missing: those of them whose content it should have been given.
+        unknown: whether it holds what was not entered yet.
+    """
 
     title: str = ""
     scroll: tuple[float, float] = (0.0, 0.0)
     text: str | None = None
     elements: tuple[Element, ...] | None = None
+    frames: frozenset[str] = frozenset()
+    missing: frozenset[str] = frozenset()
+    unknown: bool = False
 
 
 async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look:
@@ -101,7 +114,7 @@ async def ask(page: Page, **wanted: bool) -> Seen:
         async with asyncio.timeout(seconds):
             while True:
                 try:
-                    return await page.run("observe", wanted, reply=Seen)
+                    return await _ask(page, wanted)
                 except DocumentGone:
                     await settle(page)
                 except BrowserTimeout:
@@ -112,6 +125,23 @@ async def ask(page: Page, **wanted: bool) -> Seen:
                     page.note("still_loading", "the page did not react; the script that ran was ended")
     except TimeoutError:
         raise BrowserTimeout(f"the page could not be looked at within {seconds:g} s") from None
+
+
+async def _ask(page: Page, wanted: dict[str, bool]) -> Seen:
+    """One look; further ones where the first comes upon frames that nobody has looked into."""
+    worlds = page.worlds
+    if worlds.has_new_frames:
+        await worlds.explore()
+    seen = Seen()
+    for _ in range(_LOOKS):
+        shown = await worlds.gather(wanted, seen.missing)
+        seen = await page.run("observe", wanted, shown, reply=Seen)
+        worlds.in_view = set(seen.frames)
+        if seen.unknown:
+            await worlds.explore(again=True)
+        elif not seen.missing:
+            break
+    return seen
 
 
 async def _see(page: Page) -> Seen:

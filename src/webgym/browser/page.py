@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import logging
-from importlib import resources
 from typing import Any, TypeVar
 from urllib.parse import urldefrag
 
@@ -19,46 +17,28 @@ from webgym.browser.traffic import Traffic
 from webgym.browser.wire import (
     DialogOpening,
     DownloadWillBegin,
-    Evaluated,
     FrameNavigated,
     Navigated,
     NavigatedWithinDocument,
     Nothing,
     RequestFailed,
     ResponseReceived,
-    World,
 )
-from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout, EgressRefused, NavigationFailed
+from webgym.browser.worlds import Worlds
+from webgym.core.errors import BrowserCrashed, BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.observation import Notice, NoticeKind
 
 log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-_WORLD = "webgym"
 _BLANK = "about:blank"
 _SAID_LENGTH = 300
 """Characters of a dialog's message, or of an address, that a notice repeats."""
 
-_SCRIPTS = resources.files("webgym.browser") / "scripts"
-_SCRIPT = "".join((_SCRIPTS / name).read_text("utf-8") for name in ("page.js", "observe.js")) + "0"
-
 _SCHEMES = ("http://", "https://")
 _PROXY_SAID_NO = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS_UNREACHABLE"})
 """All that Chromium says when the proxy has no connection for it, whatever the reason."""
-
-_WORLD_IS_GONE = (
-    "Cannot find context",
-    "context was destroyed",
-    "navigated or closed",
-    "No frame for given id",
-)
-
-
-class DocumentGone(BrowserError):
-    """The page moved on to another document while a script ran in it."""
-
-    code = "browser_document_gone"
 
 
 class Page:
@@ -101,7 +81,7 @@ class Page:
         self._failures: dict[str, str] = {}
         """The browser's error word by loader, until the error page is committed."""
         self._told_failure = ""
-        self._world: int | None = None
+        self.worlds = Worlds(session, target_id, config)
         self.popups = Popups(self)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.navigatedWithinDocument", NavigatedWithinDocument, self._on_within_document)
@@ -186,61 +166,21 @@ class Page:
 
     # --- scripts ------------------------------------------------------------------------------------
 
-    async def run(self, function: str, *arguments: object, reply: type[T], seconds: float | None = None) -> T:
-        """Call ``webgym.<function>`` in the page's isolated world and wait for what it gives.
-
-        Raises:
-            DocumentGone: the page moved on to another document meanwhile.
-            BrowserTimeout: the page did not answer in time.
-        """
+    async def run(
+        self,
+        function: str,
+        *arguments: object,
+        reply: type[T],
+        seconds: float | None = None,
+        frame: str | None = None,
+    ) -> T:
+        """Call ``webgym.<function>`` in a frame's isolated world; see :meth:`Worlds.run`."""
         limit = self.config.execute_seconds if seconds is None else seconds
-        try:
-            world = await self._enter_world(limit)
-            call = f"webgym.{function}({','.join(json.dumps(argument) for argument in arguments)})"
-            value = await self._evaluate(call, world, limit)
-        except CommandFailed as error:
-            if not any(words in error.message for words in _WORLD_IS_GONE):
-                raise
-            self._world = None
-            raise DocumentGone(error.message) from error
-        return msgspec.json.decode(value, type=reply)
+        return await self.worlds.run(function, *arguments, reply=reply, seconds=limit, frame=frame)
 
     def post(self, function: str) -> None:
-        """Call ``webgym.<function>()`` before whatever comes next, and do not wait."""
-        if self._world is not None:
-            call = {"expression": f"webgym.{function}()", "contextId": self._world}
-            self.session.send("Runtime.evaluate", call)
-
-    async def _enter_world(self, seconds: float) -> int:
-        if self._world is None:
-            created = await self.session.call(
-                "Page.createIsolatedWorld",
-                {"frameId": self.target_id, "worldName": _WORLD},
-                reply=World,
-                seconds=seconds,
-            )
-            await self._evaluate(_SCRIPT, created.execution_context_id, seconds)
-            self._world = created.execution_context_id
-        return self._world
-
-    async def _evaluate(self, expression: str, world: int, seconds: float) -> msgspec.Raw:
-        evaluated = await self.session.call(
-            "Runtime.evaluate",
-            {
-                "expression": expression,
-                "contextId": world,
-                "returnByValue": True,
-                "awaitPromise": True,
-                "userGesture": False,
-            },
-            reply=Evaluated,
-            seconds=seconds,
-        )
-        if evaluated.exception_details is not None:
-            thrown = evaluated.exception_details.exception
-            said = thrown.description if thrown and thrown.description else evaluated.exception_details.text
-            raise CommandFailed(f"a script failed in {self.url[:_SAID_LENGTH]}: {said[:_SAID_LENGTH]}")
-        return evaluated.result.value
+        """Call ``webgym.<function>()`` in the tab's own frame before whatever comes next; do not wait."""
+        self.worlds.post(function)
 
     def end_script(self) -> None:
         """End the script that keeps the page from answering."""
@@ -320,7 +260,6 @@ class Page:
             self.note("navigation_failed", f"{self.url[:_SAID_LENGTH]}: {why}")
         self._statuses.clear()
         self._failures.clear()
-        self._world = None
         self.changes = -1
         self.points = {}
 
@@ -357,6 +296,6 @@ class Page:
 
     def _on_crashed(self, _: Nothing) -> None:
         self.is_crashed = True
-        self._world = None
+        self.worlds.forget()
         self.traffic.clear()
         self.session.connection.fail_session(self.session.id, TargetGone("the page crashed"))

@@ -13,7 +13,8 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from webgym.browser.page import DocumentGone, Page
+from webgym.browser.page import Page
+from webgym.browser.worlds import DocumentGone
 from webgym.core.errors import BrowserTimeout
 
 Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "busy", "deadline"]
@@ -58,7 +59,9 @@ async def _settle(page: Page) -> Reason:
         except DocumentGone:
             has_loaded = True
             continue
-        if not page.traffic.is_idle:
+        if page.worlds.has_new_frames:
+            await page.worlds.explore()
+        if not page.traffic.is_idle or not await page.worlds.stand_still():
             continue
         page.changes = quiet.changes
         if quiet.reason == "quiet" and not page.traffic.is_empty:

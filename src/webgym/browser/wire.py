@@ -79,6 +79,13 @@ class Frame(Wire, frozen=True):
     unreachable_url: str = ""
 
 
+class FrameAttached(Wire, frozen=True):
+    """``Page.frameAttached``."""
+
+    frame_id: str
+    parent_frame_id: str = ""
+
+
 class FrameNavigated(Wire, frozen=True):
     """``Page.frameNavigated``."""
 
@@ -201,11 +208,12 @@ class World(Wire, frozen=True):
 
 
 class RemoteObject(Wire, frozen=True):
-    """A script's result, by value."""
+    """A script's result, by value or as a handle."""
 
     type: str = ""
     value: msgspec.Raw = msgspec.Raw(b"null")
     description: str = ""
+    object_id: str = ""
 
 
 class ExceptionDetails(Wire, frozen=True):
@@ -220,6 +228,45 @@ class Evaluated(Wire, frozen=True):
 
     result: RemoteObject
     exception_details: ExceptionDetails | None = None
+
+
+class Property(Wire, frozen=True):
+    """One property of an object that there is a handle for."""
+
+    name: str
+    value: RemoteObject | None = None
+
+
+class Properties(Wire, frozen=True):
+    """``Runtime.getProperties``."""
+
+    result: tuple[Property, ...] = ()
+
+
+class ShadowRoot(Wire, frozen=True):
+    """A shadow root of a described element."""
+
+    backend_node_id: int
+    shadow_root_type: str = ""
+
+
+class Node(Wire, frozen=True):
+    """A described element; ``frame_id`` of the frame that it holds."""
+
+    frame_id: str = ""
+    shadow_roots: tuple[ShadowRoot, ...] = ()
+
+
+class Described(Wire, frozen=True):
+    """``DOM.describeNode``."""
+
+    node: Node
+
+
+class Resolved(Wire, frozen=True):
+    """``DOM.resolveNode``."""
+
+    object: RemoteObject
 
 
 class Screenshot(Wire, frozen=True):

@@ -1,74 +1,12 @@
-// Runs in the same isolated world as page.js: what the viewport shows, and marks over it.
+// What the viewport shows: elements that can be used, and text that can be read.
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.observe) return;
-  const { fold, rootOf } = webgym;
-  const MAX_NAME = 200;
+  const { fold, rootOf, frameIn, isFrame } = webgym;
+  const { roleOf, nameOf, valueOf } = webgym.roles;
+  const { intersect, middle, moved, contains, placeOf, hit, clipAround, begin } = webgym.geometry;
 
-  const numbers = new WeakMap();
-  let lastNumber = 0;
-  const numberOf = (element) => {
-    if (!numbers.has(element)) numbers.set(element, ++lastNumber);
-    return numbers.get(element);
-  };
-
-  // --- geometry -----------------------------------------------------------------------------------
-  // A place is a document together with where its viewport lies in the tab's: {document, x, y, clip}.
-
-  const intersect = (a, b) => {
-    const left = Math.max(a.left, b.left);
-    const top = Math.max(a.top, b.top);
-    const right = Math.min(a.right, b.right);
-    const bottom = Math.min(a.bottom, b.bottom);
-    return right - left >= 1 && bottom - top >= 1 ? { left, top, right, bottom } : null;
-  };
-
-  const moved = (rect, place) => ({
-    left: rect.left + place.x,
-    top: rect.top + place.y,
-    right: rect.right + place.x,
-    bottom: rect.bottom + place.y,
-  });
-
-  const isRoot = (node) => node.nodeType === Node.DOCUMENT_FRAGMENT_NODE;
-  const parentOf = (node) => node.parentNode || (isRoot(node) ? node.host : null);
-  const contains = (outer, inner) => {
-    for (let node = inner; node; node = node.assignedSlot || parentOf(node)) if (node === outer) return true;
-    return false;
-  };
-
-  // The element on top at a point of the tab, through shadow roots and frames.
-  const hit = (x, y) => {
-    let left = 0;
-    let top = 0;
-    let root = document;
-    for (;;) {
-      const element = root.elementFromPoint(x - left, y - top);
-      if (!element) return null;
-      const inner = rootOf(element);
-      if (inner && inner !== root) {
-        const deeper = inner.elementFromPoint(x - left, y - top);
-        if (deeper && deeper !== element) {
-          root = inner;
-          continue;
-        }
-        return element;
-      }
-      const frame = element.localName === 'iframe' ? element.contentDocument : null;
-      if (!frame) return element;
-      const origin = frameOrigin(element);
-      left += origin.x;
-      top += origin.y;
-      root = frame;
-    }
-  };
-
-  const frameOrigin = (frame) => {
-    const box = frame.getBoundingClientRect();
-    return { x: box.left + frame.clientLeft, y: box.top + frame.clientTop };
-  };
-
-  const middle = (box) => [(box.left + box.right) / 2, (box.top + box.bottom) / 2];
+  // --- boxes --------------------------------------------------------------------------------------
 
   // Parts of a box in the order in which a click on their middle is tried.
   const parts = (box) => {
@@ -82,6 +20,8 @@
       { left, top: y, right: x, bottom }, { left: x, top: y, right, bottom },
     ];
   };
+  const MAX_PARTS = 9;
+  const LEAST_SIDE = 2; // pixels of a part that is worth a click
 
   const isHit = (element, box) => {
     const found = hit(...middle(box));
@@ -91,152 +31,193 @@
     return Boolean(label && label.control === element);
   };
 
-  const visibleBox = (element, place) => {
-    const rects = [...element.getClientRects()]
-      .map((rect) => intersect(moved(rect, place), place.clip))
-      .filter(Boolean)
-      .sort((a, b) => (b.right - b.left) * (b.bottom - b.top) - (a.right - a.left) * (a.bottom - a.top));
-    for (const rect of rects.slice(0, 3))
-      for (const part of parts(rect))
-        if (part.right - part.left >= 2 && part.bottom - part.top >= 2 && isHit(element, part)) return part;
-    return null;
+  const areaOf = (rect) => (rect.right - rect.left) * (rect.bottom - rect.top);
+
+  // The boxes of an element; those of its children where it has none itself, as around a floated picture.
+  const rectsOf = (element, depth = 0) => {
+    const rects = [...element.getClientRects()].filter((rect) => areaOf(rect) >= 1);
+    if (rects.length || depth > 3) return rects;
+    return [...(rootOf(element) || element).children].slice(0, 8).flatMap((child) => rectsOf(child, depth + 1));
   };
 
-  // --- roles and names ----------------------------------------------------------------------------
-
-  const INPUT_ROLES = {
-    button: 'button', submit: 'button', reset: 'button', image: 'button', checkbox: 'checkbox',
-    radio: 'radio', range: 'slider', number: 'spinbutton', search: 'searchbox', file: 'button',
-    color: 'button',
-  };
-  const WIDGET_ROLES = new Set(
-    ('button link checkbox radio switch tab option menuitem menuitemcheckbox menuitemradio combobox ' +
-      'textbox searchbox slider spinbutton treeitem gridcell listbox').split(' '),
-  );
-
-  const roleOf = (element) => {
-    const explicit = (element.getAttribute('role') || '').trim().split(/\s+/)[0];
-    if (WIDGET_ROLES.has(explicit)) return explicit;
-    switch (element.localName) {
-      case 'a':
-      case 'area':
-        return element.hasAttribute('href') ? 'link' : '';
-      case 'button':
-      case 'summary':
-        return 'button';
-      case 'select':
-        return element.multiple || element.size > 1 ? 'listbox' : 'combobox';
-      case 'option':
-        return 'option';
-      case 'textarea':
-        return 'textbox';
-      case 'input':
-        if (element.type === 'hidden') return '';
-        if (INPUT_ROLES[element.type]) return INPUT_ROLES[element.type];
-        return element.list ? 'combobox' : 'textbox';
-      default:
-        break;
+  // The first parts of an element that a click reaches, `most` of them, seen from this frame.
+  const visibleParts = (element, place, most) => {
+    const found = [];
+    let around = null;
+    for (const rect of rectsOf(element).sort((a, b) => areaOf(b) - areaOf(a)).slice(0, 3)) {
+      if (!intersect(moved(rect, place.map), place.clip)) continue;
+      around = around || clipAround(element);
+      const own = intersect(rect, around);
+      const box = own && intersect(moved(own, place.map), place.clip);
+      for (const part of box ? parts(box) : [])
+        if (part.right - part.left >= LEAST_SIDE && part.bottom - part.top >= LEAST_SIDE && isHit(element, part)) {
+          found.push(part);
+          if (found.length === most) return found;
+        }
     }
-    if (element.isContentEditable && !(element.parentElement && element.parentElement.isContentEditable))
-      return 'textbox';
-    if (element.hasAttribute('onclick') || (element.hasAttribute('tabindex') && element.tabIndex >= 0))
-      return 'button';
-    return '';
+    return found;
+  };
+
+  const isOff = (element) => element.matches(':disabled') || element.getAttribute('aria-disabled') === 'true';
+
+  const isShown = (element) => element.checkVisibility({ visibilityProperty: true, opacityProperty: true });
+
+  // What is clicked instead of a control that is not seen itself: its label, or what is drawn over a box
+  // to tick.
+  const standIn = (element, place, most) => {
+    for (const label of element.labels || []) {
+      const found = isShown(label) ? visibleParts(label, place, most) : [];
+      if (found.length) return found;
+    }
+    const { parentElement: parent, type } = element;
+    const isDrawn = (type === 'checkbox' || type === 'radio') && parent && parent.childElementCount > 1;
+    return isDrawn && isShown(parent) ? visibleParts(element, place, most) : [];
   };
 
   // Something that only its cursor and its script make clickable.
   const looksClickable = (element, style) =>
     style.cursor === 'pointer' &&
     (!element.parentElement || getComputedStyle(element.parentElement).cursor !== 'pointer') &&
-    element.localName !== 'label' &&
-    element.localName !== 'html' &&
-    element.localName !== 'body';
+    !['label', 'html', 'body'].includes(element.localName);
 
-  const contentName = (node, depth = 0) => {
-    if (node.nodeType === Node.TEXT_NODE) return node.data;
-    if (node.nodeType !== Node.ELEMENT_NODE || depth > 12) return '';
-    if (node.getAttribute('aria-hidden') === 'true') return '';
-    if (node.localName === 'style' || node.localName === 'script' || node.localName === 'select') return '';
-    if (depth && !node.checkVisibility({ visibilityProperty: true })) return '';
-    const label = depth ? node.getAttribute('aria-label') : null;
-    if (label) return label;
-    if (node.localName === 'img') return node.alt;
-    if (node.localName === 'svg') return (node.querySelector('title') || {}).textContent || '';
-    const children = node.localName === 'slot' ? node.assignedNodes({ flatten: true }) : [];
-    const inner = children.length ? children : (rootOf(node) || node).childNodes;
-    const isInline = depth && getComputedStyle(node).display.startsWith('inline');
-    const text = [...inner].map((child) => contentName(child, depth + 1)).join('');
-    return isInline || !depth ? text : ` ${text} `;
-  };
-
-  const byIds = (element, ids) => {
-    const root = element.getRootNode();
-    return ids.split(/\s+/).map((id) => root.getElementById && root.getElementById(id)).filter(Boolean);
-  };
-
-  const nameOf = (element, role) => {
-    const labelled = element.getAttribute('aria-labelledby');
-    const candidates = [
-      () => (labelled ? byIds(element, labelled).map((label) => contentName(label)).join(' ') : ''),
-      () => element.getAttribute('aria-label'),
-      () => (element.labels ? [...element.labels].map((label) => contentName(label)).join(' ') : ''),
-      () => (element.localName === 'input' && role === 'button' ? element.value || element.alt : ''),
-      () => (['textbox', 'searchbox', 'combobox', 'listbox', 'spinbutton'].includes(role) ? '' : contentName(element)),
-      () => element.getAttribute('placeholder'),
-      () => element.getAttribute('title'),
-      () => element.getAttribute('alt'),
-      () => (element.localName === 'option' ? element.label : ''),
-    ];
-    for (const candidate of candidates) {
-      const name = fold(candidate());
-      if (name) return name.slice(0, MAX_NAME);
-    }
-    return '';
-  };
-
-  const valueOf = (element, role) => {
-    if (role === 'checkbox' || role === 'radio' || role === 'switch')
-      return String('checked' in element ? element.checked : element.getAttribute('aria-checked') === 'true');
-    if (element.localName === 'select')
-      return [...element.selectedOptions].map((option) => fold(option.label)).join(', ');
-    if (role === 'option') return String(element.selected || element.getAttribute('aria-selected') === 'true');
-    if (element.localName === 'textarea' || (element.localName === 'input' && role !== 'button'))
-      return element.type === 'password' ? '•'.repeat(element.value.length) : element.value;
-    return null;
-  };
-
-  const isOff = (element) =>
-    element.matches(':disabled') || element.getAttribute('aria-disabled') === 'true' || Boolean(element.closest('[inert]'));
-
-  // A box that shows nothing of a control whose label is what people click.
-  const standIn = (element, place) => {
-    for (const label of element.labels || []) {
-      const box = visibleBox(label, place);
-      if (box) return box;
-    }
-    return null;
-  };
-
-  const describe = (element, place, style, found) => {
-    const role = roleOf(element) || (looksClickable(element, style) ? 'button' : '');
+  const describe = (element, place, style, sink) => {
+    const role = roleOf(element) || (style && looksClickable(element, style) ? 'button' : '');
     if (!role || isOff(element)) return;
     if (role === 'listbox' && element.localName !== 'select') return; // its options are what one clicks
     if (role === 'option' && element.localName === 'option' && roleOf(element.closest('select')) !== 'listbox') return;
-    const isShown = element.checkVisibility({ visibilityProperty: true, opacityProperty: true });
-    const box = (isShown && visibleBox(element, place)) || standIn(element, place);
-    if (!box) return;
+    let boxes = isShown(element) || !element.getClientRects().length ? visibleParts(element, place, sink.most) : [];
+    if (!boxes.length) boxes = standIn(element, place, sink.most);
+    if (!boxes.length) return;
     const value = valueOf(element, role);
-    found.elements.push({
-      number: numberOf(element),
+    sink.addElement(element, boxes, {
       role,
       name: nameOf(element, role),
-      box: [box.left, box.top, box.right - box.left, box.bottom - box.top],
       ...(value === null ? {} : { value }),
-      ...(role === 'link' && element.href ? { href: String(element.href) } : {}),
+      ...(role === 'link' && element.href ? { href: hrefOf(element) } : {}),
     });
   };
 
+  const hrefOf = ({ href, ownerDocument }) =>
+    typeof href === 'string' ? href : new URL(href.baseVal, ownerDocument.baseURI).href;
+
   // --- text ---------------------------------------------------------------------------------------
+
+  const isCovered = (parent, rect) => {
+    const found = hit(...middle(rect));
+    return !found || !(contains(found, parent) || contains(parent, found));
+  };
+
+  const isRoot = (node) => node.nodeType === Node.DOCUMENT_FRAGMENT_NODE;
+
+  const range = document.createRange();
+  const addText = (node, place, sink) => {
+    if (!node.data.trim()) {
+      if (node.data) sink.addSpace();
+      return;
+    }
+    range.selectNodeContents(node);
+    const rects = [...range.getClientRects()]
+      .map((rect) => intersect(moved(rect, place.map), place.clip))
+      .filter(Boolean);
+    if (!rects.length) return;
+    const parent = isRoot(node.parentNode) ? node.parentNode.host : node.parentNode;
+    if (!isShown(parent)) return;
+    const shown = rects.filter((rect) => !isCovered(parent, rect));
+    if (shown.length) sink.addText(node.data, shown);
+  };
+
+  const addControl = (element, place, sink) => {
+    const box = intersect(moved(element.getBoundingClientRect(), place.map), place.clip);
+    if (!box || !isShown(element)) return;
+    const role = roleOf(element);
+    if (role === 'checkbox' || role === 'radio' || element.type === 'range' || element.type === 'color') return;
+    const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder || '';
+    if (!text || (isCovered(element, box) && !visibleParts(element, place, 1).length)) return;
+    sink.addText(` ${text} `, [box]);
+  };
+
+  // --- the walk -----------------------------------------------------------------------------------
+
+  const SKIPPED = new Set(['script', 'style', 'noscript', 'template', 'head', 'title', 'meta', 'link']);
+  const PICTURES = new Set(['svg', 'canvas', 'video', 'audio', 'embed']);
+  const IN_PICTURES = 'a, text, [role], [tabindex], [onclick]';
+  const MAX_DEPTH = 1000; // a script can nest deeper than our stack reaches
+
+  const walkPicture = (picture, place, sink) => {
+    if (sink.wantsElements) describe(picture, place, getComputedStyle(picture), sink);
+    if (picture.localName !== 'svg') return;
+    for (const element of picture.querySelectorAll(IN_PICTURES))
+      if (element.localName !== 'text') {
+        if (sink.wantsElements) describe(element, place, null, sink);
+      } else if (sink.wantsText) {
+        sink.flush();
+        for (const child of element.childNodes)
+          if (child.nodeType === Node.TEXT_NODE) addText(child, place, sink);
+          else if (child.firstChild && child.firstChild.nodeType === Node.TEXT_NODE) addText(child.firstChild, place, sink);
+        sink.flush();
+      }
+  };
+
+  const walkFrame = (frame, place, sink) => {
+    const inner = frameIn(frame);
+    const isForeign = !inner && Boolean(frame.contentWindow);
+    const within = inner || isForeign ? placeOf(frame, place) : null;
+    if (!within) return;
+    if (isForeign) sink.addFrame(frame, within);
+    else if (inner.documentElement) walk(inner.documentElement, within, sink);
+  };
+
+  const walkNodes = (nodes, place, sink, hasText) => {
+    for (const child of nodes)
+      if (child.nodeType === Node.ELEMENT_NODE) walk(child, place, sink);
+      else if (hasText && child.nodeType === Node.TEXT_NODE) addText(child, place, sink);
+  };
+
+  const walk = (element, place, sink) => {
+    if (sink.depth >= MAX_DEPTH) return;
+    sink.depth += 1;
+    walkElement(element, place, sink);
+    sink.depth -= 1;
+  };
+
+  // Most of a page is out of view: what can be told from its box alone costs no style.
+  const walkElement = (element, place, sink) => {
+    const name = element.localName;
+    if (SKIPPED.has(name)) return;
+    const rect = element.getBoundingClientRect();
+    const hasBox = rect.width > 0 && rect.height > 0;
+    const isInView = hasBox && intersect(moved(rect, place.map), place.clip) !== null;
+    let style = null;
+    const styled = () => style || (style = getComputedStyle(element));
+    if (!hasBox && styled().display === 'none') return;
+    if (PICTURES.has(name)) {
+      if (isInView) walkPicture(element, place, sink);
+      return;
+    }
+    if (sink.wantsElements && (isInView || !hasBox || element.labels))
+      describe(element, place, isInView ? styled() : null, sink);
+    const isBlock = () => !(styled().display.startsWith('inline') || style.display === 'contents');
+    if (sink.hasOpenLine && (name === 'br' || isBlock())) sink.flush();
+    walkInside(element, name, place, sink, isInView, hasBox);
+    if (sink.hasOpenLine && isBlock()) sink.flush();
+  };
+
+  const walkInside = (element, name, place, sink, isInView, hasBox) => {
+    const hasText = sink.wantsText && (isInView || !hasBox);
+    if (isFrame(element) && element.contentWindow) walkFrame(element, place, sink);
+    else if (name === 'input' || name === 'textarea' || (name === 'select' && roleOf(element) === 'combobox')) {
+      if (hasText) addControl(element, place, sink);
+    } else if (name === 'slot' && element.assignedNodes().length) {
+      walkNodes(element.assignedNodes(), place, sink, sink.wantsText);
+    } else {
+      const root = rootOf(element);
+      if (root) webgym.watch(root);
+      else if (isInView) webgym.wonderAtSize(element);
+      walkNodes((root || element).childNodes, place, sink, hasText);
+    }
+  };
+
+  // --- what a walk finds --------------------------------------------------------------------------
 
   const GAP = 1; // CSS pixels between two pieces that a reader takes for a space
 
@@ -261,180 +242,169 @@
     }
   }
 
-  const isCovered = (parent, rect) => {
-    const found = hit(...middle(rect));
-    return !found || !(contains(found, parent) || contains(parent, found));
+  const numbers = new WeakMap();
+  const foreignNumbers = new Map(); // by world and key, of elements in frames of other origins
+  let lastNumber = 0;
+  const numberOf = (key) => {
+    const known = typeof key === 'string' ? foreignNumbers : numbers;
+    if (!known.has(key)) known.set(key, ++lastNumber);
+    return known.get(key);
   };
 
-  const range = document.createRange();
-  const addText = (node, place, lines) => {
-    if (!node.data.trim()) {
-      if (node.data && lines.text) lines.text += ' ';
-      return;
+  // In the tab's own frame: what is seen is numbered and read. `frames`: what was gathered in frames of
+  // other origins, {world, items} by id; the names of those that are missing are kept.
+  class Look {
+    constructor({ text, elements }, frames) {
+      this.wantsText = Boolean(text);
+      this.wantsElements = Boolean(elements);
+      this.most = 1;
+      this.depth = 0;
+      this.lines = new Lines();
+      this.elements = [];
+      this.frames = frames;
+      this.missing = [];
+      this.isUnknown = false;
     }
-    range.selectNodeContents(node);
-    const rects = [...range.getClientRects()]
-      .map((rect) => intersect(moved(rect, place), place.clip))
-      .filter(Boolean);
-    if (!rects.length) return;
-    const parent = isRoot(node.parentNode) ? node.parentNode.host : node.parentNode;
-    if (!parent.checkVisibility({ visibilityProperty: true, opacityProperty: true })) return;
-    const shown = rects.filter((rect) => !isCovered(parent, rect));
-    if (shown.length) lines.add(node.data, shown);
-  };
-
-  const addControl = (element, place, lines) => {
-    const box = intersect(moved(element.getBoundingClientRect(), place), place.clip);
-    if (!box || !element.checkVisibility({ visibilityProperty: true, opacityProperty: true })) return;
-    if (isCovered(element, box) && !visibleBox(element, place)) return;
-    const role = roleOf(element);
-    if (role === 'checkbox' || role === 'radio' || element.type === 'range' || element.type === 'color') return;
-    const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder || '';
-    if (text) lines.add(` ${text} `, [box]);
-  };
-
-  // --- the walk -----------------------------------------------------------------------------------
-
-  const SKIPPED = new Set(['script', 'style', 'noscript', 'template', 'head', 'svg', 'canvas', 'video', 'audio', 'object']);
-
-  const walkFrame = (frame, place, found) => {
-    const inner = frame.contentDocument; // null for a frame of another origin
-    if (!inner || !inner.documentElement) return;
-    const origin = frameOrigin(frame);
-    const x = place.x + origin.x;
-    const y = place.y + origin.y;
-    const own = { left: x, top: y, right: x + frame.clientWidth, bottom: y + frame.clientHeight };
-    const clip = intersect(own, place.clip);
-    if (clip) walk(inner.documentElement, { x, y, clip }, found);
-  };
-
-  const walkChildren = (node, place, found) => {
-    for (const child of node.childNodes) {
-      if (child.nodeType === Node.ELEMENT_NODE) walk(child, place, found);
-      else if (child.nodeType === Node.TEXT_NODE && found.lines) addText(child, place, found.lines);
+    get hasOpenLine() {
+      return this.lines.text !== '';
     }
-  };
-
-  const MAX_DEPTH = 1000; // a script can nest deeper than our stack reaches
-
-  const walk = (element, place, found) => {
-    if (found.depth >= MAX_DEPTH) return;
-    found.depth += 1;
-    walkElement(element, place, found);
-    found.depth -= 1;
-  };
-
-  const walkElement = (element, place, found) => {
-    const name = element.localName;
-    if (name === 'svg' && found.elements && roleOf(element)) describe(element, place, getComputedStyle(element), found);
-    if (SKIPPED.has(name)) return;
-    const style = getComputedStyle(element);
-    if (style.display === 'none') return;
-    if (found.elements) describe(element, place, style, found);
-    const isInline = style.display.startsWith('inline') || style.display === 'contents';
-    if (found.lines && (!isInline || name === 'br')) found.lines.flush();
-    if (name === 'iframe' || name === 'frame') walkFrame(element, place, found);
-    else if (name === 'input' || name === 'textarea' || (name === 'select' && roleOf(element) === 'combobox')) {
-      if (found.lines) addControl(element, place, found.lines);
-    } else if (name === 'slot' && element.assignedNodes().length) {
-      for (const child of element.assignedNodes())
-        if (child.nodeType === Node.ELEMENT_NODE) walk(child, place, found);
-        else if (child.nodeType === Node.TEXT_NODE && found.lines) addText(child, place, found.lines);
-    } else {
-      const root = rootOf(element);
-      if (root) webgym.watch(root);
-      walkChildren(root || element, place, found);
+    addSpace() {
+      if (this.hasOpenLine) this.lines.text += ' ';
     }
-    if (found.lines && !isInline) found.lines.flush();
+    addText(text, rects) {
+      this.lines.add(text, rects);
+    }
+    flush() {
+      this.lines.flush();
+    }
+    addElement(key, [box], described) {
+      const { left, top, right, bottom } = box;
+      this.elements.push({ number: numberOf(key), ...described, box: [left, top, right - left, bottom - top] });
+    }
+    addFrame(frame, place) {
+      const id = webgym.frameId(frame);
+      if (id === null) this.isUnknown = true;
+      else if (id) this.replay(id, place, (x, y) => hit(x, y) === frame);
+    }
+    // What a frame of another origin shows, as far as what lies around it lets it.
+    replay(id, place, isOpen) {
+      const gathered = this.frames[id];
+      if (!gathered) {
+        this.missing.push(id);
+        return;
+      }
+      const seen = (rects) =>
+        rects
+          .map((rect) => intersect(moved(rect, place.map), place.clip))
+          .filter((rect) => rect && isOpen(...middle(rect)));
+      for (const [kind, ...item] of gathered.items) {
+        if (kind === 'space') this.addSpace();
+        else if (kind === 'flush') this.flush();
+        else if (kind === 'frame') this.replayWithin(item, place, isOpen);
+        else {
+          const boxes = seen(item[1]);
+          if (boxes.length && kind === 'text') this.addText(item[0], boxes);
+          else if (boxes.length) this.addElement(`${gathered.world} ${item[0]}`, boxes, item[2]);
+        }
+      }
+    }
+    replayWithin([id, map, clip, covered], place, isOpen) {
+      const inner = { map: webgym.geometry.compose(place.map, map), clip: intersect(moved(clip, place.map), place.clip) };
+      if (id === null) this.isUnknown = true;
+      else if (id && inner.clip) {
+        const inverse = webgym.geometry.invert(place.map);
+        const isBare = (x, y) => {
+          const [ownX, ownY] = webgym.geometry.apply(inverse, x, y);
+          return !covered.includes(cellOf(clip, ownX, ownY));
+        };
+        this.replay(id, inner, (x, y) => isOpen(x, y) && isBare(x, y));
+      }
+    }
+  }
+
+  // A frame within a frame of another origin: which cells of a grid over it lie under something. The frame
+  // above cannot ask for single points there.
+  const GRID = 12;
+  const cellOf = ({ left, top, right, bottom }, x, y) => {
+    const column = Math.floor(((x - left) / (right - left)) * GRID);
+    const row = Math.floor(((y - top) / (bottom - top)) * GRID);
+    return row * GRID + column;
+  };
+  const coveredCells = (frame, { left, top, right, bottom }) => {
+    const covered = [];
+    for (let cell = 0; cell < GRID * GRID; cell++) {
+      const x = left + (((cell % GRID) + 0.5) / GRID) * (right - left);
+      const y = top + ((Math.floor(cell / GRID) + 0.5) / GRID) * (bottom - top);
+      if (hit(x, y) !== frame) covered.push(cell);
+    }
+    return covered;
+  };
+
+  // In a frame of another origin: what is seen is written down, for the tab's own frame to go over.
+  class Gathering extends Look {
+    constructor(wanted) {
+      super(wanted, {});
+      this.items = [];
+      this.most = MAX_PARTS;
+      this.hasText = false;
+    }
+    get hasOpenLine() {
+      return this.hasText;
+    }
+    addSpace() {
+      if (this.hasText) this.items.push(['space']);
+    }
+    addText(text, rects) {
+      this.items.push(['text', text, rects]);
+      this.hasText = true;
+    }
+    flush() {
+      if (this.hasText) this.items.push(['flush']);
+      this.hasText = false;
+    }
+    addElement(element, boxes, described) {
+      this.items.push(['element', numberOf(element), boxes, described]);
+    }
+    addFrame(frame, { map, clip }) {
+      this.items.push(['frame', webgym.frameId(frame), map, clip, coveredCells(frame, clip)]);
+    }
+  }
+
+  const walkAll = (sink) => {
+    begin();
+    const clip = { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
+    if (document.documentElement) walk(document.documentElement, { map: null, clip }, sink);
+    sink.flush();
+  };
+
+  // {text, elements}: what is wanted. Gives what a `Look` of the frame above can go over.
+  webgym.gather = (wanted) => {
+    webgym.attach();
+    const gathering = new Gathering(wanted);
+    walkAll(gathering);
+    return gathering.items;
   };
 
   // {text, elements, marks}: what is wanted; marks are drawn over the elements until `unmark`.
-  webgym.observe = ({ text, elements, marks: isMarked }) => {
+  webgym.observe = (wanted, frames) => {
     webgym.attach();
     const page = document.scrollingElement || document.documentElement;
-    const look = {
+    const seen = {
       title: document.title,
       scroll: [scrollY, page ? page.scrollHeight : innerHeight],
-      viewport: [innerWidth, innerHeight],
     };
-    if (!text && !elements) return look;
-    const clip = { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
-    const found = { elements: elements ? [] : null, lines: text ? new Lines() : null, depth: 0 };
-    if (document.documentElement) walk(document.documentElement, { x: 0, y: 0, clip }, found);
-    if (found.lines) found.lines.flush();
-    if (isMarked && document.documentElement) webgym.mark(found.elements);
+    if (!wanted.text && !wanted.elements) return { ...seen, ...webgym.reach() };
+    const look = new Look(wanted, frames);
+    walkAll(look);
+    const reach = webgym.reach();
+    if (wanted.marks && document.documentElement) webgym.mark(look.elements);
     return {
-      ...look,
-      ...(found.lines ? { text: found.lines.lines.join('\n') } : {}),
-      ...(found.elements ? { elements: found.elements } : {}),
+      ...seen,
+      frames: reach.frames,
+      missing: look.missing,
+      unknown: reach.unknown || look.isUnknown,
+      ...(look.wantsText ? { text: look.lines.lines.join('\n') } : {}),
+      ...(look.wantsElements ? { elements: look.elements } : {}),
     };
-  };
-
-  // --- marks --------------------------------------------------------------------------------------
-
-  const COLOURS = ['#c62828', '#1565c0', '#2e7d32', '#6a1b9a', '#ad1457', '#00695c', '#4527a0', '#bf360c'];
-  const BORDER = 2; // around the element, so that nothing of it is hidden
-  const MARK_STYLE = `
-    :host { all: initial; }
-    .box { position: fixed; box-sizing: border-box; border: ${BORDER}px solid; border-radius: 3px; }
-    .label { position: fixed; font: 700 12px/15px ui-sans-serif, system-ui, Arial, sans-serif; color: #fff;
-      padding: 0 3px; border-radius: 2px; white-space: nowrap; box-shadow: 0 0 0 1px #fff; }`;
-  const LABEL_HEIGHT = 15;
-  let marks = null;
-
-  const common = (a, b) =>
-    Math.max(0, Math.min(a.right, b.right) - Math.max(a.left, b.left)) *
-    Math.max(0, Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top));
-
-  // Above the box where there is room, else at one of its corners: where it hides least of the other
-  // elements, and no other label.
-  const labelPlace = (box, width, labels, boxes) => {
-    const [x, y, w, h] = box;
-    const spots = [[x, y - LABEL_HEIGHT], [x + w - width, y - LABEL_HEIGHT], [x + w, y], [x - width, y],
-      [x + w - width, y], [x, y], [x + w - width, y + h - LABEL_HEIGHT], [x, y + h]];
-    let best = null;
-    for (const [left, top] of spots) {
-      const l = Math.max(0, Math.min(left, innerWidth - width));
-      const t = Math.max(0, Math.min(top, innerHeight - LABEL_HEIGHT));
-      const rect = { left: l, top: t, right: l + width, bottom: t + LABEL_HEIGHT };
-      let cost = 0;
-      for (const label of labels) cost += 10 * common(rect, label);
-      for (const other of boxes) cost += common(rect, other);
-      if (!best || cost < best.cost) best = { rect, cost };
-      if (!cost) break;
-    }
-    labels.push(best.rect);
-    return best.rect;
-  };
-
-  webgym.mark = (elements) => {
-    webgym.unmark();
-    const parent = document.querySelector('dialog[open]') || document.documentElement;
-    const { host, root } = webgym.overlay(parent, MARK_STYLE);
-    const labels = [];
-    const boxes = elements.map(({ box: [x, y, w, h] }) => ({ left: x, top: y, right: x + w, bottom: y + h }));
-    for (const { number, box } of elements) {
-      const colour = COLOURS[number % COLOURS.length];
-      const frame = webgym.make(document, 'div');
-      frame.className = 'box';
-      const [x, y, w, h] = [box[0] - BORDER, box[1] - BORDER, box[2] + 2 * BORDER, box[3] + 2 * BORDER];
-      const [left, top] = [Math.max(0, x), Math.max(0, y)];
-      const [right, bottom] = [Math.min(innerWidth, x + w), Math.min(innerHeight, y + h)];
-      frame.style.cssText =
-        `left:${left}px;top:${top}px;width:${right - left}px;height:${bottom - top}px;border-color:${colour}`;
-      const label = webgym.make(document, 'div');
-      label.className = 'label';
-      label.textContent = number;
-      const width = 6 + 7 * String(number).length;
-      const place = labelPlace(box, width, labels, boxes);
-      label.style.cssText = `left:${place.left}px;top:${place.top}px;background:${colour}`;
-      root.append(frame, label);
-    }
-    marks = host;
-  };
-
-  webgym.unmark = () => {
-    if (marks) marks.remove();
-    marks = null;
   };
 })();

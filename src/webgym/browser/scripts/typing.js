@@ -1,0 +1,161 @@
+// How a field is readied for text.
+(() => {
+  const webgym = globalThis.webgym;
+  if (webgym.prepareTyping) return;
+  const { fold, rootOf, frameIn, isFrame } = webgym;
+
+  // What has the focus, through shadow roots and frames.
+  const focused = () => {
+    let element = document.activeElement;
+    for (;;) {
+      if (!element) return null;
+      const inner = rootOf(element) || frameIn(element);
+      if (!inner || !inner.activeElement) return element;
+      element = inner.activeElement;
+    }
+  };
+
+  const VALUE_TYPES = ['date', 'time', 'month', 'week', 'datetime-local', 'color', 'range'];
+  const NO_TEXT = ['button', 'submit', 'reset', 'image', 'checkbox', 'radio', 'file', 'hidden'];
+  const SHAPES = {
+    date: 'YYYY-MM-DD', time: 'HH:MM', month: 'YYYY-MM', week: 'YYYY-Www',
+    'datetime-local': 'YYYY-MM-DDTHH:MM', color: '#rrggbb', range: 'a number',
+  };
+
+  const pad = (number, width = 2) => String(number).padStart(width, '0');
+  const asValue = (type, text) => {
+    const plain = text.trim();
+    if (type === 'datetime-local') return plain.replace(/\s+/, 'T');
+    if (type === 'time') {
+      const match = plain.match(/^(\d{1,2}):(\d{2})(:\d{2})?\s*([ap])?\.?m?\.?$/i);
+      if (!match) return plain;
+      const half = (match[4] || '').toLowerCase();
+      const hour = half ? (Number(match[1]) % 12) + (half === 'p' ? 12 : 0) : Number(match[1]);
+      return `${pad(hour)}:${match[2]}`;
+    }
+    if ((type !== 'date' && type !== 'month') || /^\d{4}-\d{2}(-\d{2})?$/.test(plain)) return plain;
+    const day = new Date(plain);
+    if (Number.isNaN(day.getTime())) return plain;
+    const month = `${pad(day.getFullYear(), 4)}-${pad(day.getMonth() + 1)}`;
+    return type === 'month' ? month : `${month}-${pad(day.getDate())}`;
+  };
+
+  const setValue = (input, text) => {
+    const before = input.value;
+    input.value = asValue(input.type, text);
+    if (text.trim() && !input.value) {
+      input.value = before;
+      return { kind: 'refused', why: `a ${input.type} field does not take "${text}"; write ${SHAPES[input.type]}` };
+    }
+    input.dispatchEvent(new Event('input', { bubbles: true, composed: true }));
+    input.dispatchEvent(new Event('change', { bubbles: true }));
+    return { kind: 'set' };
+  };
+
+  // --- dropdowns and lists ------------------------------------------------------------------------
+
+  const find = (options, text) => {
+    const wanted = fold(text).toLowerCase();
+    const label = (option) => fold(option.label).toLowerCase();
+    return (
+      options.find((option) => label(option) === wanted) ||
+      options.find((option) => option.value.toLowerCase() === wanted) ||
+      (wanted && options.find((option) => label(option).startsWith(wanted))) ||
+      (wanted && options.find((option) => label(option).includes(wanted)))
+    );
+  };
+
+  const refuseChoice = (options, text) => {
+    const names = options.slice(0, 12).map((option) => `"${fold(option.label)}"`).join(', ');
+    return { kind: 'refused', why: `the list has no option "${text}"; it has ${names}` };
+  };
+
+  // Several may be chosen: their names, one by one, between commas or on lines of their own.
+  const chooseSeveral = (select, options, text) => {
+    const whole = find(options, text);
+    const wanted = whole ? [text] : text.split(/[,;\n]/).filter((part) => part.trim());
+    const found = [];
+    for (const part of wanted) {
+      const option = find(options, part);
+      if (!option) return refuseChoice(options, part.trim());
+      found.push(option);
+    }
+    if (options.some((option) => option.selected !== found.includes(option))) {
+      for (const option of options) option.selected = found.includes(option);
+      webgym.tellChoice(select);
+    }
+    return { kind: 'chosen' };
+  };
+
+  const choose = (select, text) => {
+    webgym.closeList();
+    const options = [...select.options].filter(webgym.isOffered);
+    if (select.multiple) return chooseSeveral(select, options, text);
+    const found = find(options, text);
+    if (!found) return refuseChoice(options, text);
+    webgym.pick(select, found);
+    return { kind: 'chosen' };
+  };
+
+  // --- text ---------------------------------------------------------------------------------------
+
+  const selectAll = (element) => {
+    if (element.isContentEditable) {
+      const range = element.ownerDocument.createRange();
+      range.selectNodeContents(element);
+      const selection = element.ownerDocument.getSelection();
+      selection.removeAllRanges();
+      selection.addRange(range);
+      return element.textContent !== '';
+    }
+    element.select();
+    return element.value !== '';
+  };
+
+  // The Enter that ends the typing is a key press that a page may act on; the line break that the browser
+  // itself would make of it in a field of several lines is no part of the text.
+  let unbroken = null;
+  const onBeforeInput = (event) => {
+    if (event.composedPath()[0] !== unbroken && event.target !== unbroken) return;
+    if (event.inputType === 'insertLineBreak' || event.inputType === 'insertParagraph') event.preventDefault();
+  };
+  const onKeyUp = (event) => {
+    if (event.key === 'Enter') unbroken = null;
+  };
+  webgym.listen(['beforeinput', onBeforeInput, true], ['keyup', onKeyUp, true]);
+
+  // What takes keys although it is no field: a board, a terminal, a canvas.
+  const PRESSED = new Set(['a', 'button', 'input', 'summary', 'video', 'audio', 'area', 'body', 'html']);
+  const WIDGETS = /^(button|link|checkbox|radio|switch|tab|option|menuitem.*|treeitem)$/;
+  const takesKeys = (element) =>
+    !PRESSED.has(element.localName) && !isFrame(element) && element.hasAttribute('tabindex') &&
+    !WIDGETS.test(element.getAttribute('role') || '');
+
+  // Numbers, codes and masks look at every key.
+  const isKeyed = (input) =>
+    input.type === 'tel' || (input.maxLength > 0 && input.maxLength <= 4) ||
+    ['numeric', 'tel', 'decimal'].includes(input.inputMode) ||
+    /^(one-time-code|cc-|tel|bday)/.test(input.autocomplete || '') ||
+    ['onkeydown', 'onkeypress', 'onkeyup'].some((name) => input.hasAttribute(name));
+
+  // Readies the focused field for `text`. {kind}: "text" (its content is selected; `filled` says whether
+  // there is any; `keyed`, whether it looks at every key), "set" and "chosen" (done here), "keys" (no field,
+  // but it listens), "frame" (the focus is in this frame of another origin), "refused" (why), "none".
+  webgym.prepareTyping = (text) => {
+    const element = focused();
+    if (!element) return { kind: 'none' };
+    if (isFrame(element)) return { kind: 'frame', frame: webgym.frameId(element) };
+    if (element.localName === 'select')
+      return element.matches(':disabled') ? { kind: 'none' } : choose(element, text);
+    const isInput = element.localName === 'input';
+    if (isInput && element.type === 'file') return { kind: 'refused', why: 'files cannot be uploaded' };
+    if (element.disabled || element.readOnly) return { kind: 'refused', why: 'the field cannot be changed' };
+    if (isInput && VALUE_TYPES.includes(element.type)) return setValue(element, text);
+    const lines = element.isContentEditable || element.localName === 'textarea';
+    if (lines || (isInput && !NO_TEXT.includes(element.type))) {
+      if (lines) unbroken = element;
+      return { kind: 'text', filled: selectAll(element), keyed: isKeyed(element) };
+    }
+    return { kind: takesKeys(element) ? 'keys' : 'none', wondered: webgym.wonder(element) };
+  };
+})();

@@ -1,0 +1,70 @@
+// Where the wheel turns.
+(() => {
+  const webgym = globalThis.webgym;
+  if (webgym.wheel) return;
+  const { state, rootOf } = webgym;
+  const { intersect, middle, parentOf, hit, begin } = webgym.geometry;
+
+  const LEAST_SHARE = 0.03; // of the viewport: smaller boxes are not what one scrolls for
+
+  const isScroller = (element) => {
+    if (element.scrollHeight - element.clientHeight <= 1) return false;
+    const owner = element.ownerDocument;
+    const { overflowY } = getComputedStyle(element);
+    if (element !== owner.scrollingElement) return overflowY === 'auto' || overflowY === 'scroll';
+    const outer = overflowY === 'visible' && owner.body ? getComputedStyle(owner.body).overflowY : overflowY;
+    return outer !== 'hidden' && outer !== 'clip';
+  };
+
+  const hasRoom = (element, direction) =>
+    direction < 0 ? element.scrollTop > 0 : element.scrollTop + element.clientHeight < element.scrollHeight - 1;
+
+  // Whether something around an element scrolls, in its own frame and those above.
+  const isInScroller = (element) => {
+    for (let node = element; node; ) {
+      if (isScroller(node)) return true;
+      const { defaultView, documentElement } = node.ownerDocument;
+      node = parentOf(node) || (defaultView !== window && node === documentElement ? defaultView.frameElement : null);
+    }
+    return false;
+  };
+
+  const scrollers = (root, direction, found) => {
+    for (const element of root.querySelectorAll('*')) {
+      if (isScroller(element) && hasRoom(element, direction)) found.push(element);
+      if (rootOf(element)) scrollers(rootOf(element), direction, found);
+    }
+    return found;
+  };
+
+  const boxOf = (element, view) => {
+    const box = intersect(element.getBoundingClientRect(), view);
+    const found = box && hit(...middle(box));
+    for (let node = found; node; node = parentOf(node)) if (node === element) return box;
+    return null;
+  };
+
+  const overList = ({ list }) => ({ point: middle(list.getBoundingClientRect()), height: list.clientHeight });
+
+  // {wheel}: {point, height} over an open list, or null.
+  webgym.listWheel = () => ({ wheel: state.list && overList(state.list) });
+
+  // {point, height}: over an open list; else over the middle of the viewport; where nothing there scrolls
+  // at all, over the largest box that does. `height`: of what a part of is to be scrolled.
+  webgym.wheel = (direction) => {
+    const view = { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
+    if (state.list) return overList(state.list);
+    begin();
+    const found = hit(...middle(view));
+    let point = middle(view);
+    if (found && !webgym.isFrame(found) && !isInScroller(found)) {
+      const area = ({ left, top, right, bottom }) => (right - left) * (bottom - top);
+      const boxes = scrollers(document, direction, [])
+        .map((element) => boxOf(element, view))
+        .filter((box) => box && area(box) >= LEAST_SHARE * area(view))
+        .sort((a, b) => area(b) - area(a));
+      if (boxes.length) point = middle(boxes[0]);
+    }
+    return { point, height: innerHeight };
+  };
+})();

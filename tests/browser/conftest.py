@@ -36,6 +36,10 @@ class Site:
     def url(self, path: str = "/") -> str:
         return f"http://127.0.0.1:{self.port}{path}"
 
+    def elsewhere(self, url: str, host: str = "a") -> str:
+        """The same page at another origin."""
+        return url.replace(self.url(""), f"http://{host}.elsewhere.test")
+
     def page(self, body: str, path: str | None = None, *, status: int = 200) -> str:
         """Serve this HTML; its URL."""
         self._count += 1
@@ -101,9 +105,10 @@ def site(module_site: Site) -> Site:
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
-async def egress() -> AsyncIterator[Egress]:
-    """A way out that leads to this machine, where the small website is."""
-    async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress:
+async def egress(module_site: Site) -> AsyncIterator[Egress]:
+    """A way out that leads to this machine, where the small website is, under other names as well."""
+    elsewhere = f"*.elsewhere.test=127.0.0.1:{module_site.port}"
+    async with Egress(EgressConfig(allow=("127.0.0.1", elsewhere))) as egress:
         yield egress
 
 

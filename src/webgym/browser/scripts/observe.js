@@ -62,16 +62,20 @@
 
   const isShown = (element) => element.checkVisibility({ visibilityProperty: true, opacityProperty: true });
 
+  // Controls that pages hide to draw their own.
+  const isTick = (element) => element.localName === 'input' && (element.type === 'checkbox' || element.type === 'radio');
+
   // What is clicked instead of a control that is not seen itself: its label, or what is drawn over a box
   // to tick.
   const standIn = (element, place, most) => {
+    if (element.localName !== 'input') return [];
     for (const label of element.labels || []) {
       const found = isShown(label) ? visibleParts(label, place, most) : [];
       if (found.length) return found;
     }
-    const { parentElement: parent, type } = element;
-    const isDrawn = (type === 'checkbox' || type === 'radio') && parent && parent.childElementCount > 1;
-    return isDrawn && isShown(parent) ? visibleParts(element, place, most) : [];
+    const parent = element.parentElement;
+    const isDrawn = isTick(element) && parent && parent.childElementCount > 1 && isShown(parent);
+    return isDrawn ? visibleParts(element, place, most) : [];
   };
 
   // Something that only its cursor and its script make clickable.
@@ -163,14 +167,20 @@
     const isForeign = !inner && Boolean(frame.contentWindow);
     const within = inner || isForeign ? placeOf(frame, place) : null;
     if (!within) return;
+    sink.flush();
     if (isForeign) sink.addFrame(frame, within);
     else if (inner.documentElement) walk(inner.documentElement, within, sink);
+    sink.flush();
   };
 
-  const walkNodes = (nodes, place, sink, hasText) => {
+  const walkNodes = (nodes, place, sink) => {
     for (const child of nodes)
       if (child.nodeType === Node.ELEMENT_NODE) walk(child, place, sink);
-      else if (hasText && child.nodeType === Node.TEXT_NODE) addText(child, place, sink);
+      else if (sink.wantsText && child.nodeType === Node.TEXT_NODE) addText(child, place, sink);
+  };
+
+  const walkElements = (parent, place, sink) => {
+    for (let child = parent.firstElementChild; child; child = child.nextElementSibling) walk(child, place, sink);
   };
 
   const walk = (element, place, sink) => {
@@ -180,13 +190,15 @@
     sink.depth -= 1;
   };
 
+  const touches = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
+
   // Most of a page is out of view: what can be told from its box alone costs no style.
   const walkElement = (element, place, sink) => {
     const name = element.localName;
     if (SKIPPED.has(name)) return;
     const rect = element.getBoundingClientRect();
     const hasBox = rect.width > 0 && rect.height > 0;
-    const isInView = hasBox && intersect(moved(rect, place.map), place.clip) !== null;
+    const isInView = hasBox && touches(moved(rect, place.map), place.clip);
     let style = null;
     const styled = () => style || (style = getComputedStyle(element));
     if (!hasBox && styled().display === 'none') return;
@@ -194,7 +206,7 @@
       if (isInView) walkPicture(element, place, sink);
       return;
     }
-    if (sink.wantsElements && (isInView || !hasBox || element.labels))
+    if (sink.wantsElements && (isInView || !hasBox || isTick(element)))
       describe(element, place, isInView ? styled() : null, sink);
     const isBlock = () => !(styled().display.startsWith('inline') || style.display === 'contents');
     if (sink.hasOpenLine && (name === 'br' || isBlock())) sink.flush();
@@ -208,12 +220,13 @@
     else if (name === 'input' || name === 'textarea' || (name === 'select' && roleOf(element) === 'combobox')) {
       if (hasText) addControl(element, place, sink);
     } else if (name === 'slot' && element.assignedNodes().length) {
-      walkNodes(element.assignedNodes(), place, sink, sink.wantsText);
+      walkNodes(element.assignedNodes(), place, sink);
     } else {
       const root = rootOf(element);
       if (root) webgym.watch(root);
       else if (isInView) webgym.wonderAtSize(element);
-      walkNodes((root || element).childNodes, place, sink, hasText);
+      if (hasText) walkNodes((root || element).childNodes, place, sink);
+      else walkElements(root || element, place, sink);
     }
   };
 

@@ -122,6 +122,10 @@ async def test_all_killed_at_once_the_next_one_clears_up(site: Site, tmp_path: P
     async with BrowserClient(url, token=token, limits=quick()) as client:
         session = await client.open()
         await session.navigate(site.url())
+        # Stopped processes hear of nothing by themselves; that they end all the same is the point.
+        async with asyncio.timeout(10):
+            while {one.status() for one in browsers(tmp_path)} != {psutil.STATUS_STOPPED}:
+                await asyncio.sleep(0.05)
         workers = psutil.Process(process.pid).children()
         for each in (psutil.Process(process.pid), *workers):
             each.suspend()  # so that none does anything about the end of another

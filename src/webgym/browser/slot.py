@@ -50,6 +50,9 @@ _NOTICE_OF: dict[type[PageError], NoticeKind] = {
     ActionFailed: "action_failed",
 }
 
+_CALM = ("unchanged", "quiet")
+"""Reasons to call a page settled after which it has nothing to do."""
+
 _PAGES_ONLY = [{"type": "page", "exclude": False}, {"exclude": True}]
 
 
@@ -85,6 +88,7 @@ class Slot:
         self._page: Page | None = None
         self._is_open = False
         self._frozen_at: float | None = None
+        self._freezing: asyncio.TimerHandle | None = None
         self._attached: asyncio.Future[AttachedToTarget] | None = None
         self._episodes = 0
         self._milliseconds: dict[str, float] = {}
@@ -122,7 +126,7 @@ class Slot:
 
     @contextlib.contextmanager
     def awake(self) -> Iterator[None]:
-        """Let the slot's processes run for the block; they are stopped after it.
+        """Let the slot's processes run for the block; they are stopped after it, a quiet page a little later.
 
         For whoever holds many slots: every other method may be called outside of it only if no such block
         was left before. With ``freeze`` off it does nothing.
@@ -131,14 +135,26 @@ class Slot:
         try:
             yield
         finally:
-            self._freeze()
+            if self.config.freeze:
+                if self._settled in _CALM:
+                    loop = asyncio.get_running_loop()
+                    self._freezing = loop.call_later(self.config.freeze_after_seconds, self._freeze)
+                else:
+                    self._freeze()
+
+    @property
+    def is_frozen(self) -> bool:
+        """Whether its processes are stopped."""
+        return self._frozen_at is not None
 
     def _freeze(self) -> None:
-        if self.config.freeze and self._process is not None and self._process.is_alive:
+        if self.is_up and self._process is not None:
             self._process.freeze()
             self._frozen_at = asyncio.get_running_loop().time()
 
     def _thaw(self) -> None:
+        if self._freezing is not None:
+            self._freezing.cancel()
         frozen_at, self._frozen_at = self._frozen_at, None
         if frozen_at is None or self._process is None:
             return
@@ -175,6 +191,8 @@ class Slot:
         process, self._process = self._process, None
         page, self._page = self._page, None
         self._is_open, self._frozen_at = False, None
+        if self._freezing is not None:
+            self._freezing.cancel()
         if page is not None:
             await page.close()
         if process is not None:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import typer
+
+from webgym.core.errors import ConfigError
 
 app = typer.Typer(no_args_is_help=True, help="Measure this machine: figures of one run, as ratios.")
 
@@ -10,3 +14,66 @@ app = typer.Typer(no_args_is_help=True, help="Measure this machine: figures of o
 @app.callback()
 def _bench() -> None:
     pass
+
+
+@app.command()
+def server(
+    only: list[str] = typer.Option(
+        [], "--only", help="ceiling, costs, thinking, burst or density. May be repeated.", show_default="all"
+    ),
+    sessions: int = typer.Option(32, "--sessions", min=1, help="Sessions against the ceiling."),
+    rounds: int = typer.Option(5, "--rounds", min=1, help="Rounds of the bare loop and the server, in turn."),
+    seconds: float = typer.Option(6.0, "--seconds", min=0.1, help="Length of a round."),
+    thinkers: int = typer.Option(64, "--thinkers", min=1, help="Sessions that think between steps."),
+    think: float = typer.Option(5.0, "--think", min=0.1, help="Seconds of thinking per step."),
+    thinking: float = typer.Option(45.0, "--thinking", min=0.1, help="Seconds that they are watched for."),
+    dense: int = typer.Option(200, "--dense", min=2, help="Live sessions of the density run."),
+    calls: int = typer.Option(48, "--calls", min=1, help="Calls per operation, for its CPU time."),
+    burst: int = typer.Option(
+        48, "--burst", min=2, help="Navigations at once, with screenshots behind them."
+    ),
+    browser: Path | None = typer.Option(None, "--browser", help="Chromium to run.", show_default="found"),
+    json: Path | None = typer.Option(None, "--json", help="Write all figures here."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+) -> None:
+    """The browser server against Chromium's own ceiling, frozen and not, and how many sessions fit.
+
+    Starts its own servers and pages; needs nothing else. About ten minutes in full on two cores.
+    """
+    import logging
+
+    import msgspec
+    import uvloop
+    from rich.console import Console
+
+    from webgym.bench.server import PARTS, BenchPlan, measure
+    from webgym.bench.tables import markdown, server_tables, show
+
+    logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
+    unknown = [part for part in only if part not in PARTS]
+    if unknown:
+        raise ConfigError(f"there is no part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+    plan = BenchPlan(
+        sessions=sessions,
+        rounds=rounds,
+        round_seconds=seconds,
+        thinkers=thinkers,
+        think_seconds=think,
+        thinking_seconds=thinking,
+        dense=dense,
+        calls=calls,
+        burst=burst,
+    )
+    said = Console(stderr=True)
+    figures = uvloop.run(
+        measure(plan, only or PARTS, browser, lambda line: said.print(line, style="dim", highlight=False))
+    )
+    if json is not None:
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
+    out = Console()
+    title = f"Chromium {figures.browser}, {figures.processors} processors"
+    if as_markdown:
+        print(f"{title}\n\n{markdown(server_tables(figures))}", end="")
+    else:
+        out.print(title, highlight=False)
+        show(server_tables(figures), out)

@@ -1,0 +1,113 @@
+"""The ceiling: nothing but Chromium and its protocol, many contexts in one browser.
+
+A step is an input event, a fixed pause for the page to react, and a picture. No lease, no HTTP, no
+observation, no waiting for the page to be quiet; everything shares one browser, and nothing is isolated.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from webgym.browser import BrowserConfig, Egress, ProfileRoot
+from webgym.browser.cdp import CommandFailed, Session
+from webgym.browser.process import BrowserProcess, launch_sandboxed
+from webgym.browser.wire import BrowserContext, CreatedTarget, Nothing, Screenshot, Wire
+
+PAUSE_SECONDS = 0.05
+_CALL_SECONDS = 60.0
+_WIDTH, _HEIGHT = 1280, 768
+
+
+class _Attached(Wire, frozen=True):
+    session_id: str
+
+
+class BareTab:
+    """A tab in a context of its own."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+
+    async def _do(self, method: str, **params: object) -> None:
+        await self._session.do(method, params, seconds=_CALL_SECONDS)
+
+    async def open(self, url: str) -> None:
+        """Go to a page and wait for its load event."""
+        loaded = asyncio.Event()
+        forget = self._session.on("Page.loadEventFired", Nothing, lambda _: loaded.set())
+        await self._do("Page.navigate", url=url)
+        await loaded.wait()
+        forget()
+
+    async def step(self, number: int) -> bytes:
+        """Click or scroll in turn, pause, and take a picture (PNG, lossless, fast)."""
+        if number % 2:
+            await self._do(
+                "Input.dispatchMouseEvent", type="mousePressed", x=40, y=400, button="left", clickCount=1
+            )
+            await self._do(
+                "Input.dispatchMouseEvent", type="mouseReleased", x=40, y=400, button="left", clickCount=1
+            )
+        else:
+            down = 576 if number % 4 else -576
+            await self._do("Input.dispatchMouseEvent", type="mouseWheel", x=640, y=384, deltaX=0, deltaY=down)
+        await asyncio.sleep(PAUSE_SECONDS)
+        return await self._picture()
+
+    async def _picture(self) -> bytes:
+        params = {"format": "png", "optimizeForSpeed": True}
+        while True:
+            try:
+                shot = await self._session.call(
+                    "Page.captureScreenshot", params, reply=Screenshot, seconds=_CALL_SECONDS
+                )
+            except CommandFailed:
+                continue  # another tab comes or goes in this moment
+            return shot.data
+
+
+class BareBrowser:
+    """One browser with many tabs. Stopped while others are measured."""
+
+    def __init__(self, process: BrowserProcess, tabs: list[BareTab]) -> None:
+        self.process = process
+        self.tabs = tabs
+
+
+async def _tab(process: BrowserProcess) -> BareTab:
+    connection = process.connection
+    context = await connection.call(
+        "Target.createBrowserContext", reply=BrowserContext, seconds=_CALL_SECONDS
+    )
+    wanted = {
+        "url": "about:blank",
+        "browserContextId": context.browser_context_id,
+        "width": _WIDTH,
+        "height": _HEIGHT,
+    }
+    target = await connection.call("Target.createTarget", wanted, reply=CreatedTarget, seconds=_CALL_SECONDS)
+    attach = {"targetId": target.target_id, "flatten": True}
+    attached = await connection.call("Target.attachToTarget", attach, reply=_Attached, seconds=_CALL_SECONDS)
+    session = Session(connection, attached.session_id)
+    size = {"width": _WIDTH, "height": _HEIGHT, "deviceScaleFactor": 1, "mobile": False}
+    await session.do("Page.enable", seconds=_CALL_SECONDS)
+    await session.do("Emulation.setDeviceMetricsOverride", size, seconds=_CALL_SECONDS)
+    return BareTab(session)
+
+
+@asynccontextmanager
+async def bare_browser(executable: Path, tabs: int, config: BrowserConfig) -> AsyncIterator[BareBrowser]:
+    """One browser with so many tabs, for the length of the block."""
+    egress = Egress(config.egress)
+    await egress.start()
+    try:
+        process, _ = await launch_sandboxed(config, executable, ProfileRoot(), None, egress)
+        try:
+            yield BareBrowser(process, [await _tab(process) for _ in range(tabs)])
+        finally:
+            await process.kill()
+    finally:
+        await egress.stop()

@@ -1,0 +1,170 @@
+"""Figures as tables: in a terminal, and in Markdown for a document."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import msgspec
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from webgym.bench.server import Burst, Ceiling, Cost, Density, Paced, ServerFigures, Thinking, quantile
+from webgym.bench.usage import MEGABYTE
+
+_KINDS = {name: name for name in ("client", "server", "browser", "renderer")} | {"gpu-process": "gpu"}
+"""Columns by kind of process; the others are small and counted in the sum alone."""
+
+
+class Table(msgspec.Struct, frozen=True):
+    """A table of text; the first column is a name, the others are figures."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: Sequence[tuple[str, ...]]
+
+
+def show(tables: Iterable[Table], console: Console) -> None:
+    """Print tables to a terminal."""
+    for table in tables:
+        rich = RichTable(title=table.title, title_justify="left", title_style="bold")
+        for index, column in enumerate(table.columns):
+            rich.add_column(column, justify="right" if index else "left")
+        for row in table.rows:
+            rich.add_row(*row)
+        console.print(rich)
+
+
+def markdown(tables: Iterable[Table]) -> str:
+    """The same for a document."""
+    parts = []
+    for table in tables:
+        rules = ["---", *("---:" for _ in table.columns[1:])]
+        lines = [table.columns, tuple(rules), *table.rows]
+        parts.append("\n".join([f"**{table.title}**", "", *(f"| {' | '.join(line)} |" for line in lines)]))
+    return "\n\n".join(parts) + "\n"
+
+
+def server_tables(figures: ServerFigures) -> Iterator[Table]:
+    """What ``webgym bench server`` found."""
+    if figures.ceiling:
+        yield _ceiling(figures.ceiling, figures.plan.sessions)
+        yield _per_step(figures.ceiling)
+    if figures.costs:
+        yield _costs(figures.costs)
+    if figures.thinking:
+        yield _thinking(figures.thinking)
+    if figures.burst:
+        yield _burst(figures.burst)
+    if figures.density:
+        yield _density(figures.density)
+
+
+def _spread(values: Sequence[float], digits: int = 1) -> str:
+    middle = quantile(values, 0.5)
+    return f"{middle:.{digits}f} ({min(values):.{digits}f}-{max(values):.{digits}f})"
+
+
+def _ms(seconds: float) -> str:
+    return f"{seconds * 1000:.0f}"
+
+
+def _latencies(runs: Sequence[Paced]) -> list[float]:
+    return [latency for run in runs for latency in run.latencies]
+
+
+def _ceiling(found: list[Ceiling], sessions: int) -> Table:
+    return Table(
+        f"Against the ceiling: {sessions} sessions, steps per second, median (lowest-highest) of rounds",
+        ("pages", "bare CDP loop", "server", "ratio", "step p50 / p95, ms"),
+        [
+            (
+                one.page,
+                _spread([run.rate for run in one.bare]),
+                _spread([run.rate for run in one.server]),
+                _spread(one.ratios, 2),
+                _p50_p95(_latencies(one.server)),
+            )
+            for one in found
+        ],
+    )
+
+
+def _p50_p95(seconds: Sequence[float]) -> str:
+    return f"{_ms(quantile(seconds, 0.5))} / {_ms(quantile(seconds, 0.95))}"
+
+
+def _per_step(found: list[Ceiling]) -> Table:
+    rows = []
+    for one in found:
+        for name, runs in (("bare CDP loop", one.bare), ("server", one.server)):
+            steps = len(_latencies(runs))
+            kinds = {kind for run in runs for kind in run.cpu}
+            cpu = {kind: sum(run.cpu.get(kind, 0.0) for run in runs) * 1000 / steps for kind in kinds}
+            rows.append((f"{one.page}, {name}", *_kinds(cpu)))
+    return Table("CPU milliseconds per step, by kind of process", ("pages", *_KINDS.values(), "all"), rows)
+
+
+def _kinds(cpu: dict[str, float]) -> Iterator[str]:
+    for kind in _KINDS:
+        yield f"{cpu.get(kind, 0.0):.1f}"
+    yield f"{sum(cpu.values()):.1f}"
+
+
+def _costs(found: list[Cost]) -> Table:
+    rows = [
+        (cost.operation, *(_kinds(cost.cpu) if cost.cpu else [""] * (len(_KINDS) + 1)), f"{cost.wall:.1f}")
+        for cost in found
+    ]
+    return Table(
+        "CPU milliseconds per call, one at a time, by kind of process; and wall milliseconds, median",
+        ("operation", *_KINDS.values(), "all", "wall"),
+        rows,
+    )
+
+
+def _thinking(found: Thinking) -> Table:
+    rows = []
+    for name, run in (("frozen between steps", found.frozen), ("not frozen", found.unfrozen)):
+        rows.append(
+            (
+                name,
+                _ms(quantile(run.latencies, 0.5)),
+                _ms(quantile(run.latencies, 0.95)),
+                f"{run.rate:.1f}",
+                f"{run.rate / found.allowed:.2f}",
+            )
+        )
+    slower = quantile(found.unfrozen.latencies, 0.5) / quantile(found.frozen.latencies, 0.5)
+    rows.append(("ratio", f"{slower:.1f}x", "", f"{found.frozen.rate / found.unfrozen.rate:.1f}x", ""))
+    return Table(
+        f"{found.sessions} sessions on busy pages, {found.think_seconds:g} s of thinking per step "
+        f"(which allows {found.allowed:.1f} steps/s)",
+        ("slots", "step p50, ms", "p95, ms", "steps/s", "of what thinking allows"),
+        rows,
+    )
+
+
+def _burst(found: Burst) -> Table:
+    rows = [
+        (name.replace("_", " "), _ms(quantile(waits, 0.5)), _ms(max(waits)))
+        for name, waits in found.seconds.items()
+    ]
+    return Table(
+        f"Screenshots that come behind a burst of {found.navigations} navigations",
+        ("queue", "p50, ms", "slowest, ms"),
+        rows,
+    )
+
+
+def _density(found: Density) -> Table:
+    run = found.steps
+    rows = [
+        ("live sessions", str(found.sessions)),
+        ("failed calls", str(found.failures)),
+        ("until all were ready, s", f"{found.ready_seconds:.0f}"),
+        ("memory per further session (PSS), MB", f"{found.marginal / MEGABYTE:.0f}"),
+        ("memory of all browsers, GB", f"{max(found.bytes.values()) / MEGABYTE / 1024:.1f}"),
+        ("steps per second, half of them on busy pages", f"{run.rate:.1f}"),
+        ("step p50 / p95, ms", _p50_p95(run.latencies)),
+    ]
+    return Table("Density", ("", "measured"), rows)

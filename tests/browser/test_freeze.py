@@ -1,0 +1,323 @@
+"""Slots are stopped between calls: no CPU, and nothing that a page does is broken by it."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import hashlib
+import os
+import re
+import struct
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+
+import psutil
+import pytest
+from starlette.requests import Request
+from starlette.responses import Response, StreamingResponse
+
+from webgym.browser import BrowserConfig, Slot
+from webgym.core.action import LeftClick, Wait
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+AT_ONCE = BrowserConfig(freeze_after_seconds=0)
+NAP_SECONDS = 1.0
+LONG_SECONDS = 150.0
+
+BUSY = """<title>Busy</title><style>@keyframes t{to{transform:rotate(1turn)}}#s{width:90px;height:90px;
+background:red;animation:t 1s linear infinite}</style><div id=s></div><canvas width=600 height=400></canvas>
+<script>const pen = document.querySelector('canvas').getContext('2d'); let n = 0;
+(function f(){ pen.fillRect(n++ % 600, n % 400, 9, 9); requestAnimationFrame(f) })();
+setInterval(() => { for (let i = 0, s = 0; i < 2e5; i++) s += i }, 20)</script>"""
+
+
+async def asleep(tab: Tab, seconds: float = NAP_SECONDS) -> None:
+    """Let it be stopped for so long."""
+    await until(lambda: tab.slot.is_frozen and states(tab.slot) == {psutil.STATUS_STOPPED})
+    await asyncio.sleep(seconds)
+
+
+async def step(tab: Tab, action: object = None) -> str:
+    with tab.slot.awake():
+        await tab.step(action)
+    return "\n".join(tab.text)
+
+
+async def click(tab: Tab, name: str) -> str:
+    return await step(tab, LeftClick(tab.at(name)))
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    async with asyncio.timeout(10):
+        while not condition():
+            await asyncio.sleep(0.01)
+
+
+def states(slot: Slot) -> set[str]:
+    assert slot.process is not None
+    return {psutil.Process(pid).status() for pid in slot.process.processes()}
+
+
+def cpu_seconds(slot: Slot) -> float:
+    assert slot.process is not None
+    times = [psutil.Process(pid).cpu_times() for pid in slot.process.processes()]
+    return sum(time.user + time.system for time in times)
+
+
+async def opened(open_tab: Open, url: str, config: BrowserConfig = AT_ONCE) -> Tab:
+    tab = await open_tab(config=config)
+    with tab.slot.awake():
+        await tab.goto(url)
+    return tab
+
+
+@pytest.fixture
+def numbers() -> Callable[[str], list[int]]:
+    return lambda text: [int(number) for number in re.findall(r"-?\d+", text)]
+
+
+async def test_a_stopped_slot_uses_no_processor(open_tab: Open, site: Site) -> None:
+    tab = await opened(open_tab, site.page(BUSY))
+    await asleep(tab, 0)
+    before = cpu_seconds(tab.slot)
+    await asyncio.sleep(NAP_SECONDS)
+    assert cpu_seconds(tab.slot) == before
+    with tab.slot.awake():
+        assert psutil.STATUS_STOPPED not in states(tab.slot)
+        await tab.step(Wait(0.3))
+    assert cpu_seconds(tab.slot) > before
+
+
+async def test_a_quiet_page_is_stopped_a_little_later_and_runs_on_for_whoever_acts_at_once(
+    open_tab: Open, site: Site
+) -> None:
+    config = BrowserConfig(freeze_after_seconds=0.5)
+    tab = await opened(open_tab, site.page("<h1>Quiet</h1>"), config)
+    for _ in range(3):
+        assert not tab.slot.is_frozen
+        await step(tab)
+    await asleep(tab, 0)
+    assert "Quiet" in await step(tab)
+
+
+async def test_not_stopped_where_that_is_off(open_tab: Open, site: Site) -> None:
+    tab = await opened(open_tab, site.page(BUSY), BrowserConfig(freeze=False))
+    assert not tab.slot.is_frozen
+    assert psutil.STATUS_STOPPED not in states(tab.slot)
+
+
+async def test_timers_rest_and_go_on(open_tab: Open, site: Site, numbers: Callable[[str], list[int]]) -> None:
+    page = "<p id=t>0</p><script>setInterval(() => t.textContent = ++t.n || (t.n = 1), 50)</script>"
+    tab = await opened(open_tab, site.page(page))
+    [first] = numbers(await step(tab))
+    await asleep(tab)
+    [second] = numbers(await step(tab))
+    assert second - first < 0.5 * NAP_SECONDS / 0.05, "it ran while it was stopped"
+    [third] = numbers(await step(tab, Wait(0.5)))
+    assert third >= second + 5, "it did not go on"
+
+
+async def test_a_page_sees_a_clock_that_jumped_as_after_a_sleep(open_tab: Open, site: Site) -> None:
+    page = """<p id=gap>0</p><p id=back>0</p><p id=wall>0</p><script>
+      let wall = Date.now(), mono = performance.now(), gap = 0, back = 0;
+      setInterval(() => {
+        const w = Date.now(), m = performance.now();
+        gap = Math.max(gap, w - wall); if (w < wall || m < mono) back++;
+        [wall, mono] = [w, m];
+        document.getElementById('gap').textContent = `gap ${Math.round(gap)}`;
+        document.getElementById('back').textContent = `back ${back}`;
+        document.getElementById('wall').textContent = `wall ${w}`;
+      }, 20)</script>"""
+    tab = await opened(open_tab, site.page(page))
+    await step(tab)
+    await asleep(tab)
+    text = await step(tab, Wait(0.2))
+    gap, back, wall = (int(re.search(rf"{name} (\d+)", text)[1]) for name in ("gap", "back", "wall"))  # type: ignore[index]
+    assert gap >= NAP_SECONDS * 900
+    assert back == 0, "time never runs backwards"
+    assert abs(wall / 1000 - time.time()) < 5, "its clock is right again"
+
+
+async def test_a_fetch_in_flight_arrives_after_the_sleep(open_tab: Open, site: Site) -> None:
+    release = asyncio.Event()
+
+    async def held(_: Request) -> Response:
+        await release.wait()
+        return Response("the answer")
+
+    url = site.on("/held-by-freeze", held)
+    script = f"fetch('{url}').then(r => r.text()).then(t => o.textContent = t)"
+    page = f'<button onclick="{script}">Ask</button><p id=o>'
+    tab = await opened(open_tab, site.page(page))
+    await click(tab, "Ask")
+    assert tab.last is not None
+    await asleep(tab, 0)
+    release.set()
+    await asyncio.sleep(NAP_SECONDS)
+    assert "the answer" in await step(tab, Wait(0.2))
+
+
+async def test_a_download_of_megabytes_waits_for_the_reader(open_tab: Open, site: Site) -> None:
+    size, piece = 24, b"x" * (1 << 20)
+    sent = 0
+
+    async def stream(_: Request) -> Response:
+        async def pieces() -> AsyncIterator[bytes]:
+            nonlocal sent
+            for _ in range(size):
+                sent += 1
+                yield piece
+                await asyncio.sleep(0.02)
+
+        return StreamingResponse(pieces())
+
+    url = site.on("/megabytes", stream)
+    script = f"fetch('{url}').then(r => r.arrayBuffer()).then(b => o.textContent = b.byteLength)"
+    tab = await opened(open_tab, site.page(f'<button onclick="{script}">Get</button><p id=o>'))
+    tab.slot.config = AT_ONCE.model_copy(update={"long_poll_seconds": 0.05})
+    with tab.slot.awake():
+        await tab.slot.act(LeftClick(tab.at("Get")))
+    await asleep(tab)
+    for _ in range(20):
+        if str(size << 20) in await step(tab, Wait(0.3)):
+            break
+    else:
+        pytest.fail(f"it did not arrive; {sent} MB were sent")
+
+
+async def test_a_websocket_stays_open_and_brings_what_came_meanwhile(open_tab: Open, site: Site) -> None:
+    async with push_server() as (port, push):
+        page = f"""<p id=o></p><button onclick="s.send('hello')">Send</button><script>
+          const s = new WebSocket('ws://127.0.0.1:{port}/');
+          s.onopen = () => o.append('open ');
+          s.onmessage = (m) => o.append(m.data + ' ');
+          s.onclose = () => o.append('CLOSED');</script>"""
+        tab = await opened(open_tab, site.page(page))
+        assert "open" in await step(tab, Wait(0.3))
+        await asleep(tab, 0)
+        push("news")
+        await asyncio.sleep(NAP_SECONDS)
+        text = await step(tab, Wait(0.3))
+        assert "news" in text
+        text = await click(tab, "Send")
+        text = await step(tab, Wait(0.3))
+        assert "echo-hello" in text
+        assert "CLOSED" not in text
+
+
+VIDEO = """<canvas id=c width=64 height=64></canvas><video id=v muted loop width=64></video><p id=o>wait</p>
+<script>
+const pen = c.getContext('2d'); let n = 0;
+const timer = setInterval(() => {
+  pen.fillStyle = `hsl(${n++ * 9} 90% 50%)`;
+  pen.fillRect(0, 0, 64, 64);
+}, 30);
+const parts = [], recorder = new MediaRecorder(c.captureStream(30), { mimeType: 'video/webm' });
+recorder.ondataavailable = (e) => parts.push(e.data);
+recorder.onstop = () => {
+  clearInterval(timer);
+  v.src = URL.createObjectURL(new Blob(parts)); v.play();
+  v.onerror = () => o.textContent = 'ERROR ' + v.error.message;
+  let turns = 0, last = 0;
+  setInterval(() => {
+    if (v.currentTime === last) return;
+    last = v.currentTime;
+    o.textContent = `moved ${++turns}`;
+  }, 50);
+};
+recorder.start(); setTimeout(() => recorder.stop(), 1200);
+</script>"""
+
+
+async def test_a_video_goes_on(open_tab: Open, site: Site, numbers: Callable[[str], list[int]]) -> None:
+    tab = await opened(open_tab, site.page(VIDEO))
+    async with asyncio.timeout(30):
+        while "moved" not in await step(tab, Wait(0.3)):
+            pass
+    await asleep(tab)
+    [before] = numbers(await step(tab))
+    [after] = numbers(await step(tab, Wait(1)))
+    assert after > before, "it stands still"
+
+
+async def test_a_crash_while_it_is_stopped_is_noticed(open_tab: Open, site: Site) -> None:
+    tab = await opened(open_tab, site.page("<h1>Here</h1>"))
+    await asleep(tab, 0)
+    assert tab.slot.process is not None
+    os.kill(tab.slot.process.pid, 9)
+    await until(lambda: not tab.slot.is_up)
+    await tab.slot.stop()
+    assert tab.slot.process is None
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+async def test_stopped_for_minutes(open_tab: Open, site: Site) -> None:
+    async with push_server() as (port, _):
+        page = f"""<p id=o></p><button onclick="s.send('hello');
+            fetch('/quick').then(r => r.text()).then(t => o.append(t))">Send</button><script>
+          const s = new WebSocket('ws://127.0.0.1:{port}/');
+          s.onmessage = (m) => o.append(m.data + ' ');
+          s.onclose = () => o.append('CLOSED');</script>{BUSY}"""
+
+        async def quick(_: Request) -> Response:
+            return Response("fetched")
+
+        site.on("/quick", quick)
+        tab = await opened(open_tab, site.page(page))
+        await asleep(tab, LONG_SECONDS)
+        await click(tab, "Send")
+        text = await step(tab, Wait(0.5))
+        assert "echo-hello" in text
+        assert "fetched" in text
+        assert "CLOSED" not in text
+        with tab.slot.awake():
+            await tab.goto(site.page("<h1>Next</h1>"))
+        assert tab.text == ["Next"]
+
+
+@asynccontextmanager
+async def push_server() -> AsyncIterator[tuple[int, Callable[[str], None]]]:
+    """A WebSocket server (RFC 6455) that echoes short texts, and can say something unasked."""
+    writers: list[asyncio.StreamWriter] = []
+
+    def frame(text: str) -> bytes:
+        data = text.encode()
+        return struct.pack("!BB", 0x81, len(data)) + data
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            head = (await reader.readuntil(b"\r\n\r\n")).decode()
+            key = re.search(r"Sec-WebSocket-Key: (\S+)", head, re.IGNORECASE)
+            assert key is not None
+            magic = key[1] + "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"
+            accept = base64.b64encode(hashlib.sha1(magic.encode()).digest()).decode()
+            writer.write(
+                "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+                f"Sec-WebSocket-Accept: {accept}\r\n\r\n".encode()
+            )
+            writers.append(writer)
+            while True:
+                first, length = await reader.readexactly(2)
+                mask, data = await reader.readexactly(4), await reader.readexactly(length & 127)
+                if first & 15 == 8:
+                    return
+                text = bytes(byte ^ mask[i % 4] for i, byte in enumerate(data)).decode()
+                writer.write(frame(f"echo-{text}"))
+        except (asyncio.IncompleteReadError, ConnectionError):
+            return
+        finally:
+            writer.close()
+
+    def push(text: str) -> None:
+        for writer in writers:
+            writer.write(frame(text))
+
+    async with await asyncio.start_server(serve, "127.0.0.1", 0) as server:
+        yield server.sockets[0].getsockname()[1], push
+        for writer in writers:
+            writer.close()

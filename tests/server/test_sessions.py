@@ -69,6 +69,28 @@ async def test_an_unchanged_picture_is_sent_once(site: Site, session: Session, s
     assert len(whole.content) - len(known.content) >= len(first.image)
 
 
+async def test_pictures_are_jpeg_where_that_is_asked_for(
+    site: Site, client: BrowserClient, server: RunningServer
+) -> None:
+    session = await client.open(SessionOptions(jpeg_quality=60))
+    view = await session.step(Navigate(site.url()))
+    assert view.image.startswith(b"\xff\xd8\xff")
+    assert view.observation.screenshot == hashlib.sha256(view.image).hexdigest()
+    assert (await session.step()).observation.screenshot == view.observation.screenshot, "nothing changed"
+    headers = {"authorization": f"Bearer {TOKEN}", SECRET_HEADER: session._grant.secret}
+    headers[GENERATION_HEADER] = str(session._grant.generation)
+    async with httpx.AsyncClient(headers=headers, trust_env=False) as http:
+        bare = await http.post(f"{server.url}/v1/sessions/{session.id}/screenshot")
+    assert bare.headers["content-type"] == "image/jpeg"
+    await session.close()
+
+
+@pytest.mark.parametrize("quality", [0, 101, -1])
+async def test_an_impossible_quality(client: BrowserClient, quality: int) -> None:
+    with pytest.raises(ProtocolError):
+        await client.open(SessionOptions(jpeg_quality=quality))
+
+
 async def test_sessions_share_no_state_and_calls_do_not_overlap(site: Site, client: BrowserClient) -> None:
     one, two = await asyncio.gather(client.open(), client.open())
     await asyncio.gather(one.navigate(site.url("/counter")), two.navigate(site.url("/counter")))

@@ -24,7 +24,7 @@ class Look(msgspec.Struct, frozen=True):
     """An observation with its picture.
 
     Attributes:
-        image: PNG, as many pixels as the viewport; its SHA-256 is ``observation.screenshot``.
+        image: PNG (or JPEG, if the episode wants that), as many pixels as the viewport; its SHA-256 is ``observation.screenshot``.
     """
 
     observation: Observation
@@ -157,13 +157,16 @@ def _middle(box: tuple[float, float, float, float]) -> tuple[float, float]:
 
 
 async def capture(page: Page) -> bytes:
-    """The viewport as PNG, lossless.
+    """The viewport as PNG, lossless, or as JPEG where the episode wants that.
 
     Raises:
         BrowserTimeout: not within the deadline, retries included.
     """
     config = page.config
-    params = {"format": "png", "optimizeForSpeed": True}
+    quality = page.options.jpeg_quality
+    params: dict[str, object] = {"format": "png", "optimizeForSpeed": True}
+    if quality is not None:
+        params = {"format": "jpeg", "quality": quality}
     try:
         async with asyncio.timeout(config.screenshot_seconds):
             while True:

@@ -366,7 +366,7 @@ class Slot:
         return await self.observe()
 
     async def screenshot(self) -> bytes:
-        """The bare picture, PNG, without marks and without waiting."""
+        """The bare picture, without marks and without waiting."""
         try:
             return await capture(self._living_page())
         except (TargetGone, CommandFailed) as error:

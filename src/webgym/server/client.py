@@ -357,7 +357,7 @@ class Session:
         return await self._call(METADATA, PageMetadata)
 
     async def screenshot(self) -> bytes:
-        """The bare viewport as it is now, PNG."""
+        """The bare viewport as it is now, PNG (or JPEG)."""
         return await self._call(SCREENSHOT, bytes)
 
     async def heartbeat(self) -> Renewed:

@@ -33,6 +33,8 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
+_JPEG_BEGINS = b"\xff\xd8\xff"
+
 _STATUS_OF: dict[type[WebGymError], int] = {
     Unauthorized: 401,
     LeaseLost: 410,
@@ -120,7 +122,8 @@ class Front:
         if isinstance(result, Response):
             return result
         if isinstance(result, bytes):
-            return Response(result, media_type=operation.media)
+            is_jpeg = result.startswith(_JPEG_BEGINS)  # the session chose it
+            return Response(result, media_type="image/jpeg" if is_jpeg else operation.media)
         if isinstance(result, AsyncIterator):
             return StreamingResponse(result, media_type=operation.media)
         if operation.media == MSGPACK:

@@ -61,7 +61,7 @@ class StepReply(msgspec.Struct, frozen=True, omit_defaults=True):
     """What is to be seen.
 
     Attributes:
-        image: PNG; ``None`` if the caller has it.
+        image: PNG, or JPEG if the session wants that; ``None`` if the caller has it.
     """
 
     observation: Observation
@@ -72,7 +72,7 @@ class View(msgspec.Struct, frozen=True):
     """An observation with its picture, always.
 
     Attributes:
-        image: PNG; its SHA-256 is ``observation.screenshot``.
+        image: PNG (or JPEG); its SHA-256 is ``observation.screenshot``.
     """
 
     observation: Observation

@@ -135,6 +135,8 @@ class Service:
                 f"a viewport of {width}x{height} is not possible",
                 hint=f"at most {self.config.pixels} pixels in all",
             )
+        if options.jpeg_quality is not None and not 1 <= options.jpeg_quality <= 100:
+            raise ProtocolError("jpeg_quality is 1 to 100, or null for PNG")
         if options.ttl_seconds is not None and options.ttl_seconds <= 0:
             raise ProtocolError("ttl_seconds must be above 0")
 
@@ -180,7 +182,7 @@ class Service:
         return await self._run(lease, work)
 
     async def screenshot(self, lease: Lease) -> bytes:
-        """The bare picture, PNG."""
+        """The bare picture."""
         slot = lease.slot
 
         async def work() -> bytes:

@@ -24,7 +24,8 @@ class Look(msgspec.Struct, frozen=True):
     """An observation with its picture.
 
     Attributes:
-        image: PNG (or JPEG, if the episode wants that), as many pixels as the viewport; its SHA-256 is ``observation.screenshot``.
+        image: PNG (or JPEG, if the episode wants that), as many pixels as the viewport; its SHA-256 is
+            ``observation.screenshot``.
     """
 
     observation: Observation

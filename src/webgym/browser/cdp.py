@@ -126,6 +126,11 @@ class Connection(asyncio.Protocol):
         """Whether the browser can no longer be reached."""
         return self._lost is not None
 
+    @property
+    def lost(self) -> BrowserCrashed | None:
+        """Why it can no longer be reached."""
+        return self._lost
+
     def _dispatch(self, message: bytes) -> None:
         incoming = _decode(message)
         if incoming.id is not None:
@@ -222,11 +227,15 @@ class Session:
     def __init__(self, connection: Connection, session_id: str) -> None:
         self.connection = connection
         self.id = session_id
+        self.crashed: TargetGone | None = None
+        """Set while its renderer is gone: a command that needs one would not be answered."""
 
     async def call(
         self, method: str, params: dict[str, Any] | None = None, *, reply: type[T], seconds: float
     ) -> T:
         """See :meth:`Connection.call`."""
+        if self.crashed is not None:
+            raise self.crashed
         return await self.connection.call(method, params, reply=reply, seconds=seconds, session_id=self.id)
 
     async def do(self, method: str, params: dict[str, Any] | None = None, *, seconds: float) -> None:

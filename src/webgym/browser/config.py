@@ -158,6 +158,22 @@ class BrowserConfig(BaseModel):
     recycle_seconds: float = Field(default=3600.0, gt=0)
     """Age at which a browser is replaced at the next episode's end."""
 
+    recycle_bytes: int = Field(default=400 * 1024**2, gt=0)
+    """Size, renderers left out, at which a browser is replaced at the next episode's end. A fresh one has
+    80 MB."""
+
+    # --- memory -------------------------------------------------------------------------------------
+
+    slot_bytes: int = Field(default=2 * 1024**3, gt=0)
+    """The most that a slot's processes may take while they run. Heavy pages take half of it; what takes
+    more does not stop there."""
+
+    reserve_bytes: int = Field(default=512 * 1024**2, ge=0)
+    """What the machine must keep free. When it has less, the largest browser makes room."""
+
+    memory_look_seconds: float = Field(default=0.5, gt=0)
+    """Between two looks at the sizes of what runs. A page can fill 500 MB in this time."""
+
     def allowing(self, *rules: str) -> BrowserConfig:
         """The same with these rules in front of the egress policy's own."""
         return self.model_copy(update={"egress": self.egress.allowing(*rules)})

@@ -25,7 +25,7 @@ from webgym.browser.wire import (
     ResponseReceived,
 )
 from webgym.browser.worlds import Worlds
-from webgym.core.errors import BrowserCrashed, BrowserTimeout, EgressRefused, NavigationFailed
+from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.observation import Notice, NoticeKind
 
 log = logging.getLogger(__name__)
@@ -63,7 +63,6 @@ class Page:
         """Of the document, when it was last seen quiet; -1 for a document that never was."""
         self.points: dict[int, tuple[float, float]] = {}
         """Where a click hits each element of the last observation, by number."""
-        self.is_crashed = False
         self.is_gone = False
         """The page closed itself: there is no tab any more."""
         self.is_closed = False
@@ -128,6 +127,11 @@ class Page:
         await asyncio.gather(  # sent at once, taken in order
             *(self.session.do(method, params, seconds=seconds) for method, params in commands)
         )
+
+    @property
+    def is_crashed(self) -> bool:
+        """Whether its renderer is gone."""
+        return self.session.crashed is not None
 
     @property
     def is_lost(self) -> bool:
@@ -230,21 +234,19 @@ class Page:
         failure = self._egress.failure(url) if said in _PROXY_SAID_NO else None
         return (failure.message, failure.is_refusal) if failure is not None else (said, False)
 
-    async def revive(self) -> None:
+    async def revive(self, why: str) -> None:
         """Bring a crashed renderer back, at the URL where it died.
 
         Raises:
-            BrowserCrashed: it died again.
+            TargetGone: it died again.
         """
-        self.is_crashed = False
+        self.session.crashed = None
         self.traffic.clear()
-        self.note("crashed", "the page crashed and was loaded again")
+        self.note("crashed", f"the page crashed and was loaded again{f': {why}' if why else ''}")
         try:
             await self.navigate(self.url)
         except NavigationFailed as error:
             self.note("navigation_failed", error.message)
-        except TargetGone as error:
-            raise BrowserCrashed("the page crashed again while it was loaded") from error
 
     # --- what the browser tells ---------------------------------------------------------------------
 
@@ -295,7 +297,7 @@ class Page:
         self.note("action_failed", "the page asked for a file; files cannot be uploaded")
 
     def _on_crashed(self, _: Nothing) -> None:
-        self.is_crashed = True
+        self.session.crashed = TargetGone("the page crashed")
         self.worlds.forget()
         self.traffic.clear()
-        self.session.connection.fail_session(self.session.id, TargetGone("the page crashed"))
+        self.session.connection.fail_session(self.session.id, self.session.crashed)

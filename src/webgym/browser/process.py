@@ -15,10 +15,17 @@ from pathlib import Path
 from webgym.browser.cdp import CommandFailed, Connection
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress import Egress
+from webgym.browser.memory import bound
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState, examined, is_to_blame, planned_sandbox, remedy
 from webgym.browser.wire import Version
-from webgym.core.errors import BrowserCrashed, BrowserError, BrowserLaunchFailed, BrowserTimeout
+from webgym.core.errors import (
+    BrowserCrashed,
+    BrowserError,
+    BrowserLaunchFailed,
+    BrowserOutOfMemory,
+    BrowserTimeout,
+)
 
 log = logging.getLogger(__name__)
 
@@ -103,6 +110,11 @@ class BrowserProcess:
         self.profile = profile
         self.version = ""
         self.started = asyncio.get_running_loop().time()
+        self.is_frozen = False
+        self.standing_bytes = 0
+        """Size when it was last looked at, renderers left out."""
+        self.relieved = ""
+        """Why its renderer was ended last, if it was."""
         self._root = root
         self._kill_seconds = kill_seconds
         self._exited = asyncio.Event()
@@ -141,11 +153,24 @@ class BrowserProcess:
 
     def freeze(self) -> None:
         """Stop the whole group: it uses no CPU until :meth:`thaw`. It can still be killed."""
+        self.is_frozen = True
         self._signal(signal.SIGSTOP)
 
     def thaw(self) -> None:
         """Let the group go on."""
+        self.is_frozen = False
         self._signal(signal.SIGCONT)
+
+    def relieve(self, renderer: int | None, why: str) -> None:
+        """End what took too much memory: this renderer, or the whole browser."""
+        if renderer is None:
+            self.connection.abandon(BrowserOutOfMemory(f"the browser was ended: {why}"))
+            self._signal(signal.SIGKILL)
+            return
+        self.relieved = why
+        with contextlib.suppress(ProcessLookupError):
+            if os.getpgid(renderer) == self.pid:
+                os.kill(renderer, signal.SIGKILL)
 
     def _signal(self, number: signal.Signals) -> None:
         if not (self._killed or self._exited.is_set()):  # until then the leader's id is the group's
@@ -294,6 +319,7 @@ async def launch(
     try:
         await asyncio.get_running_loop().create_unix_connection(lambda: connection, sock=ours)
         version = await connection.call("Browser.getVersion", reply=Version, seconds=config.launch_seconds)
+        bound(await asyncio.to_thread(_living, pid), config)
     except (BrowserCrashed, BrowserTimeout) as error:
         said = process.log_tail()
         await process.kill()

@@ -10,8 +10,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from webgym.browser.actions import perform
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
@@ -35,6 +36,7 @@ from webgym.core.errors import (
     ActionFailed,
     BrowserCrashed,
     BrowserError,
+    BrowserOutOfMemory,
     BrowserTimeout,
     DownloadRefused,
     EgressRefused,
@@ -52,6 +54,8 @@ _NOTICE_OF: dict[type[PageError], NoticeKind] = {
 
 _CALM = ("unchanged", "quiet")
 """Reasons to call a page settled after which it has nothing to do."""
+
+T = TypeVar("T")
 
 _PAGES_ONLY = [{"type": "page", "exclude": False}, {"exclude": True}]
 
@@ -87,6 +91,8 @@ class Slot:
         self._context = ""
         self._page: Page | None = None
         self._is_open = False
+        self._was_revived = False
+        """Whether the page was brought back since the last action: twice would be in vain."""
         self._frozen_at: float | None = None
         self._freezing: asyncio.TimerHandle | None = None
         self._attached: asyncio.Future[AttachedToTarget] | None = None
@@ -122,7 +128,11 @@ class Slot:
         process = self._process
         if process is None or not process.is_alive:
             return True
-        return self._episodes >= self.config.recycle_episodes or process.age >= self.config.recycle_seconds
+        return (
+            self._episodes >= self.config.recycle_episodes
+            or process.age >= self.config.recycle_seconds
+            or process.standing_bytes >= self.config.recycle_bytes
+        )
 
     @contextlib.contextmanager
     def awake(self) -> Iterator[None]:
@@ -257,6 +267,7 @@ class Slot:
         except (CommandFailed, TargetGone) as error:
             raise BrowserCrashed(f"no fresh page could be had: {error.message}") from error
         self._is_open = True
+        self._was_revived = False
         self._episodes += 1
         self._settled = ""
 
@@ -310,6 +321,7 @@ class Slot:
         """
         page = self._living_page()
         self._milliseconds = {}
+        self._was_revived = False
         operation = "navigate" if isinstance(action, Navigate) else "execute"
         start = time.perf_counter()
         page.begin_action()
@@ -332,13 +344,23 @@ class Slot:
             page.note("still_loading", f"the page did not react, its script was ended ({error.message})")
 
     async def _bring_back(self, page: Page) -> None:
-        if page.is_gone or not self.is_up:
-            raise BrowserCrashed("the page closed itself, or its browser ended")
-        await page.revive()
+        process = self._living_process()
+        if page.is_gone:
+            raise BrowserCrashed("the page closed itself")
+        if self._was_revived:
+            raise self._crashed("the page crashed again")
+        self._was_revived = True
+        why, process.relieved = process.relieved, ""
         try:
+            await page.revive(why)
             self._settled = await settle_timed(page, self._milliseconds)
         except TargetGone as error:
-            raise BrowserCrashed("the page crashed again while it was loaded") from error
+            raise self._crashed("the page crashed again while it was loaded") from error
+
+    def _crashed(self, what: str) -> BrowserCrashed:
+        """The error for a page that cannot be brought back."""
+        why = self._process.relieved if self._process is not None else ""
+        return BrowserOutOfMemory(f"{what}: {why}") if why else BrowserCrashed(what)
 
     async def observe(self) -> Look:
         """Look at the page as it is.
@@ -348,16 +370,18 @@ class Slot:
         """
         page = self._living_page()
         milliseconds, self._milliseconds = self._milliseconds, {}
-        try:
-            if page.is_crashed:
+        return await self._look_at(page, lambda: look(page, self._settled, milliseconds))
+
+    async def _look_at(self, page: Page, ask: Callable[[], Awaitable[T]]) -> T:
+        """Look at the page; one that has crashed is brought back first."""
+        while True:
+            try:
+                seen = await ask()
+            except TargetGone:
                 await self._bring_back(page)
-            return await look(page, self._settled, milliseconds)
-        except TargetGone:
-            await self._bring_back(page)
-        try:
-            return await look(page, self._settled, milliseconds)
-        except TargetGone as error:
-            raise BrowserCrashed("the page crashed again while it was looked at") from error
+            else:
+                self._was_revived = False
+                return seen
 
     async def step(self, action: BrowserAction | None = None) -> Look:
         """Act, then look."""
@@ -367,25 +391,31 @@ class Slot:
 
     async def screenshot(self) -> bytes:
         """The bare picture, without marks and without waiting."""
+        page = self._living_page()
         try:
-            return await capture(self._living_page())
-        except (TargetGone, CommandFailed) as error:
+            return await self._look_at(page, lambda: capture(page))
+        except CommandFailed as error:
             raise BrowserCrashed(f"no picture could be had: {error.message}") from error
 
     async def metadata(self) -> Metadata:
         """Where the page is, without a picture."""
         page = self._living_page()
         try:
-            seen = await ask(page)
-        except (TargetGone, CommandFailed) as error:
+            seen = await self._look_at(page, lambda: ask(page))
+        except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be asked: {error.message}") from error
         return Metadata(page.url, seen.title, page.options.viewport, page.status, seen.scroll, self._settled)
 
     def _living_page(self) -> Page:
         if self._page is None or not self._is_open:
             raise BrowserError("no episode is open in this slot")
-        if not self.is_up:
-            raise BrowserCrashed("the browser process ended")
+        self._living_process()
         if self._page.is_gone:
             raise BrowserCrashed("the page closed itself")
         return self._page
+
+    def _living_process(self) -> BrowserProcess:
+        if self._process is not None and self._process.is_alive:
+            return self._process
+        lost = self._process.connection.lost if self._process is not None else None
+        raise lost or BrowserCrashed("the browser process ended")

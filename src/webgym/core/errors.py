@@ -14,6 +14,7 @@
     │   ├── BrowserNotFound    no Chromium on this machine
     │   ├── BrowserLaunchFailed
     │   ├── BrowserCrashed     the process or its renderer is gone
+    │   │   └── BrowserOutOfMemory   it was ended because it took too much
     │   └── BrowserTimeout     no answer within the hard deadline
     ├── ServerError            the browser server, or the way to it, did it
     │   ├── ServerUnreachable
@@ -52,15 +53,16 @@ class WebGymError(Exception):
 
     Args:
         message: one line, what happened.
-        hint: one line, what the reader can do about it; empty if nothing.
+        hint: one line, what the reader can do about it; where none is given, the class's own.
     """
 
     code: ClassVar[str] = "webgym_error"
+    usual_hint: ClassVar[str] = ""
 
     def __init__(self, message: str, *, hint: str = "") -> None:
         super().__init__(message)
         self.message = message
-        self.hint = hint
+        self.hint = hint or self.usual_hint
 
     def __str__(self) -> str:
         return f"{self.message} ({self.hint})" if self.hint else self.message
@@ -142,12 +144,21 @@ class BrowserCrashed(BrowserError):
     """The browser process or its renderer is gone."""
 
     code = "browser_crashed"
+    usual_hint = "the session is over; open a new one"
+
+
+class BrowserOutOfMemory(BrowserCrashed):
+    """The browser, or its page, took more memory than it may and was ended."""
+
+    code = "browser_out_of_memory"
+    usual_hint = "the session is over; open a new one, or allow more with browser.slot_bytes"
 
 
 class BrowserTimeout(BrowserError):
     """The browser gave no answer within its hard deadline."""
 
     code = "browser_timeout"
+    usual_hint = "the session is over; open a new one"
 
 
 class ServerError(WebGymError):

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
+from typing import Any
 
 from webgym.browser import Egress, ProfileRoot, Slot
 from webgym.browser.config import BrowserConfig
+from webgym.browser.memory import MemoryWatch
+from webgym.browser.process import BrowserProcess
 from webgym.browser.sandbox import SandboxState
 from webgym.core.errors import BrowserError, NoCapacity
 from webgym.server.config import ServerConfig
@@ -38,6 +41,7 @@ class Pool:
         self._failing: dict[Slot, BrowserError] = {}
         self.on_change: Callable[[], None] = lambda: None
         """Called whenever :attr:`load` or :attr:`is_healthy` may have changed."""
+        self.memory = MemoryWatch(config.browser, self._browsers)
         self.browser = ""
         self.sandbox = SandboxState(False, "no browser was started yet")
 
@@ -59,8 +63,13 @@ class Pool:
         assert first.sandbox is not None
         self.browser, self.sandbox = first.process.version, first.sandbox
         self._free.put_nowait(first)
+        self._keep(self.memory.run())
         for _ in range(self._config.slots - 1):
             self._in_background(self._new_slot(self._config.browser))
+
+    def _browsers(self) -> list[BrowserProcess]:
+        processes = (slot.process for slot in self._slots)
+        return [process for process in processes if process is not None and process.is_alive]
 
     def _new_slot(self, config: BrowserConfig) -> Slot:
         known = self._slots[0].sandbox if self._slots else None
@@ -135,7 +144,10 @@ class Pool:
             await slot.warm()
 
     def _in_background(self, slot: Slot) -> None:
-        task = asyncio.get_running_loop().create_task(self._bring_up(slot))
+        self._keep(self._bring_up(slot))
+
+    def _keep(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 

@@ -1,0 +1,137 @@
+"""Pages that try to take their browser, its server or the machine down. For ``webgym bench soak`` and for
+the fault tests.
+
+Each page does its harm at load, or when its one big button is clicked.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+
+import uvicorn
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, Response, StreamingResponse
+from starlette.types import Receive, Scope, Send
+
+_BUTTON = "<button style='position:fixed;inset:0;width:100%;height:100%'>Go</button>"
+_CLICKED = _BUTTON + "<script>document.querySelector('button').onclick = () => {{ {} }}</script>"
+
+
+def _at_load(script: str) -> str:
+    return f"<p>before</p><script>{script}</script>"
+
+
+def _when_clicked(script: str) -> str:
+    return _CLICKED.format(script)
+
+
+_JS_HEAP = "const all = []; for (;;) all.push(new Array(1 << 16).fill(Math.random()));"
+_BUFFERS = (
+    "const all = []; for (;;) { all.push(new ArrayBuffer(1 << 26)); new Uint8Array(all.at(-1)).fill(1); }"
+)
+_SOME = "globalThis.kept = new Uint8Array(200 << 20).fill(1);"
+_SLOW_BUFFERS = (
+    "const all = []; setInterval(() => {"
+    " all.push(new ArrayBuffer(1 << 24)); new Uint8Array(all.at(-1)).fill(1); }, 20);"
+)
+_DEEP = (
+    "let at = document.body;"
+    " for (let i = 0; i < 200000; i++) at = at.appendChild(document.createElement('div')); at.append('deep');"
+)
+_MILLION = (
+    "const all = document.createDocumentFragment();"
+    " for (let i = 0; i < 1000000; i++) all.append(document.createElement('b')); document.body.append(all);"
+)
+_GIGABYTE = (
+    "for (;;) { const one = document.createElement('p'); one.append('x'.repeat(1 << 20) + Math.random());"
+    " document.body.append(one); }"
+)
+_WORKER = "new Worker(URL.createObjectURL(new Blob(['for(;;);'])));"
+
+PAGES: dict[str, str] = {
+    # scripts without end
+    "/loop/load": _at_load("for (;;);"),
+    "/loop/click": _when_clicked("for (;;);"),
+    "/loop/frame": "<p>before</p><iframe srcdoc='<script>for (;;);</script>'></iframe>",
+    "/loop/worker": _at_load(_WORKER + _WORKER),
+    "/loop/beforeunload": _at_load("onbeforeunload = () => { for (;;); }"),
+    "/loop/unload": _at_load("onpagehide = onunload = () => { for (;;); }"),
+    "/loop/microtask": _at_load("const again = () => Promise.resolve().then(again); again();"),
+    "/loop/reload": _at_load("location.reload();"),
+    "/loop/history": _at_load("for (let i = 0; ; i++) history.pushState(i, '', '?' + i);"),
+    # dialogs without end
+    "/dialogs/alert": _at_load("for (;;) alert('again');"),
+    "/dialogs/confirm": _at_load("while (confirm('sure?') || true);"),
+    "/dialogs/prompt": _at_load("for (;;) prompt('name?', 'x');"),
+    "/dialogs/timer": _at_load("setInterval(() => alert('tick'), 1);"),
+    "/dialogs/beforeunload": _when_clicked("onbeforeunload = (event) => { event.preventDefault(); };"),
+    "/dialogs/huge": _at_load("alert('x'.repeat(1 << 28));"),
+    # memory
+    "/memory/heap": _at_load(_JS_HEAP),
+    "/memory/buffers": _at_load(_BUFFERS),
+    "/memory/some": _at_load(_SOME),
+    "/memory/click": _when_clicked(_SLOW_BUFFERS),
+    "/memory/worker": _at_load(f"new Worker(URL.createObjectURL(new Blob([{_BUFFERS!r}])));"),
+    "/memory/title": _at_load("document.title = 'x'.repeat(1 << 28);"),
+    # documents without end
+    "/dom/gigabyte": _at_load(_GIGABYTE),
+    "/dom/deep": _at_load(_DEEP),
+    "/dom/million": _at_load(_MILLION),
+    "/dom/links": _at_load("document.body.innerHTML = '<a href=#>a</a> '.repeat(100000);"),
+    "/dom/frames": _at_load("setInterval(() => document.body.append(document.createElement('iframe')), 1);"),
+    # windows and downloads without end
+    "/windows": _at_load("setInterval(() => open('/loop/load'), 5);"),
+    "/downloads": _at_load("setInterval(() => { location = '/file'; }, 5);"),
+}
+"""By path: all of it is harm."""
+
+_STREAM_PART = b"<p>" + b"x" * (1 << 16)
+
+
+async def _endless() -> AsyncIterator[bytes]:
+    yield b"<!doctype html><title>endless</title>"
+    while True:
+        yield _STREAM_PART
+        await asyncio.sleep(0)  # a reader that is always ready would keep the loop
+
+
+async def hostile_site(scope: Scope, receive: Receive, send: Send) -> None:
+    """An ASGI application that serves :data:`PAGES`, and a document that never ends at ``/dom/endless``."""
+    path = Request(scope).url.path
+    response: Response
+    if path == "/dom/endless":
+        response = StreamingResponse(_endless(), media_type="text/html")
+    elif path == "/file":
+        response = Response(b"x" * 1024, headers={"content-disposition": "attachment; filename=x.bin"})
+    elif path in PAGES:
+        response = HTMLResponse(f"<!doctype html><meta charset=utf-8><title>{path}</title>{PAGES[path]}")
+    else:
+        response = HTMLResponse("<!doctype html><title>calm</title><p>calm</p>")
+    await response(scope, receive, send)
+
+
+class _Quiet(uvicorn.Server):
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave the process's signal handlers alone."""
+        yield
+
+
+@asynccontextmanager
+async def serving_hostile_pages() -> AsyncIterator[str]:
+    """Serve them on loopback for the length of the block; their base URL."""
+    with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
+        config = uvicorn.Config(
+            hostile_site, lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1
+        )
+        server = _Quiet(config)
+        task = asyncio.create_task(server.serve(sockets=[listener]))
+        try:
+            yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+        finally:
+            server.should_exit = True
+            await task

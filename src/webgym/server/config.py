@@ -94,6 +94,13 @@ class ServerConfig(BaseModel):
     head_bytes: int = Field(default=32 * 1024, gt=0)
     """Largest request line and headers together. Ours take about 400 bytes."""
 
+    receive_seconds: float = Field(default=30.0, gt=0)
+    """From a connection, or the first byte of a request, until the request is whole. Whoever lets it trickle
+    is cut off."""
+
+    connections: int = Field(default=8192, gt=0)
+    """Connections at once; more are closed as they come. A session has one or two."""
+
     pixels: int = Field(default=3840 * 2160, gt=0)
     """Largest viewport, width times height."""
 

@@ -143,7 +143,7 @@ def decode(body: bytes, shape: type[msgspec.Struct]) -> Any:
     """
     try:
         return msgspec.json.decode(body or b"{}", type=shape)
-    except (msgspec.MsgspecError, ValueError, UnicodeError) as error:
+    except (msgspec.MsgspecError, ValueError, UnicodeError, RecursionError) as error:
         raise ProtocolError(f"the request is not understood: {error}", hint="see /openapi.json") from None
 
 

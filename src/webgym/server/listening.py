@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import logging
 import socket
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
@@ -16,8 +17,14 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from webgym.core.errors import ConfigError
 from webgym.server.config import ServerConfig
 
+log = logging.getLogger(__name__)
+
 _BACKLOG = 2048
 _PROBES = 3
+_LONG_HEAD = "The head of the request is too long."
+_THROWN_AWAY = 8
+"""A body is refused when it is too large, and the answer needs a caller who still listens: what he sends
+meanwhile is thrown away, up to so many times the largest body."""
 
 
 def keep_alive_options(seconds: float) -> list[tuple[int, int, int]]:
@@ -81,14 +88,46 @@ class _Quiet(uvicorn.Server):
         yield
 
 
-def _bounded(head_bytes: int) -> type[HttpToolsProtocol]:
-    """HTTP that takes no endless request line and no endless headers: both are kept before any of our
-    code, and any check of a token, sees the request."""
+def _bounded(config: ServerConfig) -> type[HttpToolsProtocol]:
+    """HTTP that is not held up: by endless heads and bodies, by requests that trickle in or never come, by
+    connections without number. All of it happens before any of our code, and any check of a token, sees a
+    request.
+    """
+    most_bytes = config.head_bytes + _THROWN_AWAY * config.body_bytes
 
     class Bounded(HttpToolsProtocol):
-        _head_bytes = 0
+        _head_bytes = 0  # of what the parser told of the head
+        _bytes = 0  # of the message so far, as they came
+        _in_head = True
+        _completed = False
+        _deadline: asyncio.TimerHandle | None = None
+
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            super().connection_made(transport)  # type: ignore[arg-type]  # uvicorn narrows it
+            if len(self.connections) > config.connections:
+                log.warning("more than %d connections: one is refused", config.connections)
+                self.transport.abort()
+            else:
+                self._expect()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            self._received()
+            super().connection_lost(exc)
+
+        def data_received(self, data: bytes) -> None:
+            self._expect()
+            self._completed = False
+            super().data_received(data)
+            if self._completed or self.transport.is_closing():
+                return
+            self._bytes += len(data)
+            if self._in_head and self._bytes > config.head_bytes:
+                self.send_400_response(_LONG_HEAD)
+            elif self._bytes > most_bytes:
+                self.transport.abort()
 
         def on_message_begin(self) -> None:
+            self._expect()
             self._head_bytes = 0
             super().on_message_begin()
 
@@ -100,11 +139,34 @@ def _bounded(head_bytes: int) -> type[HttpToolsProtocol]:
             self._grow(len(name) + len(value))
             super().on_header(name, value)
 
+        def on_headers_complete(self) -> None:
+            self._in_head = False
+            super().on_headers_complete()
+
+        def on_message_complete(self) -> None:
+            self._received()
+            self._in_head = self._completed = True
+            self._bytes = 0
+            super().on_message_complete()
+
         def _grow(self, by: int) -> None:
             self._head_bytes += by
-            if self._head_bytes > head_bytes:
+            if self._head_bytes > config.head_bytes:
                 # The parser makes a parser error of it, which is answered with 400 and the end.
-                raise ValueError(f"the request's head is larger than {head_bytes} bytes")
+                raise ValueError(_LONG_HEAD)
+
+        def _expect(self) -> None:
+            if self._deadline is None:
+                self._deadline = self.loop.call_later(config.receive_seconds, self._too_late)
+
+        def _received(self) -> None:
+            if self._deadline is not None:
+                self._deadline.cancel()
+                self._deadline = None
+
+        def _too_late(self) -> None:
+            self._deadline = None
+            self.transport.abort()  # whoever reads the body is told that the caller left
 
     return Bounded
 
@@ -118,7 +180,7 @@ async def serving(app: ASGIApp, listener: socket.socket, config: ServerConfig) -
         "access_log": False,
         "server_header": False,
         "ws": "none",
-        "http": _bounded(config.head_bytes),
+        "http": _bounded(config),
         "timeout_keep_alive": config.keep_alive_seconds,
         "timeout_graceful_shutdown": config.shutdown_seconds,
     }

@@ -100,3 +100,38 @@ async def test_generations_count_up() -> None:
     assert [lease.generation for lease in granted] == [1, 2, 3]
     assert all(lease.id.startswith("w7-") for lease in granted)
     await leases.stop()
+
+
+async def test_a_session_ends_on_time_even_while_it_works() -> None:
+    """Its life is shorter than its time to live, and a call runs."""
+    taken = Taken()
+    leases = Leases(taken)
+    leases.start()
+    lease = leases.grant(idle_slot(), 60, 0.1)
+
+    async def work() -> None:
+        await asyncio.Event().wait()
+
+    async with asyncio.timeout(5):
+        with pytest.raises(LeaseLost):
+            await lease.run(work)
+        while not taken.slots:
+            await asyncio.sleep(0.005)
+    await leases.stop()
+
+
+async def test_what_goes_wrong_with_taking_back_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    async def fails(_: Slot) -> None:
+        raise ValueError("no such thing")
+
+    leases = Leases(fails)
+    await leases.end(leases.grant(idle_slot(), 60, 60))
+    await leases.stop()
+    assert "no such thing" in caplog.text
+
+
+async def test_a_renewal_does_not_outlast_the_session() -> None:
+    leases = Leases(Taken())
+    lease = leases.grant(idle_slot(), 60, 10)
+    assert lease.renew() == pytest.approx(10, abs=1)
+    await leases.stop()

@@ -59,29 +59,31 @@ class Lease:
     async def run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """Do one call's work when its turn has come: one session's calls never overlap.
 
+        The turn is the work's own, not the caller's. A caller that is cancelled, however often, cancels the
+        work; the turn is over when the work has really ended.
+
         Raises:
             LeaseLost: the lease ended before or meanwhile.
         """
+        caller = asyncio.current_task()
+        assert caller is not None
+        try:
+            return await asyncio.get_running_loop().create_task(self._in_turn(work))
+        except asyncio.CancelledError:
+            if self.is_over and not caller.cancelling():
+                raise _lost() from None
+            raise
+
+    async def _in_turn(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         async with self._turn:
-            self._check_alive()
-            task = asyncio.get_running_loop().create_task(work())
-            self._running = task
+            if self.is_over:
+                raise _lost()
+            self._running = asyncio.current_task()
             try:
-                await asyncio.wait({task})
-            except asyncio.CancelledError:
-                task.cancel()
-                await asyncio.wait({task})
-                raise
+                return await work()
             finally:
                 self._running = None
-            if task.cancelled():
-                self._check_alive()
-            self.renew()
-            return task.result()
-
-    def _check_alive(self) -> None:
-        if self.is_over:
-            raise LeaseLost("the session ended", hint="open a new one")
+                self.renew()
 
     async def end(self) -> None:
         """Cut a running call off and wait until nothing of the lease touches the slot."""
@@ -90,6 +92,10 @@ class Lease:
             self._running.cancel()
         async with self._turn:  # those in line find the lease over
             pass
+
+
+def _lost() -> LeaseLost:
+    return LeaseLost("the session ended", hint="open a new one")
 
 
 class Leases:
@@ -134,7 +140,7 @@ class Leases:
         return tuple(self._leases)
 
     def grant(self, slot: Slot, ttl_seconds: float, session_seconds: float) -> Lease:
-        """A new lease of a slot; all earlier ones of it are void."""
+        """A new lease of a slot, whose earlier ones have all ended."""
         self.granted += 1
         now = asyncio.get_running_loop().time()
         lease = Lease(
@@ -180,7 +186,10 @@ class Leases:
     async def _end(self, lease: Lease) -> None:
         await lease.end()
         lease.over.set()
-        await self._take_back(lease.slot)
+        try:
+            await self._take_back(lease.slot)
+        except Exception:  # nobody waits for it, so here is where it is said
+            log.exception("the slot of session %s was not taken back as it should", lease.id)
 
     async def _reap(self) -> None:
         """Take back what is not renewed. Sleeps until the next lease can run out."""
@@ -196,7 +205,7 @@ class Leases:
                     self._in_background(lease)
             self._changed.clear()
             idle = [lease.expires for lease in self._leases.values() if not lease.is_busy]
-            busy = [now + lease.ttl_seconds for lease in self._leases.values() if lease.is_busy]
+            busy = [min(now + one.ttl_seconds, one.ends) for one in self._leases.values() if one.is_busy]
             try:
                 async with asyncio.timeout_at(min([*idle, *busy], default=None)):
                     await self._changed.wait()

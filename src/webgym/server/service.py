@@ -203,11 +203,18 @@ class Service:
 
     async def _run(self, lease: Lease, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         """One call in its turn. A browser that failed ends the lease: its slot gets a fresh one."""
+
+        async def in_turn() -> T:
+            try:
+                return await work()
+            except BrowserError:
+                await lease.slot.stop()  # while the slot is the holder's and nobody else's
+                raise
+
         try:
-            return await lease.run(work)
+            return await lease.run(in_turn)
         except BrowserError as error:
             log.warning("session %s ended: %s", lease.id, error)
-            await lease.slot.stop()
             await self.leases.end(lease)
             raise
 

@@ -3,7 +3,10 @@
 slot.py      Slot: one browser process group, one fresh context and page per episode
 page.py      Page: the one tab of an episode, and everything that happens to it
 actions.py   from an Action to mouse, keyboard and history
+gestures.py  what a hand can do beside the agent's actions
+chords.py    keys by name, and keys pressed together
 observe.py   from the page to an Observation and the bytes of its picture
+document.py  reading a whole document, not only what the viewport shows of it
 settle.py    when is a page quiet, and why do we say so
 traffic.py   what the tab is loading at this moment
 egress/      the only way out: a proxy that refuses what pages must not reach

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import msgspec
 
+from webgym.browser.chords import chord, keys_of
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, strokes
 from webgym.browser.page import Page
 from webgym.browser.settle import settle
@@ -82,9 +83,9 @@ async def perform(page: Page, action: BrowserAction) -> None:
     """
     match action:
         case LeftClick(target=target):
-            await _click(page, _point(page, target))
+            await click(page, point_of(page, target))
         case Type(target=target, text=text):
-            await _type(page, _point(page, target), text)
+            await type_at(page, point_of(page, target), text)
         case Scroll(direction=direction):
             await _scroll(page, direction)
         case Wait(time=seconds):
@@ -95,7 +96,12 @@ async def perform(page: Page, action: BrowserAction) -> None:
             await _navigate(page, url)
 
 
-def _point(page: Page, target: Target) -> Point:
+def point_of(page: Page, target: Target) -> Point:
+    """Where a target lies in the viewport, px.
+
+    Raises:
+        ActionFailed: the last observation showed no such element.
+    """
     if target.element is not None:
         point = page.points.get(target.element)
         if point is None:
@@ -110,31 +116,34 @@ def _point(page: Page, target: Target) -> Point:
 # --- mouse --------------------------------------------------------------------------------------------
 
 
-async def _mouse(page: Page, kind: str, point: Point, **more: Any) -> None:
+async def mouse(page: Page, kind: str, point: Point, **more: Any) -> None:
+    """One mouse event of the protocol, until the page has taken it."""
     params = {"type": kind, "x": point[0], "y": point[1], **more}
     await page.session.call(
         "Input.dispatchMouseEvent", params, reply=Nothing, seconds=page.config.execute_seconds
     )
 
 
-async def _click(page: Page, point: Point) -> None:
+async def click(page: Page, point: Point) -> None:
+    """Move the mouse here and press and release its left button."""
     button = {"button": "left", "clickCount": 1}
     await asyncio.gather(  # sent at once, taken in order
-        _mouse(page, "mouseMoved", point),
-        _mouse(page, "mousePressed", point, **button, buttons=1),
-        _mouse(page, "mouseReleased", point, **button),
+        mouse(page, "mouseMoved", point),
+        mouse(page, "mousePressed", point, **button, buttons=1),
+        mouse(page, "mouseReleased", point, **button),
     )
 
 
 async def _scroll(page: Page, direction: Literal["up", "down"]) -> None:
     sign = 1 if direction == "down" else -1
-    wheel = await _wheel(page, sign)
+    wheel = await wheel_over(page, sign)
     distance = wheel.height * page.config.scroll_fraction * sign
-    await _mouse(page, "mouseWheel", wheel.point, deltaX=0, deltaY=distance)
+    await mouse(page, "mouseWheel", wheel.point, deltaX=0, deltaY=distance)
 
 
-async def _wheel(page: Page, sign: int) -> _Wheel:
-    """An open list in a frame of another origin goes first: the tab's own frame does not know of it."""
+async def wheel_over(page: Page, sign: int) -> _Wheel:
+    """Where the wheel turns. An open list in a frame of another origin goes first: the tab's own frame does
+    not know of it."""
     try:
         for frame in page.worlds.entered:
             over = (await page.run("listWheel", reply=_List, frame=frame)).wheel
@@ -154,6 +163,19 @@ async def _press(page: Page, key: Key) -> None:
     seconds = page.config.execute_seconds
     await asyncio.gather(  # sent at once, taken in order
         *(page.session.do("Input.dispatchKeyEvent", key.event(kind), seconds=seconds) for kind in kinds)
+    )
+
+
+async def press(page: Page, *names: str) -> None:
+    """Press these keys together.
+
+    Raises:
+        ValueError: a name that no key has.
+    """
+    seconds = page.config.execute_seconds
+    events = chord(keys_of(names))
+    await asyncio.gather(  # sent at once, taken in order
+        *(page.session.do("Input.dispatchKeyEvent", event, seconds=seconds) for event in events)
     )
 
 
@@ -189,12 +211,12 @@ async def _write(page: Page, text: str, most_keys: int) -> None:
                 await _insert(page, run)
 
 
-async def _prepare(page: Page, text: str) -> _Field:
+async def _prepare(page: Page, text: str, enter: bool) -> _Field:
     """Ready what has the focus, in whichever frame it is."""
     frame: str | None = None
     for _ in range(_FRAME_DEPTH):
         try:
-            field = await page.run("prepareTyping", text, reply=_Field, frame=frame)
+            field = await page.run("prepareTyping", text, enter, reply=_Field, frame=frame)
             if field.kind != "frame":
                 return field
             if field.frame is None:
@@ -208,39 +230,54 @@ async def _prepare(page: Page, text: str) -> _Field:
     return _Field("none")
 
 
-async def _prepare_late(page: Page, text: str, wondered: bool) -> _Field:
+async def _prepare_late(page: Page, text: str, enter: bool, wondered: bool) -> _Field:
     """The click may open a field that takes a moment, or have gone into a closed root."""
     await settle(page)
     if wondered:
         with contextlib.suppress(DocumentGone):
             await page.worlds.explore()
-    return await _prepare(page, text)
+    return await _prepare(page, text, enter)
 
 
-async def _type(page: Page, point: Point, text: str) -> None:
+async def type_at(
+    page: Page, point: Point, text: str, *, replace: bool = True, enter: bool = True, blindly: bool = False
+) -> None:
+    """Click here and type into what then has the focus.
+
+    Args:
+        replace: what is in the field; else the text goes behind it.
+        enter: press it afterwards.
+        blindly: press the keys even where nothing is known to take them.
+
+    Raises:
+        ActionFailed: nothing takes this text.
+    """
     config = page.config
-    await _click(page, point)
-    field = await _prepare(page, text)
+    await click(page, point)
+    field = await _prepare(page, text, enter)
     if field.kind in ("none", "keys"):
-        field = await _prepare_late(page, text, field.wondered)
+        field = await _prepare_late(page, text, enter, field.wondered)
     match field.kind:
-        case "none" | "frame":
+        case "none" | "frame" if not blindly:
             raise ActionFailed("there is no text field at this place; nothing was typed")
         case "refused":
             raise ActionFailed(f"nothing was typed: {field.why}")
         case "chosen":
             return
-        case "keys":
+        case "keys" | "none" | "frame":
             if len(text) > config.watched_keys:
                 raise ActionFailed(
                     f"this is no text field; it takes {config.watched_keys} key presses at most"
                 )
             await _write(page, text, config.watched_keys)
         case "text" if text:
+            if not replace:
+                await press(page, "Control", "End")  # the selection gives way to a caret behind it
             await _write(page, text, config.watched_keys if field.keyed else config.typed_keys)
-        case "text" if field.filled:
+        case "text" if field.filled and replace:
             await _press(page, BACKSPACE)
-    await _press(page, ENTER)
+    if enter:
+        await _press(page, ENTER)
 
 
 # --- history and addresses ----------------------------------------------------------------------------

@@ -144,6 +144,12 @@ class BrowserConfig(BaseModel):
     url_length: int = Field(default=16_384, gt=0)
     """Longest address that is opened, characters: a model that repeats itself writes longer ones."""
 
+    document_characters: int = Field(default=1_000_000, gt=0)
+    """Longest answer to a reading of a whole document, all its texts together."""
+
+    document_elements: int = Field(default=5_000, gt=0)
+    """Most elements in an answer to a reading of a whole document."""
+
     dialogs_per_action: int = Field(default=20, gt=0)
     """Dialogs that are answered within one action; then the script that opens them is ended."""
 

@@ -47,24 +47,27 @@ BACKSPACE = Key("Backspace", "Backspace", 8)
 PROCESS = Key("Process", "", 229)
 """What a page is told while an input method takes the keys."""
 
-_PLAIN = {
+PLAIN = {
     "-": ("Minus", 189), "=": ("Equal", 187), "[": ("BracketLeft", 219), "]": ("BracketRight", 221),
     "\\": ("Backslash", 220), ";": ("Semicolon", 186), "'": ("Quote", 222), "`": ("Backquote", 192),
     ",": ("Comma", 188), ".": ("Period", 190), "/": ("Slash", 191), " ": ("Space", 32),
 }  # fmt: skip
-_SHIFTED = dict(zip(')!@#$%^&*(_+{}|:"~<>?', "0123456789-=[]\\;'`,./", strict=True))
+"""Code and number of the keys that are neither letters nor digits."""
+
+SHIFTED = dict(zip(')!@#$%^&*(_+{}|:"~<>?', "0123456789-=[]\\;'`,./", strict=True))
+"""What is on the key of what Shift types."""
 
 
 def key_of(character: str) -> Key:
     """The key that types a character. One that is not on the layout has no code, as on a phone."""
-    shift = character in _SHIFTED or (character.isascii() and character.isupper())
-    base = _SHIFTED.get(character, character.lower())
+    shift = character in SHIFTED or (character.isascii() and character.isupper())
+    base = SHIFTED.get(character, character.lower())
     if base.isascii() and base.isalpha():
         code, number = f"Key{base.upper()}", ord(base.upper())
     elif base.isascii() and base.isdigit():
         code, number = f"Digit{base}", ord(base)
     else:
-        code, number = _PLAIN.get(base, ("", 0))
+        code, number = PLAIN.get(base, ("", 0))
     return Key(character, code, number, character, shift)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import time
+from collections.abc import Awaitable, Callable
+from typing import TypeVar
 
 import msgspec
 
@@ -14,7 +16,9 @@ from webgym.browser.settle import settle
 from webgym.browser.wire import Screenshot
 from webgym.browser.worlds import DocumentGone
 from webgym.core.errors import BrowserTimeout
-from webgym.core.observation import Element, Observation
+from webgym.core.observation import Element, Notice, Observation
+
+T = TypeVar("T")
 
 _LOOKS = 3
 """Frames in frames, and roots in roots, take a look each the first time they are seen."""
@@ -41,6 +45,8 @@ class Metadata(msgspec.Struct, frozen=True):
     status: int | None
     scroll: tuple[float, float]
     settled: str
+    notices: tuple[Notice, ...]
+    """What happened since the last action began."""
 
 
 class Seen(msgspec.Struct, frozen=True):
@@ -104,10 +110,19 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look
 
 
 async def ask(page: Page, **wanted: bool) -> Seen:
-    """What the document says of itself. One that moves on meanwhile is asked again once it is quiet.
+    """What the document says of itself.
 
     Args:
         wanted: ``text``, ``elements``, ``marks`` (draw them).
+    """
+    return await patiently(page, lambda: _ask(page, wanted))
+
+
+async def patiently(page: Page, question: Callable[[], Awaitable[T]]) -> T:
+    """Ask the document. One that moves on meanwhile is asked again once it is quiet.
+
+    Raises:
+        BrowserTimeout: no answer within the deadline of a look.
     """
     seconds = page.config.screenshot_seconds
     has_waited = False
@@ -115,7 +130,7 @@ async def ask(page: Page, **wanted: bool) -> Seen:
         async with asyncio.timeout(seconds):
             while True:
                 try:
-                    return await _ask(page, wanted)
+                    return await question()
                 except DocumentGone:
                     await settle(page)
                 except BrowserTimeout:

@@ -36,6 +36,15 @@ _BLANK = "about:blank"
 _SAID_LENGTH = 300
 """Characters of a dialog's message, or of an address, that a notice repeats."""
 
+_CLEAR_CLIPBOARD = """
+addEventListener('copy', (event) => {
+  event.clipboardData.setData('text/plain', '');
+  event.preventDefault();
+}, { capture: true, once: true });
+document.execCommand('copy');
+"""
+"""A browser has one clipboard for all its contexts: what an episode copied, the next one must not paste."""
+
 _SCHEMES = ("http://", "https://")
 _PROXY_SAID_NO = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS_UNREACHABLE"})
 """All that Chromium says when the proxy has no connection for it, whatever the reason."""
@@ -74,6 +83,7 @@ class Page:
         )
         self._notices: list[Notice] = []
         self._more_notices = 0
+        self._happened: list[Notice] = []
         self._dialogs = 0
         self._statuses: dict[str, int] = {}
         """HTTP status by loader, until the document is committed."""
@@ -104,6 +114,7 @@ class Page:
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
         ]
         commands.append(("Runtime.runIfWaitingForDebugger", {}))
+        commands.append(("Runtime.evaluate", {"expression": _CLEAR_CLIPBOARD, "userGesture": True}))
         await self._do_all(commands)
 
     async def begin(self, options: PageOptions) -> None:
@@ -146,6 +157,7 @@ class Page:
 
     def begin_action(self) -> None:
         """An action starts: what is limited per action is counted anew."""
+        self._happened.clear()
         self._dialogs = 0
         self.popups.begin_action()
         self.traffic.started.clear()
@@ -154,10 +166,17 @@ class Page:
 
     def note(self, kind: NoticeKind, text: str) -> None:
         """Keep something for the next observation to say."""
+        if len(self._happened) < self.config.notices_per_observation:
+            self._happened.append(Notice(kind, text))
         if len(self._notices) < self.config.notices_per_observation:
             self._notices.append(Notice(kind, text))
         else:
             self._more_notices += 1
+
+    @property
+    def happened(self) -> tuple[Notice, ...]:
+        """What there was to note since the last action began; the next observation says it too."""
+        return tuple(self._happened)
 
     def take_notices(self) -> tuple[Notice, ...]:
         """What happened since the last call."""

@@ -14,10 +14,11 @@ from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-from webgym.browser.actions import perform
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.document import Document, ReadRequest, read
 from webgym.browser.egress import Egress
+from webgym.browser.gestures import AnyAction, carry_out
 from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
@@ -31,7 +32,7 @@ from webgym.browser.wire import (
     DetachedFromTarget,
     Nothing,
 )
-from webgym.core.action import BrowserAction, Navigate
+from webgym.core.action import Navigate
 from webgym.core.errors import (
     ActionFailed,
     BrowserCrashed,
@@ -313,7 +314,7 @@ class Slot:
 
     # --- one step -----------------------------------------------------------------------------------
 
-    async def act(self, action: BrowserAction) -> None:
+    async def act(self, action: AnyAction) -> None:
         """Carry an action out and wait until the page is quiet. What the page refuses is kept as a notice.
 
         Raises:
@@ -334,9 +335,9 @@ class Slot:
         except TargetGone:
             await self._bring_back(page)
 
-    async def _perform(self, page: Page, action: BrowserAction) -> None:
+    async def _perform(self, page: Page, action: AnyAction) -> None:
         try:
-            await perform(page, action)
+            await carry_out(page, action)
         except (ActionFailed, NavigationFailed) as error:
             page.note(_NOTICE_OF[type(error)], error.message)
         except BrowserTimeout as error:
@@ -383,7 +384,7 @@ class Slot:
                 self._was_revived = False
                 return seen
 
-    async def step(self, action: BrowserAction | None = None) -> Look:
+    async def step(self, action: AnyAction | None = None) -> Look:
         """Act, then look."""
         if action is not None:
             await self.act(action)
@@ -404,7 +405,22 @@ class Slot:
             seen = await self._look_at(page, lambda: ask(page))
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be asked: {error.message}") from error
-        return Metadata(page.url, seen.title, page.options.viewport, page.status, seen.scroll, self._settled)
+        return Metadata(
+            page.url,
+            seen.title,
+            page.options.viewport,
+            page.status,
+            seen.scroll,
+            self._settled,
+            page.happened,
+        )
+
+    async def read(self, request: ReadRequest) -> Document:
+        """What the whole document holds."""
+        try:
+            return await read(self._living_page(), request)
+        except (TargetGone, CommandFailed) as error:
+            raise BrowserCrashed(f"the page could not be read: {error.message}") from error
 
     def _living_page(self) -> Page:
         if self._page is None or not self._is_open:

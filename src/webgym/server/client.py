@@ -18,7 +18,9 @@ from typing import TypeVar
 import httpx
 import msgspec
 
-from webgym.core.action import BrowserAction, Navigate
+from webgym.browser.document import Document, ReadRequest
+from webgym.browser.gestures import AnyAction
+from webgym.core.action import Navigate
 from webgym.core.errors import (
     LeaseLost,
     ProtocolError,
@@ -59,6 +61,7 @@ from webgym.server.operations import (
     NAVIGATE,
     PRESSURE,
     QUEUES,
+    READ,
     RELEASE,
     SCREENSHOT,
     STEP,
@@ -327,7 +330,7 @@ class Session:
         """Whether its calls go straight to the worker that holds it."""
         return self._way.is_straight
 
-    async def step(self, action: BrowserAction | None = None) -> View:
+    async def step(self, action: AnyAction | None = None) -> View:
         """Act (or not), wait until the page is quiet, and look: one round trip."""
         queue: QueueName = "navigate" if isinstance(action, Navigate) else "execute"
         if action is None:
@@ -348,13 +351,17 @@ class Session:
         """Open a URL, without looking."""
         return await self._call(NAVIGATE, PageMetadata, NavigateRequest(url))
 
-    async def execute(self, action: BrowserAction) -> PageMetadata:
+    async def execute(self, action: AnyAction) -> PageMetadata:
         """Act, without looking."""
         return await self._call(EXECUTE, PageMetadata, ExecuteRequest(action))
 
     async def metadata(self) -> PageMetadata:
         """Where the page is."""
         return await self._call(METADATA, PageMetadata)
+
+    async def read(self, request: ReadRequest) -> Document:
+        """What the whole document holds, not only what the viewport shows of it."""
+        return await self._call(READ, Document, request)
 
     async def screenshot(self) -> bytes:
         """The bare viewport as it is now, PNG (or JPEG)."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgspec
 
 from webgym.browser.config import PageOptions
-from webgym.core.action import BrowserAction
+from webgym.browser.gestures import AnyAction
 from webgym.core.errors import ProtocolError, WebGymError, error_from_code
-from webgym.core.observation import Observation
+from webgym.core.observation import Notice, Observation
 
 SECRET_HEADER = "x-webgym-secret"  # noqa: S105
 GENERATION_HEADER = "x-webgym-generation"
@@ -53,7 +53,7 @@ class StepRequest(msgspec.Struct, frozen=True, omit_defaults=True):
         have: names of the pictures that the caller has: such a one is not sent again.
     """
 
-    action: BrowserAction | None = None
+    action: AnyAction | None = None
     have: tuple[str, ...] = ()
 
 
@@ -88,7 +88,7 @@ class NavigateRequest(msgspec.Struct, frozen=True):
 class ExecuteRequest(msgspec.Struct, frozen=True):
     """Carry this action out."""
 
-    action: BrowserAction
+    action: AnyAction
 
 
 class PageMetadata(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -96,6 +96,7 @@ class PageMetadata(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         settled: why the wait for a quiet page ended, after the last action.
+        notices: what happened since the last action began; the next observation says it too.
     """
 
     url: str
@@ -104,6 +105,7 @@ class PageMetadata(msgspec.Struct, frozen=True, omit_defaults=True):
     status: int | None = None
     scroll: tuple[float, float] = (0.0, 0.0)
     settled: str = ""
+    notices: tuple[Notice, ...] = ()
 
 
 class Renewed(msgspec.Struct, frozen=True):

@@ -6,6 +6,7 @@ from typing import Any, Literal, TypeAlias
 
 import msgspec
 
+from webgym.browser.document import Document, ReadRequest
 from webgym.server.messages import (
     CLIENT_HEADER,
     GENERATION_HEADER,
@@ -122,6 +123,16 @@ METADATA = Operation(
     queue="metadata",
     is_repeatable=True,
 )
+READ = Operation(
+    name="read",
+    method="POST",
+    path="/v1/sessions/{id}/read",
+    summary="What the whole document holds: text, elements, metadata",
+    request=ReadRequest,
+    reply=Document,
+    queue="metadata",
+    is_repeatable=True,
+)
 HEARTBEAT = Operation(
     name="heartbeat",
     method="POST",
@@ -179,6 +190,7 @@ OPERATIONS: tuple[Operation, ...] = (
     EXECUTE,
     SCREENSHOT,
     METADATA,
+    READ,
     HEARTBEAT,
     RELEASE,
     HEALTH,

@@ -13,8 +13,10 @@ from typing import Any, TypeVar
 import msgspec
 
 from webgym.browser import Slot
+from webgym.browser.document import Document, ReadRequest
+from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
-from webgym.core.action import BrowserAction, Navigate
+from webgym.core.action import Navigate
 from webgym.core.errors import BrowserError, ProtocolError
 from webgym.server.admission import Gatekeeper
 from webgym.server.config import ServerConfig
@@ -181,6 +183,16 @@ class Service:
 
         return await self._run(lease, work)
 
+    async def read(self, lease: Lease, request: ReadRequest) -> Document:
+        """What the whole document holds."""
+        slot = lease.slot
+
+        async def work() -> Document:
+            async with self._running(slot, "metadata"):
+                return await slot.read(request)
+
+        return await self._run(lease, work)
+
     async def screenshot(self, lease: Lease) -> bytes:
         """The bare picture."""
         slot = lease.slot
@@ -191,7 +203,7 @@ class Service:
 
         return await self._run(lease, work)
 
-    async def _act_and_tell(self, lease: Lease, action: BrowserAction) -> PageMetadata:
+    async def _act_and_tell(self, lease: Lease, action: AnyAction) -> PageMetadata:
         slot = lease.slot
 
         async def work() -> PageMetadata:
@@ -260,7 +272,7 @@ class Service:
         return openapi(version("webgym-rl"))
 
 
-def _queue_of(action: BrowserAction | None) -> QueueName:
+def _queue_of(action: AnyAction | None) -> QueueName:
     """Whose turn a call waits for; one that only looks is a screenshot."""
     if action is None:
         return "screenshot"

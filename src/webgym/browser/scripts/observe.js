@@ -256,13 +256,23 @@
   }
 
   const numbers = new WeakMap();
+  const byNumber = new Map(); // elements of this world, held weakly
   const foreignNumbers = new Map(); // by world and key, of elements in frames of other origins
   let lastNumber = 0;
   const numberOf = (key) => {
     const known = typeof key === 'string' ? foreignNumbers : numbers;
-    if (!known.has(key)) known.set(key, ++lastNumber);
+    if (!known.has(key)) {
+      known.set(key, ++lastNumber);
+      if (known === numbers) byNumber.set(lastNumber, new WeakRef(key));
+    }
     return known.get(key);
   };
+  // The element that has a number: undefined for one of another world, null if it is gone.
+  const elementOf = (number) => {
+    const element = byNumber.get(number);
+    return element && (element.deref() || null);
+  };
+  webgym.elements = { elementOf, numberOf, isShown, isOff, looksClickable, visibleParts, standIn };
 
   // In the tab's own frame: what is seen is numbered and read. `frames`: what was gathered in frames of
   // other origins, {world, items} by id; the names of those that are missing are kept.

@@ -141,7 +141,8 @@
   // Readies the focused field for `text`. {kind}: "text" (its content is selected; `filled` says whether
   // there is any; `keyed`, whether it looks at every key), "set" and "chosen" (done here), "keys" (no field,
   // but it listens), "frame" (the focus is in this frame of another origin), "refused" (why), "none".
-  webgym.prepareTyping = (text) => {
+  // `isEnded`: by Enter.
+  webgym.prepareTyping = (text, isEnded) => {
     const element = focused();
     if (!element) return { kind: 'none' };
     if (isFrame(element)) return { kind: 'frame', frame: webgym.frameId(element) };
@@ -153,7 +154,7 @@
     if (isInput && VALUE_TYPES.includes(element.type)) return setValue(element, text);
     const lines = element.isContentEditable || element.localName === 'textarea';
     if (lines || (isInput && !NO_TEXT.includes(element.type))) {
-      if (lines) unbroken = element;
+      if (lines && isEnded) unbroken = element;
       return { kind: 'text', filled: selectAll(element), keyed: isKeyed(element) };
     }
     return { kind: takesKeys(element) ? 'keys' : 'none', wondered: webgym.wonder(element) };

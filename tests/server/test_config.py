@@ -12,6 +12,7 @@ import webgym.browser
 import webgym.server
 from webgym.browser import EgressConfig
 from webgym.server import BrowserConfig, ClientLimits, GatewayConfig, ServerConfig
+from webgym.server.compat import CompatConfig
 from webgym.server.operations import QUEUES
 
 SOURCE = "".join(
@@ -21,7 +22,9 @@ SOURCE = "".join(
 )
 
 
-@pytest.mark.parametrize("config", [BrowserConfig, EgressConfig, ServerConfig, GatewayConfig, ClientLimits])
+@pytest.mark.parametrize(
+    "config", [BrowserConfig, EgressConfig, ServerConfig, GatewayConfig, ClientLimits, CompatConfig]
+)
 def test_every_key_is_read(config: type[BaseModel]) -> None:
     for name in config.model_fields.keys() - set(QUEUES):  # those are read by their names
         assert re.search(rf"(config|limits|browser)\.{name}\b", SOURCE), f"{config.__name__}.{name}"

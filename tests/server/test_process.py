@@ -9,6 +9,7 @@ import sys
 from asyncio.subprocess import DEVNULL, PIPE, Process
 from pathlib import Path
 
+import httpx
 import psutil
 import pytest
 
@@ -57,6 +58,24 @@ async def gone(folder: Path) -> None:
     async with asyncio.timeout(10):
         while browsers(folder):
             await asyncio.sleep(0.05)
+
+
+async def test_the_authors_api_beside_it(site: Site, tmp_path: Path) -> None:
+    process, _ = await start(tmp_path, "--compat", "--compat-port", "0")
+    assert process.stdout is not None
+    name, url = (await process.stdout.readline()).decode().split()
+    assert name == "compat"
+    headers = {"x-api-key": (tmp_path / "token").read_text().strip()}
+    async with httpx.AsyncClient(base_url=url, headers=headers, trust_env=False, timeout=30) as http:
+        instance = (await http.post("/get", params={"lifetime_mins": 45})).json()
+        visit = {"visit_page": {"url": site.url()}, **instance}
+        assert (await http.post("/execute", json=visit)).json() == {"status": "success"}
+        assert (await http.get("/screenshot", params=instance)).content.startswith(b"\x89PNG")
+        [node] = (await http.get("/info")).json()["nodes"]
+        assert (node["capacity"], node["instances"]) == (2, [instance["instance_id"]])
+    process.terminate()
+    assert await asyncio.wait_for(process.wait(), 20) == 0
+    await gone(tmp_path)
 
 
 async def test_told_to_stop_it_leaves_nothing(site: Site, tmp_path: Path) -> None:

@@ -53,6 +53,13 @@ def command(
     sandbox: str = typer.Option("auto", "--sandbox", help="auto, on or off."),
     ttl: float = typer.Option(60.0, "--ttl", help="Seconds after which an unrenewed session is taken back."),
     wait: float = typer.Option(60.0, "--wait", min=0, help="Seconds that a caller waits for a free slot."),
+    compat: bool = typer.Option(
+        False, "--compat", help="Speak the HTTP API of the WebGym authors' server too."
+    ),
+    compat_port: int = typer.Option(7000, "--compat-port", min=0, max=65535, help="Port for that."),
+    compat_key_file: Path | None = typer.Option(
+        None, "--compat-key-file", help="Where its API key is, made like the token.", show_default="the token"
+    ),
 ) -> None:
     """Start a browser server: a gateway and its workers. SIGTERM or Ctrl-C stops it and every browser of it.
 
@@ -86,20 +93,31 @@ def command(
         first = error.errors()[0]
         raise ConfigError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
     where = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
-    uvloop.run(_serve(config, GatewayConfig(workers=workers, worker_host=worker_host), where))
+    fleet = GatewayConfig(workers=workers, worker_host=worker_host)
+    beside = config.model_copy(update={"port": compat_port}) if compat else None
+    key = _token_in(compat_key_file) if compat_key_file else None
+    uvloop.run(_serve(config, fleet, where, beside, key))
 
 
-async def _serve(config: ServerConfig, fleet: GatewayConfig, token_is: str) -> None:
+async def _serve(
+    config: ServerConfig, fleet: GatewayConfig, token_is: str, compat: ServerConfig | None, key: str | None
+) -> None:
     import asyncio
     import signal
+    from contextlib import AsyncExitStack
 
     from webgym.server import running_gateway
+    from webgym.server.compat import running_compat
 
     stop = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, stop.set)
-    async with running_gateway(config, fleet) as server:
+    async with AsyncExitStack() as stack:
+        server = await stack.enter_async_context(running_gateway(config, fleet))
         _say(server.url, token_is or server.token, await server.gateway.info())
+        if compat is not None:
+            layer = running_compat(server.url, server.token, listening=compat, key=key)
+            print(f"compat   {(await stack.enter_async_context(layer)).url}", flush=True)
         await stop.wait()
 
 

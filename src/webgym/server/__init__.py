@@ -29,6 +29,8 @@ relay.py       passes calls on as bytes
 workers.py     keeps workers up, wherever they run
 local.py       workers as processes of this machine
 totals.py      what many workers say, as one
+
+compat/        the HTTP API of the WebGym authors' server, in front of either
 """
 
 from __future__ import annotations

@@ -100,8 +100,7 @@ class Egress:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        for transport in tuple(self._books.transports):
-            transport.abort()
+        await self._books.empty()
         await self._dialer.close()
         await server.wait_closed()
 
@@ -134,8 +133,8 @@ class Egress:
 
     def failure(self, url: str) -> NotConnected | None:
         """Why the last connection to a URL's host and port that failed did so, if it is still known."""
-        parts = urlsplit(url)
         try:
+            parts = urlsplit(url)
             port = parts.port or _DEFAULT_PORTS.get(parts.scheme, 0)
         except ValueError:
             return None
@@ -196,14 +195,14 @@ class _Handshake(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A browser has come."""
         self._transport = cast(asyncio.Transport, transport)  # uvloop's is none by name
-        self._books.transports.add(self._transport)
+        self._books.enter(self._transport)
         seconds = self._egress.config.handshake_seconds
         self._deadline = asyncio.get_running_loop().call_later(seconds, self._transport.abort)
 
     def connection_lost(self, _: Exception | None) -> None:
         """It has gone before it was connected."""
         self._deadline.cancel()
-        self._books.transports.discard(self._transport)
+        self._books.leave(self._transport)
         if self._task is not None:
             self._task.cancel()
 

@@ -24,10 +24,29 @@ class Books:
     def __init__(self, config: EgressConfig) -> None:
         self.config = config
         self.transports: set[asyncio.Transport] = set()
+        self._is_empty = asyncio.Event()
+        self._is_empty.set()
         self.results: Counter[str] = Counter()
         self.open = 0
         self.sent = 0
         self.received = 0
+
+    def enter(self, transport: asyncio.Transport) -> None:
+        """A connection is there."""
+        self.transports.add(transport)
+        self._is_empty.clear()
+
+    def leave(self, transport: asyncio.Transport) -> None:
+        """It is gone."""
+        self.transports.discard(transport)
+        if not self.transports:
+            self._is_empty.set()
+
+    async def empty(self) -> None:
+        """End every connection, and wait until they are gone."""
+        for transport in tuple(self.transports):
+            transport.abort()
+        await self._is_empty.wait()
 
 
 class _End(asyncio.Protocol):
@@ -42,11 +61,11 @@ class _End(asyncio.Protocol):
         """The transport is up."""
         self.transport = cast(asyncio.Transport, transport)  # uvloop's is none by name
         self.transport.set_write_buffer_limits(high=self._books.config.buffer_bytes)
-        self._books.transports.add(self.transport)
+        self._books.enter(self.transport)
 
     def connection_lost(self, _: Exception | None) -> None:
         """It is gone."""
-        self._books.transports.discard(self.transport)
+        self._books.leave(self.transport)
 
     def pause_writing(self) -> None:
         """This end takes no more: stop reading at the other."""

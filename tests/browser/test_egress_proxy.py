@@ -1,0 +1,633 @@
+"""The proxy over raw SOCKS: what clients, servers and the network between them can do to it.
+
+Each test runs on both event loops that WebGym runs on, in a loop of its own, and ends by proving that the
+proxy has kept nothing: no task, no connection, no descriptor.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import random
+import socket
+import subprocess
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import uvloop
+
+from webgym.browser import Egress, EgressConfig
+from webgym.browser.egress.hosts import Address
+from webgym.browser.egress.machine import Machine
+
+from .canary import HERE, Names, canary
+
+SECONDS = 10.0
+MIB = 1024 * 1024
+
+Run = Callable[[Coroutine[Any, Any, None]], None]
+Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
+
+
+@pytest.fixture(params=[asyncio.new_event_loop, uvloop.new_event_loop], ids=["asyncio", "uvloop"])
+def run(request: pytest.FixtureRequest) -> Run:
+    def play(scene: Coroutine[Any, Any, None]) -> None:
+        with asyncio.Runner(loop_factory=request.param) as runner:
+            runner.run(asyncio.wait_for(scene, 60))
+
+    return play
+
+
+@asynccontextmanager
+async def proxy(*allow: str, machine: Machine | None = None, **limits: Any) -> AsyncIterator[Egress]:
+    """A proxy to this machine, which must be left as it was found."""
+    egress = Egress(EgressConfig(allow=allow or (HERE,), **limits), machine or Names())
+    async with egress:
+        yield egress
+    assert not egress._tasks
+    assert not egress._books.transports
+    assert egress.load.open == 0
+
+
+async def until(what: Callable[[], object]) -> None:
+    async with asyncio.timeout(SECONDS):
+        while not what():
+            await asyncio.sleep(0.005)
+
+
+async def knock(egress: Egress, say: bytes = b"") -> Streams:
+    reader, writer = await asyncio.open_connection(HERE, egress.port)
+    writer.write(say)
+    return reader, writer
+
+
+def request(host: str | bytes, port: int, command: int = 1) -> bytes:
+    name = host.encode() if isinstance(host, str) else host
+    return b"\5\1\0" + bytes((5, command, 0, 3, len(name))) + name + port.to_bytes(2, "big")
+
+
+async def ask(egress: Egress, host: str | bytes, port: int) -> tuple[int, Streams]:
+    """The reply's code, and the connection."""
+    streams = await knock(egress, request(host, port))
+    said = await asyncio.wait_for(streams[0].readexactly(12), SECONDS)
+    assert said[:2] == b"\5\0"
+    return said[3], streams
+
+
+async def closed(streams: Streams) -> bytes:
+    """What comes until the connection ends, one way or the other."""
+    try:
+        return await asyncio.wait_for(streams[0].read(), SECONDS)
+    except ConnectionResetError:
+        return b""
+    finally:
+        streams[1].close()
+
+
+@asynccontextmanager
+async def serve(
+    handle: Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]],
+    host: str = HERE,
+    port: int = 0,
+) -> AsyncIterator[int]:
+    tasks: set[asyncio.Task[None]] = set()
+
+    async def guarded(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        tasks.add(task)
+        # A cancelled handler that says so is an error in the streams of some Python releases.
+        with contextlib.suppress(ConnectionError, asyncio.IncompleteReadError, asyncio.CancelledError):
+            await handle(reader, writer)
+        writer.close()
+
+    server = await asyncio.start_server(guarded, host, port)
+    try:
+        yield server.sockets[0].getsockname()[1]
+    finally:
+        server.close()
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def echo(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while data := await reader.read(65536):
+        writer.write(data)
+        await writer.drain()
+
+
+# --- the handshake --------------------------------------------------------------------------------------
+
+
+def test_bytes_come_through_as_they_are(run: Run) -> None:
+    async def scene() -> None:
+        sent = random.Random(1).randbytes(3 * MIB)
+        async with serve(echo) as port, proxy() as egress:
+            code, (reader, writer) = await ask(egress, HERE, port)
+            assert code == 0
+            writer.write(sent)
+            assert await asyncio.wait_for(reader.readexactly(len(sent)), SECONDS) == sent
+            load = egress.load
+            assert (load.open, load.sent, load.received) == (1, len(sent), len(sent))
+            assert load.results == {"connected": 1}
+            writer.close()
+            await until(lambda: egress.load.open == 0)
+
+    run(scene())
+
+
+def test_a_handshake_in_pieces_and_in_one_piece(run: Run) -> None:
+    async def scene() -> None:
+        async with serve(echo) as port, proxy() as egress:
+            said = request(HERE, port)
+            reader, writer = await knock(egress)
+            for nth in range(len(said)):
+                writer.write(said[nth : nth + 1])
+                await writer.drain()
+                await asyncio.sleep(0)
+            assert (await asyncio.wait_for(reader.readexactly(12), SECONDS))[3] == 0
+            writer.close()
+            # What follows at once, before anybody has said that it may, is not lost.
+            reader, writer = await knock(egress, said + b"early")
+            assert (await asyncio.wait_for(reader.readexactly(17), SECONDS))[12:] == b"early"
+            writer.close()
+
+    run(scene())
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"GET / HTTP/1.1\r\n\r\n", b"CONNECT a:80 HTTP/1.1\r\n\r\n", b"\4\1\0\x50\x7f\0\0\1\0", b"\x16\3\1",
+        b"\0", b"\5\1\0\4\1\0\1", b"\5\1\0\5\1\0\2abcdef", b"\5\1\0\5\1\0\3\2\xff\xfe\0\x50", b"\5\0" * 600,
+        b"\5\1\0" + b"\5\1\0\3\5a.com\0\x50" + b"x" * 5000,
+    ],
+    ids=range(10),
+)  # fmt: skip
+def test_what_is_no_socks_is_turned_away(run: Run, said: bytes) -> None:
+    async def scene() -> None:
+        async with proxy() as egress:
+            answer = await closed(await knock(egress, said))
+            assert answer in (b"", b"\5\0", b"\5\xff") or answer[:3] == b"\5\0\5"
+            await until(lambda: not egress._books.transports)
+
+    run(scene())
+
+
+def test_only_connections_without_authentication(run: Run) -> None:
+    async def scene() -> None:
+        async with proxy() as egress:
+            assert await closed(await knock(egress, b"\5\1\2")) == b"\5\xff"
+            for command in (2, 3, 0, 9):  # listening, UDP, and what there is not
+                answer = await closed(await knock(egress, request(HERE, 80, command)))
+                assert answer[:4] == b"\5\0\5\7"
+
+    run(scene())
+
+
+def test_addresses_in_binary_are_judged_as_well(run: Run) -> None:
+    async def scene() -> None:
+        async with serve(echo) as port, canary() as bird, proxy(f"{HERE}:{port}", ports=()) as egress:
+            four, six = socket.inet_aton(HERE), socket.inet_pton(socket.AF_INET6, f"::ffff:{HERE}")
+            for kind, raw in ((1, four), (4, six)):
+                for where, code in ((port, 0), (bird.port, 2)):
+                    said = b"\5\1\0\5\1\0" + bytes((kind,)) + raw + where.to_bytes(2, "big")
+                    reader, writer = await knock(egress, said)
+                    assert (await asyncio.wait_for(reader.readexactly(12), SECONDS))[3] == code
+                    writer.close()
+            assert not bird.visits
+
+    run(scene())
+
+
+def test_huge_and_odd_names_are_refused(run: Run) -> None:
+    async def scene() -> None:
+        async with proxy() as egress:
+            for name in (b"", b"a" * 255, b".", b"%31", b"a b", "ⅷ.test".encode(), b"\0", b"127.0.0.1\0.a"):
+                code, streams = await ask(egress, name, 80)
+                assert code in (1, 4)  # refused, or no such name
+                await closed(streams)
+            assert set(egress.load.results) <= {"malformed", "no_such_name"}
+
+    run(scene())
+
+
+def test_a_client_that_says_nothing_is_dropped_in_the_end(run: Run) -> None:
+    async def scene() -> None:
+        async with proxy(handshake_seconds=0.05) as egress:
+            for said in (b"", b"\5", b"\5\1\0", b"\5\1\0\5\1"):
+                assert await closed(await knock(egress, said)) in (b"", b"\5\0")
+            await until(lambda: not egress._books.transports)
+
+    run(scene())
+
+
+# --- why there is no connection -------------------------------------------------------------------------
+
+
+def free_port() -> int:
+    with socket.create_server((HERE, 0)) as listener:
+        port: int = listener.getsockname()[1]
+        return port
+
+
+def test_each_failure_has_its_reason(run: Run) -> None:
+    class Failing(Names):
+        def lookup(self, name: str) -> list[Address]:
+            if name == "broken.test":
+                raise socket.gaierror(socket.EAI_AGAIN, "try again")
+            return super().lookup(name)
+
+        def is_online(self) -> bool:
+            return True
+
+    async def scene() -> None:
+        machine = Failing({"inside.test": ["10.0.0.1"]})
+        async with proxy("gone.test=nowhere", HERE, machine=machine) as egress:
+            expected = {
+                ("none.test", 80): "no_such_name",
+                ("gone.test", 80): "no_such_name",
+                ("broken.test", 80): "dns_failed",
+                (HERE, free_port()): "refused",
+                ("inside.test", 80): "forbidden",
+                ("8.8.8.8", 25): "forbidden",
+                ("a%b", 80): "malformed",
+            }
+            for (host, port), why in expected.items():
+                code, streams = await ask(egress, host, port)
+                assert code != 0
+                await closed(streams)
+                failure = egress.failure(f"http://{host}:{port}/x?y#z")
+                assert failure is not None, host
+                assert failure.reason == why
+            assert sum(egress.load.results.values()) == len(expected)
+            assert egress.failure("http://other.test/") is None
+            assert egress.failure("http://[::1/") is None
+
+    run(scene())
+
+
+def test_a_server_that_does_not_answer_is_given_up(run: Run) -> None:
+    async def scene() -> None:
+        # A listener whose queue is full takes no further connection, and says nothing.
+        with socket.socket() as full, contextlib.ExitStack() as stack:
+            full.bind((HERE, 0))
+            full.listen(0)
+            port = full.getsockname()[1]
+            for _ in range(4):
+                filler = stack.enter_context(socket.socket())
+                filler.setblocking(False)
+                filler.connect_ex((HERE, port))
+            async with proxy(connect_seconds=0.2) as egress:
+                code, streams = await ask(egress, HERE, port)
+                assert code == 1
+                await closed(streams)
+                failure = egress.failure(f"http://{HERE}:{port}")
+                assert failure is not None
+                assert failure.reason == "timed_out"
+
+    run(scene())
+
+
+def test_the_next_address_is_tried(run: Run) -> None:
+    async def scene() -> None:
+        machine = Names({"two.test": ["127.0.0.9", HERE]})
+        async with serve(echo) as port, proxy("two.test", machine=machine) as egress:
+            code, (_, writer) = await ask(egress, "two.test", port)
+            assert code == 0
+            writer.close()
+
+    run(scene())
+
+
+def test_each_connection_asks_once_and_goes_where_the_answer_says(run: Run) -> None:
+    """A second question could be answered otherwise than the first, which was checked."""
+
+    async def scene() -> None:
+        machine = Names({"once.test": [["127.0.0.2"], [HERE]]})
+        async with canary() as bird, proxy("127.0.0.2", machine=machine, cache_seconds=0, ports=()) as egress:
+            async with serve(echo, "127.0.0.2", bird.port):
+                code, (_, writer) = await ask(egress, "once.test", bird.port)
+                assert (code, machine.asked) == (0, ["once.test"])
+                writer.close()
+                code, streams = await ask(egress, "once.test", bird.port)
+                assert (code, machine.asked) == (2, ["once.test"] * 2)
+                await closed(streams)
+            assert not bird.visits
+
+    run(scene())
+
+
+def test_politeness_spares_what_a_rule_allows(run: Run) -> None:
+    async def scene() -> None:
+        async with serve(echo) as port, proxy(burst=1, rate=0.001, wait_seconds=0) as egress:
+            for _ in range(3):
+                code, (_, writer) = await ask(egress, HERE, port)
+                assert code == 0
+                writer.close()
+            dial = egress._dialer
+            assert dial._politeness.delay("8.8.8.8", asyncio.get_running_loop().time()) == 0
+            code, streams = await ask(egress, "8.8.8.8", 80)
+            assert code == 2
+            await closed(streams)
+            assert egress.load.results == {"connected": 3, "too_many": 1}
+
+    run(scene())
+
+
+def test_this_machines_own_addresses_are_refused_though_public(run: Run) -> None:
+    class Rented(Names):
+        def own_addresses(self) -> frozenset[Address]:
+            return frozenset(self.lookup("me.test"))
+
+    async def scene() -> None:
+        async with proxy(machine=Rented({"me.test": ["8.8.8.8"]})) as egress:
+            code, streams = await ask(egress, "me.test", 80)
+            assert code == 2
+            await closed(streams)
+
+    run(scene())
+
+
+@pytest.mark.parametrize("host", [HERE, "127.0.0.2", "localhost", "::ffff:127.0.0.1", "0.0.0.0", "::1"])
+def test_it_is_not_led_to_itself(run: Run, host: str) -> None:
+    async def scene() -> None:
+        async with proxy("*") as egress:
+            code, streams = await ask(egress, host, egress.port)
+            assert code == 2
+            await closed(streams)
+
+    run(scene())
+
+
+# --- streams that end, or do not ------------------------------------------------------------------------
+
+
+def test_a_frozen_reader_holds_up_the_server_and_costs_little(run: Run) -> None:
+    """It reads nothing for as long as it likes; then it gets everything."""
+    total = 64 * MIB
+
+    async def scene() -> None:
+        written = 0
+
+        async def flood(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            nonlocal written
+            while written < total:
+                writer.write(bytes(65536))
+                await writer.drain()
+                written += 65536
+
+        async with serve(flood) as port, proxy(buffer_bytes=65536) as egress:
+            code, streams = await ask(egress, HERE, port)
+            assert code == 0
+            streams[1].transport.pause_reading()  # type: ignore[attr-defined]
+            before = -1
+            while written != before:  # until nothing moves any more
+                before = written
+                await asyncio.sleep(0.2)
+            assert written < total // 2, "the rest waits at the server"
+            held = [one.get_write_buffer_size() for one in egress._books.transports]
+            assert max(held) < MIB
+            streams[1].transport.resume_reading()  # type: ignore[attr-defined]
+            got = 0
+            while data := await asyncio.wait_for(streams[0].read(MIB), SECONDS):
+                got += len(data)
+            assert got == total
+            streams[1].close()
+
+    run(scene())
+
+
+def test_a_server_that_reads_nothing_holds_up_the_browser_and_is_given_up(run: Run) -> None:
+    async def scene() -> None:
+        async def deaf(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            writer.transport.pause_reading()  # type: ignore[attr-defined]
+            await asyncio.Event().wait()
+
+        limits = {"buffer_bytes": 65536, "keepalive_seconds": 1, "dead_seconds": 1}
+        async with serve(deaf) as port, proxy(**limits) as egress:
+            _, (_, writer) = await ask(egress, HERE, port)
+            writer.write(bytes(64 * MIB))
+            await until(lambda: egress.load.sent)
+            await until(lambda: egress.load.open == 0)
+            assert egress.load.sent < 32 * MIB, "the rest waited at the browser"
+            writer.transport.abort()
+
+    run(scene())
+
+
+def test_a_server_may_close_one_direction(run: Run) -> None:
+    async def scene() -> None:
+        heard = asyncio.Event()
+
+        async def half(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            writer.write(b"bye")
+            writer.write_eof()
+            assert await reader.readexactly(4) == b"more"
+            heard.set()
+
+        async with serve(half) as port, proxy() as egress:
+            _, (reader, writer) = await ask(egress, HERE, port)
+            assert await asyncio.wait_for(reader.read(), SECONDS) == b"bye"
+            writer.write(b"more")
+            await asyncio.wait_for(heard.wait(), SECONDS)
+            writer.close()
+            await until(lambda: egress.load.open == 0)
+
+    run(scene())
+
+
+def test_a_browser_that_goes_takes_the_connection_with_it(run: Run) -> None:
+    async def scene() -> None:
+        ended = asyncio.Event()
+
+        async def last(reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:
+            assert await reader.read() == b"last words"
+            ended.set()
+
+        async with serve(last) as port, proxy() as egress:
+            _, (_, writer) = await ask(egress, HERE, port)
+            writer.write(b"last words")
+            await writer.drain()
+            writer.close()
+            await asyncio.wait_for(ended.wait(), SECONDS)
+            await until(lambda: not egress._books.transports)
+
+    run(scene())
+
+
+def test_a_reset_is_passed_on_as_a_reset(run: Run) -> None:
+    async def scene() -> None:
+        async def rude(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            await reader.readexactly(1)
+            raw = writer.get_extra_info("socket")
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+
+        async with serve(rude) as port, proxy() as egress:
+            _, (reader, writer) = await ask(egress, HERE, port)
+            writer.write(b"x")
+            with pytest.raises(ConnectionResetError):
+                await asyncio.wait_for(reader.read(), SECONDS)
+            writer.close()
+
+    run(scene())
+
+
+def test_what_a_server_says_before_it_goes_arrives(run: Run) -> None:
+    """Also if it says so and goes in the very moment in which it is connected to."""
+
+    async def scene() -> None:
+        async def brief(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            writer.write(b"x" * 100_000)
+
+        async with serve(brief) as port, proxy() as egress:
+            for _ in range(30):
+                code, streams = await ask(egress, HERE, port)
+                assert code == 0
+                assert len(await closed(streams)) == 100_000
+            await until(lambda: not egress._books.transports)
+
+    run(scene())
+
+
+def test_servers_are_asked_whether_they_live(run: Run) -> None:
+    """A half-open connection ends by the kernel's doing: the options that make it are set."""
+
+    async def scene() -> None:
+        async with serve(echo) as port, proxy(keepalive_seconds=7, dead_seconds=27) as egress:
+            _, (_, writer) = await ask(egress, HERE, port)
+            [server] = [one for one in egress._books.transports if one.get_extra_info("peername")[1] == port]
+            raw = server.get_extra_info("socket")
+            options = [
+                raw.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE),
+                *(
+                    raw.getsockopt(socket.IPPROTO_TCP, option)
+                    for option in (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_USER_TIMEOUT)
+                ),
+            ]
+            assert options == [1, 7, 5, 27_000]
+            writer.close()
+
+    run(scene())
+
+
+# --- many, and the end ----------------------------------------------------------------------------------
+
+
+def descriptors() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def test_many_connections_come_and_go_and_leave_nothing(run: Run) -> None:
+    async def scene() -> None:
+        dice = random.Random(7)
+
+        async def visit(egress: Egress, port: int) -> None:
+            code, (reader, writer) = await ask(egress, HERE, port)
+            assert code == 0
+            writer.write(b"hello")
+            assert await asyncio.wait_for(reader.readexactly(5), SECONDS) == b"hello"
+            if dice.random() < 0.3:
+                writer.transport.abort()
+            writer.close()
+
+        async with serve(echo) as port, proxy() as egress:
+            await visit(egress, port)  # what a loop opens once stays open
+            await until(lambda: egress.load.open == 0)
+            before = descriptors()
+            for _ in range(4):
+                await asyncio.gather(*(visit(egress, port) for _ in range(75)))
+            await until(lambda: not egress._books.transports)
+            assert egress.load.results == {"connected": 301}
+            await until(lambda: descriptors() <= before)
+
+    run(scene())
+
+
+def test_browsers_that_go_in_the_middle_leave_nothing(run: Run) -> None:
+    async def scene() -> None:
+        class Silent(Names):
+            def lookup(self, name: str) -> list[Address]:
+                return super().lookup("none.test") if name != "slow.test" else release(name)
+
+        stop = asyncio.Event()
+        loop = asyncio.get_running_loop()
+
+        def release(name: str) -> list[Address]:
+            self_asked.append(name)
+            asyncio.run_coroutine_threadsafe(stop.wait(), loop).result()
+            return []
+
+        self_asked: list[str] = []
+        with socket.create_server((HERE, 0), backlog=0) as full:
+            port = full.getsockname()[1]
+            async with proxy("slow.test", HERE, machine=Silent()) as egress:
+                waiting = [await knock(egress, request("slow.test", 80)) for _ in range(5)]
+                waiting += [await knock(egress, request(HERE, port)) for _ in range(5)]
+                await until(lambda: self_asked and len(egress._tasks) >= 5)
+                for _, writer in waiting:
+                    writer.transport.abort()
+                await until(lambda: not egress._tasks and not egress._books.transports)
+                assert egress.load.results["abandoned"] >= 5
+                stop.set()
+
+    run(scene())
+
+
+def test_stopped_it_ends_everything_at_once(run: Run) -> None:
+    async def scene() -> None:
+        async with serve(echo) as port:
+            egress = Egress(EgressConfig(allow=(HERE,)), Names())
+            await egress.stop()  # before it has started: nothing to do
+            await egress.start()
+            standing = [(await ask(egress, HERE, port))[1] for _ in range(5)]
+            begun = await knock(egress, b"\5")
+            await until(lambda: egress.load.open == 5)
+            await egress.stop()
+            await egress.stop()
+            for streams in (*standing, begun):
+                assert await closed(streams) == b""
+            await until(lambda: not egress._books.transports)
+            assert not egress._tasks
+
+    run(scene())
+
+
+OFFLINE = """
+import asyncio
+from webgym.browser import Egress, EgressConfig
+from webgym.browser.egress import NotConnected
+
+async def main():
+    async with Egress(EgressConfig(allow=("*",))) as egress:
+        for host in ("example.com", "8.8.8.8", "2606:4700::1"):
+            try:
+                await egress.connect(host, 80)
+            except NotConnected as failure:
+                print(failure.reason)
+
+asyncio.run(main())
+"""
+
+
+def test_a_machine_without_a_network_says_so() -> None:
+    """In a network namespace of its own, where there is no way out."""
+    alone = ["unshare", "--user", "--map-root-user", "--net"]
+    if subprocess.run([*alone, "true"], capture_output=True, check=False).returncode:
+        pytest.skip("this machine lets nobody make a network namespace")
+    source = Path(__file__).parents[2] / "src"
+    done = subprocess.run(
+        [*alone, sys.executable, "-c", OFFLINE],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+        env={**os.environ, "PYTHONPATH": str(source)},
+    )
+    assert done.stdout.split() == ["offline"] * 3

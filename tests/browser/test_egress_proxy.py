@@ -410,7 +410,7 @@ def test_a_server_that_reads_nothing_holds_up_the_browser_and_is_given_up(run: R
             writer.transport.pause_reading()  # type: ignore[attr-defined]
             await asyncio.Event().wait()
 
-        limits = {"buffer_bytes": 65536, "keepalive_seconds": 1, "dead_seconds": 1}
+        limits: dict[str, Any] = {"buffer_bytes": 65536, "keepalive_seconds": 1, "dead_seconds": 1}
         async with serve(deaf) as port, proxy(**limits) as egress:
             _, (_, writer) = await ask(egress, HERE, port)
             writer.write(bytes(64 * MIB))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import resource
 import stat
 import sys
 from asyncio.subprocess import DEVNULL, PIPE, Process
@@ -85,7 +86,9 @@ async def test_told_to_stop_it_leaves_nothing(site: Site, tmp_path: Path) -> Non
     async with BrowserClient(url, token=token, limits=quick()) as client:
         session = await client.open(SessionOptions(text=True))
         assert (await session.step(Navigate(site.url()))).observation.title == "Home"
-        assert browsers(tmp_path)
+        for running in (process.pid, browsers(tmp_path)[0].pid):
+            soft, hard = resource.prlimit(running, resource.RLIMIT_NOFILE)
+            assert soft == hard, "as many files as may be"
         process.terminate()
         assert await process.wait() == 0
         with pytest.raises(ServerUnreachable):

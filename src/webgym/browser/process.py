@@ -7,6 +7,7 @@ import contextlib
 import fcntl
 import logging
 import os
+import re
 import signal
 import socket
 from collections.abc import Iterator
@@ -84,6 +85,9 @@ _FLAGS = (
     "--enable-features=NetworkServiceInProcess2",
 )
 
+_MAY_HOLD_A_SECRET = re.compile(r"TOKEN|SECRET|PASS|KEY|CRED|AUTH|COOKIE|PROXY|URL|URI|DSN", re.IGNORECASE)
+"""By the names of environment variables."""
+
 _FIRST_FREE_FD = 10
 """Descriptors below are left for the child's own numbering (3 and 4 are the pipe)."""
 
@@ -118,7 +122,7 @@ class BrowserProcess:
         self._root = root
         self._kill_seconds = kill_seconds
         self._exited = asyncio.Event()
-        self._killed = False
+        self._ending: asyncio.Task[None] | None = None
         self._pidfd = os.pidfd_open(pid)
         asyncio.get_running_loop().add_reader(self._pidfd, self._on_exit)
 
@@ -173,20 +177,22 @@ class BrowserProcess:
                 os.kill(renderer, signal.SIGKILL)
 
     def _signal(self, number: signal.Signals) -> None:
-        if not (self._killed or self._exited.is_set()):  # until then the leader's id is the group's
+        if not (self._ending or self._exited.is_set()):  # until then the leader's id is the group's
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, number)
 
     async def kill(self) -> None:
-        """End the whole group and remove its profile. Safe to call twice.
+        """End the whole group and remove its profile. Safe to call twice; not undone by cancellation.
 
         Raises:
             BrowserError: processes of the group outlived SIGKILL.
         """
-        if self._killed:
-            return
-        self._killed = True
-        self.connection.abandon(BrowserCrashed("the browser was closed"))
+        if self._ending is None:
+            self.connection.abandon(BrowserCrashed("the browser was closed"))
+            self._ending = asyncio.create_task(self._end())
+        await asyncio.shield(self._ending)
+
+    async def _end(self) -> None:
         try:
             await _end_group(self.pid, self._kill_seconds)
         finally:
@@ -196,18 +202,27 @@ class BrowserProcess:
 
 def _living(group: int) -> list[int]:
     """Process ids of the group's members, zombies left out. Reads all of /proc: a few ms."""
-    found = []
-    for entry in os.scandir("/proc"):
-        if not entry.name.isdigit():
-            continue
-        try:
-            # "pid (name) state ppid pgrp ...", and the name may hold anything
-            fields = Path(entry.path, "stat").read_text(errors="replace").rpartition(")")[2].split()
-        except (FileNotFoundError, ProcessLookupError):
-            continue  # it ended while we looked
-        if int(fields[2]) == group and fields[0] not in "ZX":
-            found.append(int(entry.name))
-    return found
+    try:
+        return list(_members(group))
+    except OSError:  # no descriptor is left to look with: the leader, who is our child, must do for all
+        with contextlib.suppress(ChildProcessError):
+            if os.waitid(os.P_PID, group, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+                return [group]
+        return []
+
+
+def _members(group: int) -> Iterator[int]:
+    with os.scandir("/proc") as entries:
+        for entry in entries:
+            if not entry.name.isdigit():
+                continue
+            try:
+                # "pid (name) state ppid pgrp ...", and the name may hold anything
+                fields = Path(entry.path, "stat").read_text(errors="replace").rpartition(")")[2].split()
+            except (FileNotFoundError, ProcessLookupError):
+                continue  # it ended while we looked
+            if int(fields[2]) == group and fields[0] not in "ZX":
+                yield int(entry.name)
 
 
 def _reap(group: int) -> None:
@@ -268,16 +283,25 @@ def _high(descriptor: int) -> Iterator[int]:
         os.close(copy)
 
 
+def _environment(profile: Path) -> dict[str, str]:
+    """What Chromium may know of ours. A page that breaks out of its renderer finds no keys there."""
+    harmless = {name: value for name, value in os.environ.items() if not _MAY_HOLD_A_SECRET.search(name)}
+    return {**harmless, "TMPDIR": str(profile)}
+
+
 def _spawn(arguments: list[str], theirs: socket.socket, profile: Path) -> int:
-    """Start Chromium as the leader of a new process group, with our socket as its descriptors 3 and 4."""
-    environment = {**os.environ, "TMPDIR": str(profile)}
+    """Start Chromium as the leader of a new process group, with our socket as its descriptors 3 and 4.
+
+    Raises:
+        OSError: it cannot be started.
+    """
     log_file = os.open(profile / "chromium.log", os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
         with _high(theirs.fileno()) as pipe, _high(log_file) as errors:
             return os.posix_spawn(
                 arguments[0],
                 arguments,
-                environment,
+                _environment(profile),
                 file_actions=[
                     (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
                     (os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0),
@@ -287,12 +311,48 @@ def _spawn(arguments: list[str], theirs: socket.socket, profile: Path) -> int:
                 ],
                 setpgroup=0,
             )
-    except OSError as error:
-        raise BrowserLaunchFailed(
-            f"{arguments[0]} cannot be started: {error.strerror}", hint="see `webgym doctor`"
-        ) from error
     finally:
         os.close(log_file)
+
+
+async def _new_profile(root: ProfileRoot) -> Path:
+    making = asyncio.create_task(asyncio.to_thread(root.new))
+    try:
+        return await asyncio.shield(making)
+    except asyncio.CancelledError:
+        with contextlib.suppress(OSError):
+            await root.remove(await making)  # its thread makes it all the same
+        raise
+    except OSError as error:
+        raise BrowserLaunchFailed(
+            f"no profile can be made in {root.path.parent}: {error.strerror}",
+            hint="make room there, or set browser.temporary_root",
+        ) from error
+
+
+async def _started(
+    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, egress: Egress
+) -> tuple[BrowserProcess, socket.socket]:
+    """A browser and our end of its pipe, or nothing at all of it."""
+    profile = await _new_profile(root)
+    pid = None
+    with contextlib.ExitStack() as undo:
+        try:
+            ours, theirs = socket.socketpair()
+            undo.callback(ours.close)
+            ours.setblocking(False)
+            with theirs:
+                pid = _spawn(_arguments(executable, profile, sandbox, egress), theirs, profile)
+            process = BrowserProcess(pid, Connection(), profile, root, config.kill_seconds)
+        except OSError as error:
+            if pid is not None:
+                await _end_group(pid, config.kill_seconds)
+            await root.remove(profile)
+            raise BrowserLaunchFailed(
+                f"{executable} cannot be started: {error.strerror}", hint="see `webgym doctor`"
+            ) from error
+        undo.pop_all()
+    return process, ours
 
 
 async def launch(
@@ -303,23 +363,12 @@ async def launch(
     Raises:
         BrowserLaunchFailed: it cannot be started, ended at once, or did not answer in time.
     """
-    profile = await asyncio.to_thread(root.new)
-    ours, theirs = socket.socketpair()
-    ours.setblocking(False)
-    try:
-        pid = _spawn(_arguments(executable, profile, sandbox, egress), theirs, profile)
-    except BrowserLaunchFailed:
-        ours.close()
-        await root.remove(profile)
-        raise
-    finally:
-        theirs.close()
-    connection = Connection()
-    process = BrowserProcess(pid, connection, profile, root, config.kill_seconds)
+    process, ours = await _started(config, executable, root, sandbox, egress)
+    connection = process.connection
     try:
         await asyncio.get_running_loop().create_unix_connection(lambda: connection, sock=ours)
         version = await connection.call("Browser.getVersion", reply=Version, seconds=config.launch_seconds)
-        bound(await asyncio.to_thread(_living, pid), config)
+        bound(await asyncio.to_thread(_living, process.pid), config)
     except (BrowserCrashed, BrowserTimeout) as error:
         said = process.log_tail()
         await process.kill()

@@ -96,7 +96,16 @@ def command(
     fleet = GatewayConfig(workers=workers, worker_host=worker_host)
     beside = config.model_copy(update={"port": compat_port}) if compat else None
     key = _token_in(compat_key_file) if compat_key_file else None
+    _open_as_many_files_as_may_be()
     uvloop.run(_serve(config, fleet, where, beside, key))
+
+
+def _open_as_many_files_as_may_be() -> None:
+    """The usual 1024 are for programs that use select(); a session holds some ten with its connections."""
+    import resource
+
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 async def _serve(

@@ -1,0 +1,149 @@
+"""A browser's process: what it is given, and that nothing stays of it, whatever goes wrong."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import resource
+from collections.abc import AsyncIterator, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+import pytest_asyncio
+
+from webgym.browser import BrowserConfig, Egress, ProfileRoot
+from webgym.browser.process import BrowserProcess, launch
+from webgym.browser.sandbox import SandboxState
+from webgym.core.errors import BrowserLaunchFailed
+
+OFF = SandboxState(False)
+MUTE = Path("/bin/cat")
+"""Starts and says nothing: a browser that does not come up."""
+SECRETS = {
+    "WEBGYM_TOKEN": "open-sesame-1",
+    "OPENAI_API_KEY": "open-sesame-2",
+    "AWS_SECRET_ACCESS_KEY": "open-sesame-3",
+    "https_proxy": "http://me:open-sesame-4@proxy.invalid",
+    "DATABASE_URL": "postgres://me:open-sesame-5@db.invalid",
+}
+
+
+@pytest_asyncio.fixture
+async def egress() -> AsyncIterator[Egress]:
+    async with Egress() as egress:
+        yield egress
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> ProfileRoot:
+    return ProfileRoot(tmp_path)
+
+
+def descriptors() -> list[int]:
+    """The open ones, that of looking included."""
+    with os.scandir("/proc/self/fd") as found:
+        return [int(entry.name) for entry in found]
+
+
+def children() -> list[int]:
+    return [child.pid for child in psutil.Process().children()]
+
+
+@contextlib.contextmanager
+def only(spare: int) -> Iterator[None]:
+    """No more than so many files can be opened in this process."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    highest = max(descriptors())
+    resource.setrlimit(resource.RLIMIT_NOFILE, (highest + 1 + spare, hard))
+    taken = []
+    try:
+        with contextlib.suppress(OSError):
+            while True:
+                taken.append(os.open(os.devnull, os.O_RDONLY | os.O_CLOEXEC))
+        for descriptor in taken[:spare]:
+            os.close(descriptor)
+        del taken[:spare]
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+        for descriptor in taken:
+            os.close(descriptor)
+
+
+async def start(executable: Path, root: ProfileRoot, egress: Egress) -> BrowserProcess:
+    return await launch(BrowserConfig(launch_seconds=0.2), executable, root, OFF, egress)
+
+
+@pytest.mark.browser
+async def test_it_knows_no_secret_of_ours(
+    executable: Path, root: ProfileRoot, egress: Egress, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in SECRETS.items():
+        monkeypatch.setenv(name, value)
+    browser = await launch(BrowserConfig(), executable, root, OFF, egress)
+    try:
+        for pid in browser.processes():
+            given = Path(f"/proc/{pid}/environ").read_bytes()
+            assert b"open-sesame" not in given
+            assert f"TMPDIR={browser.profile}".encode() in given or not given.strip(b"\0")
+    finally:
+        await browser.kill()
+
+
+async def test_when_files_run_out_nothing_is_left(root: ProfileRoot, egress: Egress) -> None:
+    await asyncio.to_thread(descriptors)  # so that the first thread of the pool is there
+    before, offspring = len(descriptors()), children()
+    said = set()
+    for spare in range(12):  # each fails at another point of the start
+        with only(spare), pytest.raises(BrowserLaunchFailed) as caught:
+            await start(MUTE, root, egress)
+        said.add(caught.value.message.partition(":")[0])
+        assert (len(descriptors()), children()) == (before + root.path.exists(), offspring)
+    assert len(said) == 3, "no profile; no process; no answer"
+    with pytest.raises(BrowserLaunchFailed):
+        await start(MUTE, root, egress)
+    assert not root.path.exists(), (
+        "what could not be removed for want of a descriptor is removed with the next"
+    )
+
+
+async def test_a_start_that_is_given_up_leaves_nothing(root: ProfileRoot, egress: Egress) -> None:
+    await asyncio.to_thread(descriptors)
+    before, offspring = len(descriptors()), children()
+    for moments in range(12):
+        starting = asyncio.create_task(start(MUTE, root, egress))
+        for _ in range(moments):
+            await asyncio.sleep(0.001)
+        starting.cancel()
+        with pytest.raises((asyncio.CancelledError, BrowserLaunchFailed)):
+            await starting
+        async with asyncio.timeout(10):  # an end goes on though nobody waits for it
+            while root.path.exists() or (len(descriptors()), children()) != (before, offspring):
+                await asyncio.sleep(0.005)
+
+
+@pytest.mark.browser
+async def test_an_end_that_is_given_up_goes_on(executable: Path, root: ProfileRoot, egress: Egress) -> None:
+    browser = await launch(BrowserConfig(), executable, root, OFF, egress)
+    for _ in range(2):
+        ending = asyncio.create_task(browser.kill())
+        await asyncio.sleep(0)
+        ending.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await ending
+    await browser.kill()
+    assert browser.processes() == []
+    assert not root.path.exists()
+    assert browser.pid not in children(), "no zombie of ours"
+
+
+async def test_where_no_profile_can_be_made_that_is_said(
+    root: ProfileRoot, tmp_path: Path, egress: Egress
+) -> None:
+    root.path.parent.rmdir()
+    root.path.parent.write_text("in the way")
+    with pytest.raises(BrowserLaunchFailed, match="no profile can be made") as caught:
+        await start(MUTE, root, egress)
+    assert "browser.temporary_root" in caught.value.hint

@@ -34,14 +34,19 @@ class Census(msgspec.Struct):
     tasks: int
 
 
-def _descriptors() -> Counter[str]:
-    kinds: Counter[str] = Counter()
+def open_descriptors() -> list[str]:
+    """What this process has open."""
+    found = []
     for path in Path("/proc/self/fd").iterdir():
         try:
-            kinds[str(path.readlink()).split(":")[0]] += 1
+            found.append(str(path.readlink()))
         except FileNotFoundError:  # that of the listing itself
             continue
-    return kinds
+    return found
+
+
+def _descriptors() -> Counter[str]:
+    return Counter(name.split(":")[0] for name in open_descriptors())
 
 
 def _take(temporary: Path) -> Census:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import signal
+import sys
+from asyncio.subprocess import DEVNULL, PIPE, Process
 from collections.abc import AsyncIterator, Callable
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 import pytest_asyncio
 
@@ -17,16 +21,16 @@ from webgym.browser.process import BrowserProcess
 from webgym.core.action import LeftClick, Navigate, Target
 from webgym.server import BrowserClient, RunningServer, ServerConfig, Session, SessionOptions, running_server
 
-from .census import LAUNCHED, nothing_leaks
+from .census import LAUNCHED, nothing_leaks, of_groups, open_descriptors
 
 MIB = 1024 * 1024
 
 BROWSER = BrowserConfig(
-    execute_seconds=2,
-    navigate_seconds=4,
-    settle_seconds=2,
-    screenshot_seconds=4,
-    screenshot_try_seconds=2,
+    execute_seconds=3,
+    navigate_seconds=6,
+    settle_seconds=3,
+    screenshot_seconds=8,
+    screenshot_try_seconds=4,
     close_seconds=3,
     slot_bytes=500 * MIB,
     memory_look_seconds=0.1,
@@ -66,7 +70,10 @@ async def pages() -> AsyncIterator[str]:
 @pytest_asyncio.fixture(scope="session", loop_scope="session")
 async def server(temporary: Path) -> AsyncIterator[RunningServer]:
     browser = BROWSER.model_copy(update={"temporary_root": temporary})
-    async with running_server(ServerConfig(slots=2, allocate_seconds=30, browser=browser)) as server:
+    config = ServerConfig(
+        slots=2, allocate_seconds=30, receive_seconds=2, dead_peer_seconds=2, browser=browser
+    )
+    async with running_server(config) as server:
         yield server
 
 
@@ -86,6 +93,14 @@ class Bench:
         if path:
             await session.step(Navigate(self.pages + path))
         return session, lease.slot
+
+    def descriptors(self, kind: str) -> list[str]:
+        """Open descriptors of this process, of one kind."""
+        return [name for name in open_descriptors() if name.startswith(kind)]
+
+    def abandon(self, session: Session) -> None:
+        """From now on nobody renews the session's lease, as if its holder were dead."""
+        session._renewal.cancel()
 
     async def until(self, holds: Callable[[], object], seconds: float = 30.0) -> None:
         async with asyncio.timeout(seconds):
@@ -113,3 +128,64 @@ def fault(server: RunningServer, temporary: Path, pages: str) -> Around:
                     await session.close()
 
     return around
+
+
+class ServerApart:
+    """A server that is a process of its own.
+
+    Attributes:
+        temporary: where its profiles are.
+    """
+
+    def __init__(self, process: Process, url: str, token: str, temporary: Path) -> None:
+        self.process = process
+        self.url = url
+        self.token = token
+        self.temporary = temporary
+        self.groups: set[int] = set()
+
+    def send(self, number: signal.Signals) -> None:
+        self.groups |= {child.pid for child in psutil.Process(self.process.pid).children()}
+        self.process.send_signal(number)
+
+    async def gone(self) -> None:
+        """The server has ended, and nothing of its browsers is left."""
+        await self.process.wait()
+        async with asyncio.timeout(20):
+            while of_groups(self.groups):
+                await asyncio.sleep(0.02)
+
+
+class Apart:
+    """Starts servers as processes of their own; none is left behind."""
+
+    def __init__(self, temporary: Path) -> None:
+        self.temporary = temporary
+
+    @asynccontextmanager
+    async def server(self, **settings: Any) -> AsyncIterator[ServerApart]:
+        browser = BROWSER.model_copy(update={"temporary_root": self.temporary})
+        config = ServerConfig.model_validate({"browser": browser, **settings})
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            str(Path(__file__).with_name("server_apart.py")),
+            config.model_dump_json(),
+            stdout=PIPE,
+            stderr=DEVNULL,
+        )
+        assert process.stdout is not None
+        url, token = [(await process.stdout.readline()).decode().strip() for _ in range(2)]
+        assert url, "the server did not come up"
+        server = ServerApart(process, url, token, self.temporary)
+        try:
+            yield server
+        finally:
+            if process.returncode is None:
+                server.send(signal.SIGKILL)
+            await process.communicate()
+            await server.gone()
+
+
+@pytest.fixture
+def apart(tmp_path: Path) -> Apart:
+    return Apart(tmp_path)

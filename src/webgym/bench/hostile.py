@@ -50,6 +50,13 @@ _GIGABYTE = (
     "for (;;) { const one = document.createElement('p'); one.append('x'.repeat(1 << 20) + Math.random());"
     " document.body.append(one); }"
 )
+_NOISE = (
+    "const canvas = document.createElement('canvas'); canvas.style = 'position:fixed;left:0;top:0';"
+    " canvas.width = innerWidth; canvas.height = innerHeight; document.body.append(canvas);"
+    " const paint = canvas.getContext('2d'), image = paint.createImageData(innerWidth, innerHeight);"
+    " for (let i = 0; i < image.data.length; i++) image.data[i] = i % 4 == 3 ? 255 : Math.random() * 256;"
+    " paint.putImageData(image, 0, 0);"
+)
 _WORKER = "new Worker(URL.createObjectURL(new Blob(['for(;;);'])));"
 
 PAGES: dict[str, str] = {
@@ -77,6 +84,8 @@ PAGES: dict[str, str] = {
     "/memory/click": _when_clicked(_SLOW_BUFFERS),
     "/memory/worker": _at_load(f"new Worker(URL.createObjectURL(new Blob([{_BUFFERS!r}])));"),
     "/memory/title": _at_load("document.title = 'x'.repeat(1 << 28);"),
+    # pictures that do not compress
+    "/noise": _at_load(_NOISE),
     # documents without end
     "/dom/gigabyte": _at_load(_GIGABYTE),
     "/dom/deep": _at_load(_DEEP),

@@ -78,6 +78,10 @@ class ServerConfig(BaseModel):
     ttl_seconds: float = Field(default=60.0, gt=0)
     """A lease that is not renewed for so long is taken back, unless its holder asked for another time."""
 
+    lease_look_seconds: float = Field(default=1.0, gt=0)
+    """Between two looks at the leases. Time in which the server itself stood still, this and more, does not
+    count against a lease: no heartbeat could be heard."""
+
     longest_ttl_seconds: float = Field(default=600.0, gt=0)
     """The most that a holder may ask for."""
 

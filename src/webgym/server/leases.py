@@ -7,6 +7,7 @@ A lease has an id, a secret and a generation (of the slot). Whoever does not nam
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hmac
 import logging
 import secrets
@@ -104,10 +105,14 @@ class Leases:
     Args:
         take_back: what becomes of a slot whose lease ended.
         name: of this server among others; its session ids begin with it.
+        look_seconds: between two looks; a pause of the whole process is noticed by it.
     """
 
-    def __init__(self, take_back: Callable[[Slot], Awaitable[None]], name: str = "") -> None:
+    def __init__(
+        self, take_back: Callable[[Slot], Awaitable[None]], name: str = "", *, look_seconds: float = 1.0
+    ) -> None:
         self._take_back = take_back
+        self._look_seconds = look_seconds
         self._prefix = f"{name}-" if name else ""
         self._leases: dict[str, Lease] = {}
         self.granted = 0
@@ -192,10 +197,13 @@ class Leases:
             log.exception("the slot of session %s was not taken back as it should", lease.id)
 
     async def _reap(self) -> None:
-        """Take back what is not renewed. Sleeps until the next lease can run out."""
+        """Take back what is not renewed. Looks when the next lease can run out, and every so often anyway."""
         loop = asyncio.get_running_loop()
+        due = loop.time()
         while True:
             now = loop.time()
+            if now - due > self._look_seconds:
+                self._pass_over(now - due)
             for lease in tuple(self._leases.values()):
                 if lease.expires <= now and (not lease.is_busy or lease.ends <= now):
                     self.expired += 1
@@ -204,10 +212,16 @@ class Leases:
                     self.on_end(lease.id)
                     self._in_background(lease)
             self._changed.clear()
-            idle = [lease.expires for lease in self._leases.values() if not lease.is_busy]
-            busy = [min(now + one.ttl_seconds, one.ends) for one in self._leases.values() if one.is_busy]
-            try:
-                async with asyncio.timeout_at(min([*idle, *busy], default=None)):
+            ends = (lease.ends if lease.is_busy else lease.expires for lease in self._leases.values())
+            due = min([*ends, now + self._look_seconds])
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout_at(due):
                     await self._changed.wait()
-            except TimeoutError:
-                continue
+
+    def _pass_over(self, seconds: float) -> None:
+        """This process stood still (stopped, or starved): heartbeats were sent, and nobody heard them."""
+        log.warning("the server stood still for %.1f s; so long holders have to renew their leases", seconds)
+        now = asyncio.get_running_loop().time()
+        for lease in self._leases.values():
+            grace = min(now + min(seconds, lease.ttl_seconds), lease.ends)
+            lease.expires = max(lease.expires, grace)

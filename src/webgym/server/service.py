@@ -56,7 +56,7 @@ class Service:
     def __init__(self, config: ServerConfig, executable: Path) -> None:
         self.config = config
         self.pool = Pool(config, executable)
-        self.leases = Leases(self._take_back, config.name)
+        self.leases = Leases(self._take_back, config.name, look_seconds=config.lease_look_seconds)
         self.feed = Feed(self._watched, config.beat_seconds)
         self.pool.on_change = self.feed.changed
         self.leases.on_end = self._ended

@@ -1,0 +1,66 @@
+"""Clocks that jump, and a server that stands still."""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+import webgym
+from webgym.core.errors import LeaseLost
+from webgym.server import BrowserClient, SessionOptions
+
+from .conftest import Apart, Around
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="session")]
+
+WALL_CLOCKS = {("time", "time"), ("time", "time_ns"), ("datetime", "now"), ("datetime", "utcnow")}
+
+
+@pytest.mark.parametrize("room", ["browser", "server"])
+async def test_no_deadline_is_read_off_the_wall_clock(room: str) -> None:
+    found = [
+        (file.name, node.lineno)
+        for file in Path(webgym.__file__).with_name(room).rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text()))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+        if (node.value.id, node.attr) in WALL_CLOCKS
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("jump", [-86400.0, 86400.0], ids=["back", "forward"])
+async def test_a_wall_clock_that_jumps_a_day_changes_nothing(
+    fault: Around, jump: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with fault() as bench:
+        session, _ = await bench.open(ttl_seconds=1)
+        real = time.time
+        with monkeypatch.context() as patch:
+            patch.setattr(time, "time", lambda: real() + jump)
+            await asyncio.sleep(1.5)  # the client renews its lease
+            assert (await session.step()).observation.title == "calm"
+        await session.close()
+
+
+async def test_a_server_that_stood_still_blames_no_holder(apart: Apart) -> None:
+    """The process is stopped for longer than the leases live: as in a debugger, or a machine that sleeps."""
+    async with apart.server(slots=2) as server, BrowserClient(server.url, token=server.token) as client:
+        living = await client.open(SessionOptions(ttl_seconds=1))
+        dead = await client.open(SessionOptions(ttl_seconds=1))
+        server.send(signal.SIGSTOP)
+        dead._renewal.cancel()
+        await asyncio.sleep(4)
+        server.send(signal.SIGCONT)
+        for _ in range(5):
+            assert (await living.metadata()).url == "about:blank"
+        async with asyncio.timeout(10):
+            while (await client.pressure()).slots.leased > 1:
+                await asyncio.sleep(0.05)
+        with pytest.raises(LeaseLost):
+            await dead.metadata()
+        await living.close()

@@ -218,7 +218,7 @@ class _Layer:
                 raise BadRequest(f"the request is larger than {self._body_bytes} bytes")
         try:
             return msgspec.json.decode(bytes(body), type=dict[str, Any])
-        except (msgspec.MsgspecError, ValueError) as error:
+        except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             raise BadRequest(f"the body is no JSON object: {error}") from None
 
     # --- what is seen -------------------------------------------------------------------------------

@@ -263,7 +263,7 @@ async def _metadata(_: Instance, session: Session, __: _None) -> Json:
 def _parsed(text: str) -> Any:
     try:
         return msgspec.json.decode(text)
-    except msgspec.DecodeError:
+    except (msgspec.DecodeError, RecursionError):  # not JSON, cut, or nested beyond reason
         return text
 
 

@@ -104,6 +104,7 @@ async def test_what_is_published(http: httpx.AsyncClient) -> None:
     metrics = (await http.get("/metrics")).text
     assert 'webgym_queue_calls{queue="screenshot",state="waiting"} 0.0' in metrics
     assert "webgym_operation_seconds_bucket" in metrics
+    assert "# TYPE webgym_egress_open gauge" in metrics
 
 
 async def test_the_openapi_document_holds_together(http: httpx.AsyncClient) -> None:

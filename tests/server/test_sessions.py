@@ -226,6 +226,14 @@ async def test_an_impossible_viewport(client: BrowserClient, viewport: tuple[int
             await asyncio.sleep(0.01)
 
 
+async def test_pages_are_kept_from_this_machine(site: Site, session: Session) -> None:
+    """The rule that lets these tests' website be opened is for one address; the next one is refused."""
+    view = await session.step(Navigate(site.url().replace("127.0.0.1", "127.0.0.2")))
+    [notice] = view.observation.notices
+    assert notice.kind == "navigation_failed"
+    assert notice.text.endswith("refused by the egress policy: 127.0.0.2 is a loopback address")
+
+
 async def test_a_session_does_not_live_for_ever(site: Site) -> None:
     async with (
         running_server(ServerConfig(slots=1, token=TOKEN, session_seconds=0.5, browser=LOCAL)) as server,

@@ -93,7 +93,7 @@
     if (element.localName === 'select')
       return [...element.selectedOptions].map((option) => fold(option.label)).join(', ');
     if (role === 'option') return String(element.selected || element.getAttribute('aria-selected') === 'true');
-    if (element.localName === 'textarea' || (element.localName === 'input' && role !== 'button'))
+    if (element.localName === 'textarea' || (element.localName === 'input' && (role !== 'button' || element.type === 'color')))
       return element.type === 'password' ? '•'.repeat(element.value.length) : element.value;
     return null;
   };

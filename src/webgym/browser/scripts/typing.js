@@ -23,21 +23,38 @@
   };
 
   const pad = (number, width = 2) => String(number).padStart(width, '0');
+  const isTime = (text) => /^\d{1,2}(:\d{2}){0,2}(\s*[ap]\.?m\.?)?$/i.test(text) && /[:m]/i.test(text);
+
+  const asTime = (text) => {
+    const match = text.match(/^(\d{1,2})(?::(\d{2}))?(:\d{2})?\s*(?:([ap])\.?m\.?)?$/i);
+    if (!match || !isTime(text)) return text;
+    const half = (match[4] || '').toLowerCase();
+    const hour = half ? (Number(match[1]) % 12) + (half === 'p' ? 12 : 0) : Number(match[1]);
+    return `${pad(hour)}:${match[2] || '00'}${match[3] || ''}`;
+  };
+
+  // Days in the ways that people write them; day before month where dots or the numbers say so.
+  const asDay = (text) => {
+    if (/^\d{4}-\d{2}-\d{2}$/.test(text)) return text;
+    const match = text.match(/^(\d{1,2})([./-])(\d{1,2})\2(\d{4})$/);
+    if (match && (match[2] === '.' || Number(match[1]) > 12)) return `${match[4]}-${pad(match[3])}-${pad(match[1])}`;
+    const day = new Date(text);
+    if (Number.isNaN(day.getTime())) return text;
+    return `${pad(day.getFullYear(), 4)}-${pad(day.getMonth() + 1)}-${pad(day.getDate())}`;
+  };
+
+  const asMoment = (text) => {
+    const match = text.match(/^(.+?)(?:T|,?\s+(?:at\s+)?)(\d{1,2}(?::\d{2}){0,2}(?:\s*[ap]\.?m\.?)?)$/i);
+    return match && isTime(match[2]) ? `${asDay(match[1])}T${asTime(match[2])}` : text;
+  };
+
   const asValue = (type, text) => {
     const plain = text.trim();
-    if (type === 'datetime-local') return plain.replace(/\s+/, 'T');
-    if (type === 'time') {
-      const match = plain.match(/^(\d{1,2}):(\d{2})(:\d{2})?\s*([ap])?\.?m?\.?$/i);
-      if (!match) return plain;
-      const half = (match[4] || '').toLowerCase();
-      const hour = half ? (Number(match[1]) % 12) + (half === 'p' ? 12 : 0) : Number(match[1]);
-      return `${pad(hour)}:${match[2]}`;
-    }
-    if ((type !== 'date' && type !== 'month') || /^\d{4}-\d{2}(-\d{2})?$/.test(plain)) return plain;
-    const day = new Date(plain);
-    if (Number.isNaN(day.getTime())) return plain;
-    const month = `${pad(day.getFullYear(), 4)}-${pad(day.getMonth() + 1)}`;
-    return type === 'month' ? month : `${month}-${pad(day.getDate())}`;
+    if (type === 'time') return asTime(plain);
+    if (type === 'date') return asDay(plain);
+    if (type === 'datetime-local') return asMoment(plain);
+    if (type === 'month' && !/^\d{4}-\d{2}$/.test(plain)) return asDay(plain).slice(0, 7);
+    return plain;
   };
 
   const setValue = (input, text) => {

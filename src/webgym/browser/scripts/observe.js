@@ -12,15 +12,18 @@
   const parts = (box) => {
     const [x, y] = middle(box);
     const { left, top, right, bottom } = box;
+    const [w, h] = [(right - left) / 4, (bottom - top) / 4];
     return [
       box,
       { left, top, right, bottom: y }, { left, top: y, right, bottom },
       { left, top, right: x, bottom }, { left: x, top, right, bottom },
       { left, top, right: x, bottom: y }, { left: x, top, right, bottom: y },
       { left, top: y, right: x, bottom }, { left: x, top: y, right, bottom },
+      { left, top, right, bottom: top + h }, { left, top: bottom - h, right, bottom },
+      { left, top, right: left + w, bottom }, { left: right - w, top, right, bottom },
     ];
   };
-  const MAX_PARTS = 9;
+  const MAX_PARTS = 13;
   const LEAST_SIDE = 2; // pixels of a part that is worth a click
 
   const isHit = (element, box) => {

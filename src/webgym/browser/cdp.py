@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -67,7 +68,23 @@ class _Pending(msgspec.Struct, frozen=True):
     reply: asyncio.Future[msgspec.Raw]
 
 
-_decode = msgspec.json.Decoder(_Incoming).decode
+_read = msgspec.json.Decoder(_Incoming).decode
+
+_ESCAPE = re.compile(
+    rb"\\(?:u[dD][89abAB][0-9a-fA-F]{2}\\u[dD][c-fC-F][0-9a-fA-F]{2}|(u[dD][89a-fA-F][0-9a-fA-F]{2})|.)",
+    re.DOTALL,
+)
+
+
+def _decode(message: bytes) -> _Incoming:
+    """A message. Pages cut their texts in the middle of an emoji, and what Chromium then sends is no JSON by
+    the book: half a character becomes the character for what cannot be shown."""
+    try:
+        return _read(message)
+    except msgspec.DecodeError:
+        return _read(_ESCAPE.sub(lambda found: rb"\ufffd" if found[1] else found[0], message))
+
+
 _encode = msgspec.json.Encoder().encode
 
 

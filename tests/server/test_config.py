@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import BaseModel, ValidationError
@@ -15,6 +16,8 @@ from webgym.server import BrowserConfig, ClientLimits, GatewayConfig, ServerConf
 from webgym.server.compat import CompatConfig
 from webgym.server.operations import QUEUES
 
+ROOT = Path(__file__).resolve().parents[2]
+UNITS = {"KiB": 2**10, "MiB": 2**20, " h": 3600}
 SOURCE = "".join(
     path.read_text()
     for room in (webgym.browser, webgym.server)
@@ -44,3 +47,19 @@ def test_every_key_is_read(config: type[BaseModel]) -> None:
 def test_what_makes_no_sense_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         ServerConfig.model_validate(wrong)
+
+
+def test_the_document_names_the_settings_and_their_defaults() -> None:
+    lines = (ROOT / "docs" / "safety.md").read_text().splitlines()
+    named = [line for line in lines if re.search(r"\| `[a-z_.]+`(, `[a-z_.]+`)* \|$", line)]
+    assert len(named) > 10
+    for line in named:
+        _, _, said, settings, _ = line.split("|")
+        for setting, told in zip(re.findall(r"`(.+?)`", settings), said.split(", "), strict=False):
+            value: Any = ServerConfig()
+            for part in setting.split("."):
+                value = getattr(value, part)
+            numbers = re.findall(r"[\d,]+", told)
+            unit = next((factor for word, factor in UNITS.items() if word in told), 1)
+            if numbers and len(numbers) == 1:
+                assert int(numbers[0].replace(",", "")) * unit == value, setting

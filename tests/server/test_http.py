@@ -22,7 +22,7 @@ from webgym.core.errors import (
     TooManySessions,
     Unauthorized,
 )
-from webgym.server import BrowserClient, RunningServer, ServerConfig, running_server
+from webgym.server import BrowserClient, RunningServer, ServerConfig, SessionOptions, running_server
 from webgym.server.messages import Watched
 from webgym.server.operations import OPERATIONS
 
@@ -264,6 +264,7 @@ async def test_one_client_may_not_take_every_slot() -> None:
         running_server(config) as server,
         BrowserClient(server.url, token=TOKEN, limits=quick()) as one,
         BrowserClient(server.url, token=TOKEN, limits=quick()) as two,
+        BrowserClient(server.url, token=TOKEN, limits=quick()) as three,
     ):
         session = await one.open()
         with pytest.raises(TooManySessions):
@@ -271,6 +272,8 @@ async def test_one_client_may_not_take_every_slot() -> None:
         await two.open()
         await session.close()
         await one.open()
+        for _ in range(3):  # each has run out before it is written down
+            await three.open(SessionOptions(ttl_seconds=1e-9))
 
 
 async def test_whoever_watches_hears_of_every_change(http: httpx.AsyncClient, client: BrowserClient) -> None:

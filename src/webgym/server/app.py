@@ -73,6 +73,8 @@ class _Calls:
         with self._quota.asking(client):
             grant = await while_connected(request, self._service.allocate(options), self._undo)
             self._quota.granted(client, grant.session_id)
+            if grant.session_id not in self._service.leases:  # it ran out before this was written down
+                self._quota.ended(grant.session_id)
         return msgspec.structs.replace(grant, endpoint=self._address, instance=self._front.instance)
 
     async def _undo(self, grant: SessionGrant) -> None:

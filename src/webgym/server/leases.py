@@ -139,6 +139,9 @@ class Leases:
     def __len__(self) -> int:
         return len(self._leases)
 
+    def __contains__(self, session_id: str) -> bool:
+        return session_id in self._leases
+
     @property
     def ids(self) -> tuple[str, ...]:
         """Of the living leases."""

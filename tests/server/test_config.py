@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 import webgym.browser
 import webgym.server
 from webgym.browser import EgressConfig
-from webgym.server import BrowserConfig, ClientLimits, GatewayConfig, ServerConfig
+from webgym.server import BrowserConfig, ClientLimits, GatewayConfig, RayConfig, ServerConfig
 from webgym.server.compat import CompatConfig
 from webgym.server.operations import QUEUES
 
@@ -26,11 +26,12 @@ SOURCE = "".join(
 
 
 @pytest.mark.parametrize(
-    "config", [BrowserConfig, EgressConfig, ServerConfig, GatewayConfig, ClientLimits, CompatConfig]
+    "config",
+    [BrowserConfig, EgressConfig, ServerConfig, GatewayConfig, RayConfig, ClientLimits, CompatConfig],
 )
 def test_every_key_is_read(config: type[BaseModel]) -> None:
     for name in config.model_fields.keys() - set(QUEUES):  # those are read by their names
-        assert re.search(rf"(config|limits|browser)\.{name}\b", SOURCE), f"{config.__name__}.{name}"
+        assert re.search(rf"(config|limits|browser|cluster)\.{name}\b", SOURCE), f"{config.__name__}.{name}"
 
 
 @pytest.mark.parametrize(

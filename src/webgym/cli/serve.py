@@ -10,7 +10,7 @@ import typer
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from webgym.server import GatewayConfig, ServerConfig, ServerInfo
+    from webgym.server import GatewayConfig, RayConfig, ServerConfig, ServerInfo
 
 TOKEN = "WEBGYM_TOKEN"  # noqa: S105 - a variable's name
 _TOKEN_BYTES = 32
@@ -20,13 +20,17 @@ def command(
     host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
     port: int = typer.Option(8700, "--port", min=0, max=65535, help="Port; 0 takes a free one."),
     slots: int | None = typer.Option(
-        None, "--slots", min=1, help="Sessions at the same time.", show_default="4 per core"
+        None,
+        "--slots",
+        min=1,
+        help="Sessions at the same time; with --ray, on each node.",
+        show_default="4 per core",
     ),
     workers: int | None = typer.Option(
         None,
         "--workers",
         min=1,
-        help="Worker processes that share the slots.",
+        help="Worker processes that share the slots; with --ray, on each node.",
         show_default="1 per 4 cores",
     ),
     worker_host: str = typer.Option(
@@ -53,6 +57,21 @@ def command(
     sandbox: str = typer.Option("auto", "--sandbox", help="auto, on or off."),
     ttl: float = typer.Option(60.0, "--ttl", help="Seconds after which an unrenewed session is taken back."),
     wait: float = typer.Option(60.0, "--wait", min=0, help="Seconds that a caller waits for a free slot."),
+    ray: str | None = typer.Option(
+        None,
+        "--ray",
+        metavar="ADDRESS",
+        help="Run the workers on the nodes of this Ray cluster, e.g. auto or 10.0.0.1:6379.",
+    ),
+    slots_per_cpu: float = typer.Option(
+        4.0, "--slots-per-cpu", help="With --ray: sessions for each CPU of a node, where --slots is not said."
+    ),
+    ray_cpus: float | None = typer.Option(
+        None, "--ray-cpus", min=0, help="With --ray: CPUs to reserve on each node.", show_default="all"
+    ),
+    ray_resource: str | None = typer.Option(
+        None, "--ray-resource", metavar="NAME", help="With --ray: only nodes with this custom resource."
+    ),
     compat: bool = typer.Option(
         False, "--compat", help="Speak the HTTP API of the WebGym authors' server too."
     ),
@@ -61,7 +80,9 @@ def command(
         None, "--compat-key-file", help="Where its API key is, made like the token.", show_default="the token"
     ),
 ) -> None:
-    """Start a browser server: a gateway and its workers. SIGTERM or Ctrl-C stops it and every browser of it.
+    """Start a browser server: a gateway and its workers, here or on the nodes of a Ray cluster.
+
+    SIGTERM or Ctrl-C stops it and every browser of it.
 
     The token is taken from --token-file, or from WEBGYM_TOKEN, or made up and printed once.
     """
@@ -71,7 +92,8 @@ def command(
     import uvloop
     from pydantic import ValidationError
 
-    from webgym.server import GatewayConfig, ServerConfig
+    from webgym.server import GatewayConfig, RayConfig, ServerConfig
+    from webgym.server.listening import open_as_many_files_as_may_be
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     token = _token_in(token_file) if token_file else os.environ.get(TOKEN)
@@ -89,27 +111,33 @@ def command(
         config = ServerConfig.model_validate(
             {key: value for key, value in settings.items() if value is not None}
         )
+        fleet = GatewayConfig(workers=workers, worker_host=worker_host)
+        cluster = None
+        if ray is not None:
+            cluster = RayConfig(
+                address=ray,
+                slots_per_cpu=slots_per_cpu,
+                slots_per_node=slots,
+                cpus_per_node=ray_cpus,
+                node_resource=ray_resource,
+            )
     except ValidationError as error:
         first = error.errors()[0]
         raise ConfigError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
     where = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
-    fleet = GatewayConfig(workers=workers, worker_host=worker_host)
     beside = config.model_copy(update={"port": compat_port}) if compat else None
     key = _token_in(compat_key_file) if compat_key_file else None
-    _open_as_many_files_as_may_be()
-    uvloop.run(_serve(config, fleet, where, beside, key))
-
-
-def _open_as_many_files_as_may_be() -> None:
-    """The usual 1024 are for programs that use select(); a session holds some ten with its connections."""
-    import resource
-
-    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
-    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    open_as_many_files_as_may_be()
+    uvloop.run(_serve(config, fleet, cluster, where, beside, key))
 
 
 async def _serve(
-    config: ServerConfig, fleet: GatewayConfig, token_is: str, compat: ServerConfig | None, key: str | None
+    config: ServerConfig,
+    fleet: GatewayConfig,
+    cluster: RayConfig | None,
+    token_is: str,
+    compat: ServerConfig | None,
+    key: str | None,
 ) -> None:
     import asyncio
     import signal
@@ -119,10 +147,15 @@ async def _serve(
     from webgym.server.compat import running_compat
 
     stop = asyncio.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, stop.set)
+
+    def hear() -> None:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+
+    hear()
     async with AsyncExitStack() as stack:
-        server = await stack.enter_async_context(running_gateway(config, fleet))
+        server = await stack.enter_async_context(running_gateway(config, fleet, cluster))
+        hear()  # again: Ray puts handlers of its own in their place, which print what nobody asked for
         _say(server.url, token_is or server.token, await server.gateway.info())
         if compat is not None:
             layer = running_compat(server.url, server.token, listening=compat, key=key)

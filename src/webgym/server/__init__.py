@@ -28,6 +28,7 @@ line.py        who gets the next free slot
 relay.py       passes calls on as bytes
 workers.py     keeps workers up, wherever they run
 local.py       workers as processes of this machine
+ray_hosts.py   workers on the nodes of a Ray cluster
 totals.py      what many workers say, as one
 
 compat/        the HTTP API of the WebGym authors' server, in front of either
@@ -37,7 +38,7 @@ from __future__ import annotations
 
 from webgym.browser.config import BrowserConfig, Cookie
 from webgym.server.client import BrowserClient, Session
-from webgym.server.config import ClientLimits, GatewayConfig, ServerConfig
+from webgym.server.config import ClientLimits, GatewayConfig, RayConfig, ServerConfig
 from webgym.server.gateway import RunningGateway, running_gateway
 from webgym.server.messages import ServerInfo, SessionOptions, View
 from webgym.server.worker import RunningServer, running_server
@@ -48,6 +49,7 @@ __all__ = [
     "ClientLimits",
     "Cookie",
     "GatewayConfig",
+    "RayConfig",
     "RunningGateway",
     "RunningServer",
     "ServerConfig",

@@ -8,8 +8,12 @@ The pipe's end is the worker's end: it comes when the parent closes it, and when
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import os
+import select
+import signal
+import subprocess
 import sys
 import threading
 from asyncio.subprocess import PIPE, Process
@@ -21,6 +25,7 @@ import uvloop
 from webgym.browser import ProfileRoot
 from webgym.core.errors import ServerError, WebGymError, error_from_code
 from webgym.server.config import ServerConfig
+from webgym.server.listening import open_as_many_files_as_may_be
 from webgym.server.messages import ErrorBody
 from webgym.server.worker import running_server
 from webgym.server.workers import Started
@@ -32,10 +37,12 @@ class _Settings(msgspec.Struct, frozen=True):
     """Attributes:
     config: a :class:`ServerConfig`, as JSON.
     stop_seconds: how long the end may take.
+    is_detached: whether to become nobody's child.
     """
 
     config: str
     stop_seconds: float
+    is_detached: bool = False
 
 
 class _Up(msgspec.Struct, frozen=True, tag="up"):
@@ -48,6 +55,13 @@ class _Down(msgspec.Struct, frozen=True, tag="down"):
 
 _Report: TypeAlias = _Up | _Down
 
+
+_COMMAND = (
+    sys.executable,
+    "-P",  # the current folder is no place to import from
+    "-c",
+    f"from {__name__} import main; main()",
+)
 
 # --- the parent's side --------------------------------------------------------------------------------
 
@@ -93,10 +107,7 @@ async def start_child(config: ServerConfig, stop_seconds: float) -> tuple[Child,
         ServerError: it ended without a word.
     """
     process = await asyncio.create_subprocess_exec(
-        sys.executable,
-        "-P",  # the current folder is no place to import from
-        "-c",
-        f"from {__name__} import main; main()",
+        *_COMMAND,
         stdin=PIPE,
         stdout=PIPE,
         stderr=None,  # its log goes where ours goes
@@ -117,12 +128,60 @@ async def _introduce(process: Process, settings: _Settings) -> Started:
         process.stdin.write(msgspec.json.encode(settings) + b"\n")
         await process.stdin.drain()
         said = await process.stdout.readline()
+    except (ConnectionError, ValueError) as error:
+        raise ServerError(f"a worker process was not heard: {error}", hint="its log says why") from error
+    return read_report(said)
+
+
+def read_report(said: bytes) -> Started:
+    """What a worker said of itself.
+
+    Raises:
+        WebGymError: that it did not come up, and why.
+        ServerError: nothing.
+    """
+    try:
         report: _Report = msgspec.json.decode(said, type=_Report)
-    except (ConnectionError, ValueError, msgspec.MsgspecError) as error:
-        raise ServerError("a worker process ended before it was up", hint="its log says why") from error
+    except (msgspec.MsgspecError, ValueError):
+        raise ServerError("a worker process ended before it was up", hint="its log says why") from None
     if isinstance(report, _Down):
         raise error_from_code(report.error.code, report.error.message, report.error.hint)
     return report.started
+
+
+class DetachedChild:
+    """A worker process that is not our child, and lives no longer than us all the same.
+
+    For parents whose own parent kills all their children at their end, with no time to clear up: Ray does.
+    The pipe's end still reaches this one. For threads: every method blocks.
+    """
+
+    def __init__(self, config: str, stop_seconds: float) -> None:
+        self._stop_seconds = stop_seconds
+        self._process = subprocess.Popen(
+            _COMMAND, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+        assert self._process.stdin is not None
+        settings = _Settings(config, stop_seconds, is_detached=True)
+        self._process.stdin.write(msgspec.json.encode(settings) + b"\n")
+        self._process.stdin.flush()
+
+    def report(self) -> bytes:
+        """What it says when it is up or will not be; see :func:`read_report`."""
+        assert self._process.stdout is not None
+        return self._process.stdout.readline()
+
+    def stop(self) -> None:
+        """End it: told first, killed if it has not ended in time."""
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        process.stdin.close()
+        if not select.select([process.stdout], [], [], self._stop_seconds)[0]:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)  # it left us, but not the group
+        process.wait()  # what was our child, until it split
+        process.stdout.close()
 
 
 # --- the worker's side --------------------------------------------------------------------------------
@@ -132,6 +191,9 @@ def main() -> None:
     """Be a worker."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     settings = msgspec.json.decode(sys.stdin.buffer.readline(), type=_Settings)
+    if settings.is_detached and os.fork():
+        os._exit(0)
+    open_as_many_files_as_may_be()
     config = ServerConfig.model_validate_json(settings.config)
     uvloop.run(_serve(config, settings.stop_seconds))
 

@@ -10,7 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from webgym.browser.config import BrowserConfig
 
 
-def _cores() -> int:
+def usable_cores() -> int:
+    """Processors that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
@@ -27,13 +28,13 @@ class Admission(BaseModel):
     """``per_operation``: each type of operation has its own queue, and they take turns (paper, section 4).
     ``global``: first come, first served, whatever it is."""
 
-    fewest: int = Field(default_factory=lambda: 3 * _cores(), gt=0)
+    fewest: int = Field(default_factory=lambda: 3 * usable_cores(), gt=0)
     """Slots that may run at once on saturated processors."""
 
-    most: int = Field(default_factory=lambda: 24 * _cores(), gt=0)
+    most: int = Field(default_factory=lambda: 24 * usable_cores(), gt=0)
     """Slots that may run at once when the processors have time to spare: all wait for slow websites."""
 
-    step: int = Field(default_factory=_cores, gt=0)
+    step: int = Field(default_factory=usable_cores, gt=0)
     """Permits more or fewer after a measurement."""
 
     measure_seconds: float = Field(default=0.2, gt=0)
@@ -63,10 +64,10 @@ class ServerConfig(BaseModel):
     name: str = Field(default="", pattern=r"^[a-z0-9]{0,32}$")
     """Of one worker among others: its session ids begin with it, which is how a gateway finds it."""
 
-    slots: int = Field(default_factory=lambda: 4 * _cores(), gt=0)
+    slots: int = Field(default_factory=lambda: 4 * usable_cores(), gt=0)
     """Sessions at once. A slot takes 75-100 MB, and CPU only while its page works."""
 
-    parallel_launches: int = Field(default_factory=_cores, gt=0)
+    parallel_launches: int = Field(default_factory=usable_cores, gt=0)
     """Browsers that come up at once: a launch costs about a second of CPU."""
 
     relaunch_seconds: tuple[float, float] = (0.5, 30.0)
@@ -165,6 +166,36 @@ class GatewayConfig(BaseModel):
 
     dead_peer_seconds: float = Field(default=15.0, gt=0)
     """A worker whose machine answers nothing, not even the kernel's probes, for so long is gone."""
+
+
+class RayConfig(BaseModel):
+    """Workers on the nodes of a Ray cluster: which nodes, and how much of each."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    address: str = "auto"
+    """Of the cluster, as Ray takes it. ``auto`` for the one that this machine is a node of."""
+
+    namespace: str = "webgym"
+    """Ray's namespace for our actors."""
+
+    slots_per_cpu: float = Field(default=4.0, gt=0)
+    """Sessions at once for each CPU that a node has in Ray's books. Nodes without any take none."""
+
+    slots_per_node: int | None = Field(default=None, gt=0)
+    """Sessions at once on each node, whatever it has."""
+
+    cpus_per_node: float | None = Field(default=None, ge=0)
+    """CPUs that we reserve on each node; ``None`` for all of it, so that Ray places nothing beside us."""
+
+    node_resource: str | None = None
+    """Only nodes that have this custom resource, for clusters that do other work too."""
+
+    connect_seconds: float = Field(default=15.0, gt=0)
+    """Until the cluster has taken us in. Ray itself would try for ever."""
+
+    discover_seconds: float = Field(default=2.0, gt=0)
+    """Between two looks at which nodes there are: Ray tells nobody by itself."""
 
 
 class ClientLimits(BaseModel):

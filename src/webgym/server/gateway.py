@@ -11,7 +11,7 @@ import logging
 import re
 import secrets
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable
-from contextlib import AsyncExitStack, asynccontextmanager, closing
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, closing, nullcontext
 from importlib.metadata import version
 from typing import Any
 
@@ -24,7 +24,7 @@ from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
 from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, WorkerLost
-from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 from webgym.server.feed import Feed
 from webgym.server.front import Front, decode, http_error, while_connected
 from webgym.server.line import Line
@@ -52,6 +52,7 @@ from webgym.server.operations import (
     openapi,
 )
 from webgym.server.quota import Quota, client_of
+from webgym.server.ray_hosts import ray_hosts
 from webgym.server.relay import Answer, Header, Interrupted, NotSent
 from webgym.server.totals import GatewayMetrics, merge_expositions, total
 from webgym.server.worker import TOKEN_BYTES, new_instance
@@ -341,26 +342,29 @@ class RunningGateway:
 async def running_gateway(
     config: ServerConfig | None = None,
     fleet: GatewayConfig | None = None,
-    hosts: Hosts | None = None,
+    cluster: RayConfig | None = None,
 ) -> AsyncIterator[RunningGateway]:
     """Serve for the length of the block; afterwards no worker and no browser is left.
 
     Args:
-        config: what all workers are together, and the address that clients know.
+        config: what all workers of a machine are together, and the address that clients know.
         fleet: how workers are kept up.
-        hosts: where they run; on this machine if not said.
+        cluster: where they run; on this machine if there is none.
 
     Raises:
         BrowserNotFound, BrowserLaunchFailed: no worker comes up.
-        ConfigError: the address cannot be listened on.
+        ConfigError: the address cannot be listened on, or Ray is not installed.
+        ServerUnreachable: no cluster answers.
     """
     config = config or ServerConfig()
     fleet = fleet or GatewayConfig()
     token = config.token or secrets.token_urlsafe(TOKEN_BYTES)
     config = config.model_copy(update={"token": token})
-    gateway = Gateway(config, fleet, hosts or LocalHosts(config, fleet), token)
+    where: AbstractAsyncContextManager[Hosts] = (
+        nullcontext(LocalHosts(config, fleet)) if cluster is None else ray_hosts(config, fleet, cluster)
+    )
     with closing(listen(config)) as listener:
-        async with _kept_up(gateway):
+        async with where as hosts, _kept_up(Gateway(config, fleet, hosts, token)) as gateway:
             app = create_gateway_app(gateway, token, new_instance())
             async with serving(app, listener, config):
                 try:
@@ -370,7 +374,7 @@ async def running_gateway(
 
 
 @asynccontextmanager
-async def _kept_up(gateway: Gateway) -> AsyncIterator[None]:
+async def _kept_up(gateway: Gateway) -> AsyncIterator[Gateway]:
     """Workers for the length of the block, which begins when there is one."""
     running = asyncio.create_task(gateway.fleet.run())
     ready = asyncio.create_task(gateway.fleet.ready())
@@ -380,7 +384,7 @@ async def _kept_up(gateway: Gateway) -> AsyncIterator[None]:
             running.result()
         ready.result()
         running.add_done_callback(_say_why)
-        yield
+        yield gateway
         await gateway.stop()
     finally:
         for task in (ready, running):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import ipaddress
 import logging
+import resource
 import socket
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
@@ -40,6 +41,12 @@ def keep_alive_options(seconds: float) -> list[tuple[int, int, int]]:
         (socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES),
         (socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(seconds * 1000)),
     ]
+
+
+def open_as_many_files_as_may_be() -> None:
+    """The usual 1024 are for programs that use select(); a session holds some ten with its connections."""
+    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 def listen(config: ServerConfig) -> socket.socket:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import os
 from collections.abc import AsyncIterator, Collection
 
 from webgym.server.child import Child, start_child
-from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.server.config import GatewayConfig, ServerConfig, usable_cores
 from webgym.server.workers import Host, Started, share_of, split
 
 
@@ -28,7 +27,7 @@ class LocalHost:
     @property
     def shares(self) -> tuple[ServerConfig, ...]:
         """As many as are asked for, or as there are processors for."""
-        cores = len(os.sched_getaffinity(0))
+        cores = usable_cores()
         own = self._server.model_copy(update={"host": self._config.worker_host})
         slots = split(own.slots, cores, self._config)
         return tuple(

@@ -1,0 +1,246 @@
+"""Workers on the nodes of a real Ray cluster, all of them on this machine, with a gateway as a process."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import re
+import shutil
+import signal
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import psutil
+import pytest
+import pytest_asyncio
+from tests.conftest import Commands, wait_until
+
+from webgym.core.errors import ConfigError, ServerUnreachable, WebGymError, WorkerLost
+from webgym.server import BrowserClient, GatewayConfig, RayConfig, ServerConfig, Session, running_gateway
+
+from .conftest import TOKEN, Site, quick
+
+pytest.importorskip("ray")
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module"), pytest.mark.timeout(240)]
+
+MIB = 2**20
+
+
+class Nodes:
+    """A cluster whose head takes no work, and nodes with one CPU each."""
+
+    def __init__(self) -> None:
+        from ray.cluster_utils import Cluster
+
+        head = {"num_cpus": 0, "include_dashboard": False, "object_store_memory": 80 * MIB}
+        self._on_sigterm = signal.getsignal(signal.SIGTERM)  # Ray puts its own in its place
+        self._cluster: Any = Cluster(initialize_head=True, head_node_args=head)
+        self.address: str = self._cluster.address
+
+    def add(self) -> Any:
+        return self._cluster.add_node(num_cpus=1, object_store_memory=80 * MIB)
+
+    def kill(self, node: Any) -> None:
+        """Pull the plug."""
+        self._cluster.remove_node(node, allow_graceful=False)
+
+    def end(self) -> None:
+        folder = self._cluster.head_node.get_session_dir_path()
+        self._cluster.shutdown()
+        signal.signal(signal.SIGTERM, self._on_sigterm)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Logs, and everything that the browsers write."""
+    return tmp_path_factory.mktemp("ray")
+
+
+@pytest.fixture(scope="module")
+def commands(scratch: Path) -> Commands:
+    return Commands(scratch)
+
+
+@pytest.fixture(scope="module")
+def nodes(commands: Commands, scratch: Path) -> Iterator[Nodes]:
+    """Two nodes; what they start can be told by its environment."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("WEBGYM_TEST_MARK", commands.mark)
+        patch.setenv("TMPDIR", str(scratch))
+        made = Nodes()
+        made.add()
+        made.add()
+        yield made
+        commands.end()  # before the ground goes from under them
+        made.end()
+
+
+class Gateway:
+    """``webgym serve --ray`` as a process."""
+
+    def __init__(self, commands: Commands, nodes: Nodes) -> None:
+        self._commands = commands
+        self.process = commands.start(
+            "serve", "--ray", nodes.address, "--port", 0, "--slots", 1, "--allow-host", "127.0.0.1",
+            WEBGYM_TOKEN=TOKEN,
+        )  # fmt: skip
+        wait_until(lambda: "\nsandbox " in self.said or self.process.poll() is not None)
+        found = re.search(r"server +(\S+)", self.said)
+        assert found, self.said
+        self.url = found[1]
+
+    @property
+    def said(self) -> str:
+        return self._commands.output(self.process)
+
+
+@pytest.fixture(scope="module")
+def gateway(commands: Commands, nodes: Nodes) -> Gateway:
+    return Gateway(commands, nodes)
+
+
+@pytest_asyncio.fixture(loop_scope="module")
+async def client(gateway: Gateway) -> AsyncIterator[BrowserClient]:
+    async with BrowserClient(gateway.url, token=TOKEN, limits=quick()) as client:
+        yield client
+
+
+async def until(holds: Callable[[], Awaitable[bool]], seconds: float = 60) -> None:
+    async with asyncio.timeout(seconds):
+        while not await holds():
+            await asyncio.sleep(0.1)
+
+
+async def until_free(client: BrowserClient, slots: int) -> None:
+    """Wait until so many slots are there, all free."""
+
+    async def are_free() -> bool:
+        load = (await client.pressure()).slots
+        return (load.total, load.free) == (slots, slots)
+
+    await until(are_free)
+
+
+def marked(commands: Commands, pattern: str) -> list[psutil.Process]:
+    """Living processes of this cluster whose command line matches."""
+    found = []
+    for process in psutil.process_iter(["cmdline", "status"]):
+        try:
+            if (
+                process.info["status"] != psutil.STATUS_ZOMBIE
+                and re.search(pattern, " ".join(process.info["cmdline"] or ()))
+                and process.environ().get("WEBGYM_TEST_MARK") == commands.mark
+            ):
+                found.append(process)
+        except (psutil.NoSuchProcess, psutil.AccessDenied):
+            continue
+    return found
+
+
+OURS = r"webgym\.server\.child|chrom"
+
+
+async def losses(sessions: list[Session]) -> list[WebGymError | None]:
+    """What the holders are told, session by session."""
+
+    async def ask(session: Session) -> WebGymError | None:
+        try:
+            await session.metadata()
+        except WebGymError as error:
+            return error
+        return None
+
+    return list(await asyncio.gather(*(ask(session) for session in sessions)))
+
+
+async def until_one_is_lost(sessions: list[Session]) -> list[Session]:
+    """The sessions that are left; the lost one's holder was told in so many words."""
+
+    async def is_one_lost() -> bool:
+        return any(await losses(sessions))
+
+    await until(is_one_lost, 30)
+    told = await losses(sessions)
+    [lost] = [error for error in told if error]
+    assert isinstance(lost, WorkerLost)
+    return [session for session, error in zip(sessions, told, strict=True) if not error]
+
+
+async def test_a_worker_on_every_node(site: Site, client: BrowserClient) -> None:
+    await until_free(client, 2)
+    assert len({worker.url for worker in (await client.info()).workers}) == 2
+    sessions = [await client.open() for _ in range(2)]
+    for session in sessions:
+        assert session.is_direct, "a node's address is reached from here"
+        assert (await session.navigate(site.url())).title == "Home"
+
+
+async def test_nodes_come_and_go(site: Site, client: BrowserClient, nodes: Nodes) -> None:
+    """A node that joins serves those who wait; one that dies costs its own session alone."""
+    await until_free(client, 2)
+    sessions = [await client.open() for _ in range(2)]
+    waiting = asyncio.create_task(client.open())
+    node = nodes.add()
+    sessions.append(await waiting)
+    for session in sessions:
+        await session.navigate(site.url())
+    nodes.kill(node)
+    left = await until_one_is_lost(sessions)
+    for session in left:
+        assert (await session.metadata()).title == "Home"
+        await session.close()
+    await until_free(client, 2)
+
+
+async def test_a_killed_actor_costs_its_session_and_comes_back(
+    site: Site, client: BrowserClient, commands: Commands
+) -> None:
+    await until_free(client, 2)
+    sessions = [await client.open() for _ in range(2)]
+    actor = marked(commands, "ray::NodeActor")[0]
+    actor.kill()
+    [left] = await until_one_is_lost(sessions)
+    assert (await left.navigate(site.url())).title == "Home"
+    await left.close()
+    await until_free(client, 2)
+    assert actor.pid not in [each.pid for each in marked(commands, "ray::NodeActor")]
+
+
+async def test_a_killed_gateway_leaves_nothing_on_the_nodes(
+    site: Site, gateway: Gateway, commands: Commands, nodes: Nodes, scratch: Path
+) -> None:
+    async with BrowserClient(gateway.url, token=TOKEN, limits=quick()) as client:
+        await until_free(client, 2)
+        sessions = [await client.open() for _ in range(2)]
+        await asyncio.gather(*(session.navigate(site.url()) for session in sessions))
+        assert marked(commands, OURS)
+        os.kill(gateway.process.pid, signal.SIGKILL)
+        await asyncio.to_thread(wait_until, lambda: not marked(commands, OURS))
+        assert list((scratch / f"webgym-{os.getuid()}").iterdir()) == []
+        assert {type(error) for error in await losses(sessions)} == {ServerUnreachable}
+    again = await asyncio.to_thread(Gateway, commands, nodes)
+    async with BrowserClient(again.url, token=TOKEN, limits=quick()) as client:
+        await until_free(client, 2)
+        assert (await (await client.open()).navigate(site.url())).title == "Home"
+    again.process.terminate()
+    assert await asyncio.to_thread(again.process.wait, 60) == 0
+    assert not marked(commands, OURS)
+    assert "SIGTERM" not in again.said, "Ray's own words are not for our users"
+
+
+async def test_where_there_is_no_cluster_it_is_said() -> None:
+    config, fleet = ServerConfig(slots=1, token=TOKEN), GatewayConfig()
+    with pytest.raises(ServerUnreachable, match="no Ray cluster answers at nonsense"):
+        async with running_gateway(config, fleet, RayConfig(address="nonsense")):
+            raise AssertionError
+
+
+async def test_where_there_is_no_ray_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ConfigError, match="pip install"):
+        async with running_gateway(ServerConfig(slots=1), GatewayConfig(), RayConfig()):
+            raise AssertionError

@@ -8,6 +8,7 @@ import re
 import shutil
 import signal
 import sys
+import tempfile
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -55,9 +56,10 @@ class Nodes:
 
 
 @pytest.fixture(scope="module")
-def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Logs, and everything that the browsers write."""
-    return tmp_path_factory.mktemp("ray")
+def scratch() -> Iterator[Path]:
+    """Logs, and everything that the browsers write; Ray's sockets too, so its path has to be short."""
+    with tempfile.TemporaryDirectory(prefix="webgym-ray-", ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
 
 
 @pytest.fixture(scope="module")

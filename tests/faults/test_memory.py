@@ -77,7 +77,9 @@ async def test_a_machine_without_memory_ends_the_largest(fault: Around) -> None:
         await asyncio.gather(small.close(), large.close())
 
 
-async def test_a_browser_that_grew_is_replaced_at_the_end_of_the_episode(fault: Around) -> None:
+async def test_a_browser_that_grew_is_replaced_at_the_end_of_the_episode(
+    fault: Around, monkeypatch: pytest.MonkeyPatch
+) -> None:
     async with fault() as bench:
         session, slot = await bench.open()
         process = slot.process
@@ -85,7 +87,10 @@ async def test_a_browser_that_grew_is_replaced_at_the_end_of_the_episode(fault: 
         size = Census().sizes([process.pid])[process.pid]
         assert 20 * MIB < size.standing < slot.config.recycle_bytes
         assert 5 * MIB < size.largest < size.total == size.standing + size.largest
-        process.standing_bytes = slot.config.recycle_bytes
+        with slot.awake():
+            await bench.until(lambda: process.standing_bytes)  # the watch has looked
+        grown = slot.config.model_copy(update={"recycle_bytes": process.standing_bytes})
+        monkeypatch.setattr(slot, "config", grown)
         assert slot.needs_replacement
         await session.close()
         await bench.until(lambda: slot.process is not process and slot.is_warm)

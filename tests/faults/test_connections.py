@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from webgym.core.action import Navigate
+from webgym.core.action import Wait
 from webgym.core.errors import LeaseLost
 from webgym.server import Session, SessionOptions
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepRequest
@@ -106,7 +106,7 @@ async def test_a_reset_in_the_middle_of_a_step(fault: Around) -> None:
     async with fault() as bench:
         session, _ = await bench.open(ttl_seconds=1)
         sock = await dial(bench)
-        body = msgspec.json.encode(StepRequest(Navigate(bench.pages + "/loop/load")))
+        body = msgspec.json.encode(StepRequest(Wait(2)))
         sock.send(head(bench, f"/v1/sessions/{session.id}/step", len(body), session) + body)
         await bench.until(lambda: bench.server.service.gate.permits.running)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, HANG)

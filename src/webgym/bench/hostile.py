@@ -90,10 +90,10 @@ PAGES: dict[str, str] = {
     "/dom/gigabyte": _at_load(_GIGABYTE),
     "/dom/deep": _at_load(_DEEP),
     "/dom/million": _at_load(_MILLION),
-    "/dom/links": _at_load("document.body.innerHTML = '<a href=#>a</a> '.repeat(100000);"),
+    "/dom/links": _at_load("document.body.innerHTML = '<a href=#>a</a> '.repeat(20000);"),
     "/dom/frames": _at_load("setInterval(() => document.body.append(document.createElement('iframe')), 1);"),
     # windows and downloads without end
-    "/windows": _at_load("setInterval(() => open('/loop/load'), 5);"),
+    "/windows": _at_load("setInterval(() => open('/?' + Math.random()), 5);"),
     "/downloads": _at_load("setInterval(() => { location = '/file'; }, 5);"),
 }
 """By path: all of it is harm."""

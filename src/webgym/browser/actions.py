@@ -89,7 +89,7 @@ async def perform(page: Page, action: BrowserAction) -> None:
         case Scroll(direction=direction):
             await _scroll(page, direction)
         case Wait(time=seconds):
-            await asyncio.sleep(max(0.0, min(seconds, MAX_WAIT_SECONDS)))
+            await page.rest(max(0.0, min(seconds, MAX_WAIT_SECONDS)))
         case GoBack():
             await _go_back(page)
         case Navigate(url=url):

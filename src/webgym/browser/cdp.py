@@ -98,6 +98,7 @@ class Connection(asyncio.Protocol):
         self._handlers: dict[tuple[str, str], list[Handler]] = {}
         self._last_id = 0
         self._lost: BrowserCrashed | None = None
+        self._mourners: list[Callable[[], None]] = []
 
     # --- transport ----------------------------------------------------------------------------------
 
@@ -135,6 +136,9 @@ class Connection(asyncio.Protocol):
                 pending.reply.set_exception(error)
         self._pending.clear()
         self._handlers.clear()
+        mourners, self._mourners = self._mourners, []
+        for mourn in mourners:
+            mourn()
         if self._transport is not None:
             self._transport.abort()
 
@@ -222,6 +226,16 @@ class Connection(asyncio.Protocol):
         def unsubscribe() -> None:
             if handle in handlers:
                 handlers.remove(handle)
+
+        return unsubscribe
+
+    def when_lost(self, handler: Callable[[], None]) -> Unsubscribe:
+        """Call ``handler`` when the browser can no longer be reached, until unsubscribed."""
+        self._mourners.append(handler)
+
+        def unsubscribe() -> None:
+            if handler in self._mourners:
+                self._mourners.remove(handler)
 
         return unsubscribe
 

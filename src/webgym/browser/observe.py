@@ -24,6 +24,10 @@ _LOOKS = 3
 """Frames in frames, and roots in roots, take a look each the first time they are seen."""
 
 
+_NO_FRAME_YET = ("Unable to capture screenshot", "Not attached to an active page")
+"""What Chromium says while a page comes or goes."""
+
+
 class Look(msgspec.Struct, frozen=True):
     """An observation with its picture.
 
@@ -196,7 +200,7 @@ async def capture(page: Page) -> bytes:
                 except BrowserTimeout:
                     continue  # a frame that was swapped away took the request with it
                 except CommandFailed as error:
-                    if "Unable to capture screenshot" not in error.message:
+                    if not any(words in error.message for words in _NO_FRAME_YET):
                         raise
                     await asyncio.sleep(config.screenshot_retry_seconds)
                     continue

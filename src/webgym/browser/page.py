@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 from typing import Any, TypeVar
 from urllib.parse import urldefrag
@@ -20,6 +21,7 @@ from webgym.browser.wire import (
     FrameNavigated,
     Navigated,
     NavigatedWithinDocument,
+    NavigationStarted,
     Nothing,
     RequestFailed,
     ResponseReceived,
@@ -33,6 +35,8 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 _BLANK = "about:blank"
+_NO_DIALOGS = "window.alert = window.confirm = window.prompt = () => undefined"
+"""What a browser offers to its user when a page opens one dialog after the other."""
 _SAID_LENGTH = 300
 """Characters of a dialog's message, or of an address, that a notice repeats."""
 
@@ -90,8 +94,11 @@ class Page:
         self._failures: dict[str, str] = {}
         """The browser's error word by loader, until the error page is committed."""
         self._told_failure = ""
+        self._leaving_for = ""
+        """Loader of the navigation that was begun last."""
         self.worlds = Worlds(session, target_id, config)
         self.popups = Popups(self)
+        session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.navigatedWithinDocument", NavigatedWithinDocument, self._on_within_document)
         session.on("Page.javascriptDialogOpening", DialogOpening, self._on_dialog)
@@ -100,6 +107,9 @@ class Page:
         session.on("Network.responseReceived", ResponseReceived, self._on_response)
         session.on("Network.loadingFailed", RequestFailed, self._on_request_failed)
         session.on("Inspector.targetCrashed", Nothing, self._on_crashed)
+        self._ended = asyncio.Event()
+        """Set while there is no renderer: nothing can be waited for."""
+        self._forget_browser = session.connection.when_lost(self._on_ended)
 
     # --- life ---------------------------------------------------------------------------------------
 
@@ -152,6 +162,7 @@ class Page:
     async def close(self) -> None:
         """Stop what runs for the page here. The tab itself goes with its context."""
         self.is_closed = True
+        self._forget_browser()
         await self.popups.close()
         self.session.connection.drop_session(self.session.id, TargetGone("the page was closed"))
 
@@ -161,6 +172,12 @@ class Page:
         self._dialogs = 0
         self.popups.begin_action()
         self.traffic.started.clear()
+
+    async def rest(self, seconds: float) -> None:
+        """Let the page go on for so long. One that is lost meanwhile is not waited for."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(seconds):
+                await self._ended.wait()
 
     # --- notices ------------------------------------------------------------------------------------
 
@@ -222,6 +239,9 @@ class Page:
         said = url[:_SAID_LENGTH]
         if not url.lower().startswith(_SCHEMES):
             raise NavigationFailed(f'"{said}" was not opened: only http and https addresses are')
+        self._leaving_for = ""
+        loop = asyncio.get_running_loop()
+        hold_up = loop.call_later(self.config.execute_seconds, self._end_hold_up)
         try:
             navigated = await self.session.call(
                 "Page.navigate", params, reply=Navigated, seconds=self.config.navigate_seconds
@@ -233,11 +253,23 @@ class Page:
             ) from None
         except CommandFailed as error:
             raise NavigationFailed(f"{said}: {error.message}") from error
+        finally:
+            hold_up.cancel()
         if navigated.is_download or navigated.error_text == "net::ERR_ABORTED":
             return  # a download has its own notice; an aborted navigation leaves the page as it is
         if navigated.error_text:
             self._told_failure = navigated.loader_id  # its error page comes later, and is no news
             raise self._failure(url, navigated)
+
+    def _end_hold_up(self) -> None:
+        """A page is asked before it is left. As long as it does not answer, nothing is requested."""
+        if not self.traffic.document_url(self._leaving_for):
+            self.end_script()
+            self.note("still_loading", "the page would not be left; its script was ended")
+
+    def _on_leaving(self, event: NavigationStarted) -> None:
+        if event.frame_id == self.target_id:
+            self._leaving_for = event.loader_id
 
     def _failure(self, url: str, navigated: Navigated) -> NavigationFailed:
         """Why a navigation failed, at the address that it was led to."""
@@ -260,6 +292,7 @@ class Page:
             TargetGone: it died again.
         """
         self.session.crashed = None
+        self._ended.clear()
         self.traffic.clear()
         self.note("crashed", f"the page crashed and was loaded again{f': {why}' if why else ''}")
         try:
@@ -301,12 +334,14 @@ class Page:
         if self._dialogs > self.config.dialogs_per_action:
             self.session.send("Runtime.terminateExecution")
             if self._dialogs == self.config.dialogs_per_action + 1:
-                self.note("dialog", "the page would not stop opening dialogs; its script was ended")
+                self.note("dialog", "the page would not stop opening dialogs; it may open no more")
         else:
             said = f'{event.type} "{event.message[:_SAID_LENGTH]}"'
             answer = f'answered "{event.default_prompt}"' if event.type == "prompt" else "accepted"
             self.note("dialog", f"{said}: {answer}")
         self.session.send("Page.handleJavaScriptDialog", {"accept": True, "promptText": event.default_prompt})
+        if self._dialogs > self.config.dialogs_per_action:
+            self.session.send("Runtime.evaluate", {"expression": _NO_DIALOGS})
 
     def _on_download(self, event: DownloadWillBegin) -> None:
         name = event.suggested_filename or event.url
@@ -318,5 +353,9 @@ class Page:
     def _on_crashed(self, _: Nothing) -> None:
         self.session.crashed = TargetGone("the page crashed")
         self.worlds.forget()
-        self.traffic.clear()
+        self._on_ended()
         self.session.connection.fail_session(self.session.id, self.session.crashed)
+
+    def _on_ended(self) -> None:
+        self.traffic.clear()
+        self._ended.set()

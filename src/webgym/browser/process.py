@@ -69,7 +69,6 @@ _FLAGS = (
     "--disable-backgrounding-occluded-windows",
     "--disable-renderer-backgrounding",
     "--disable-hang-monitor",
-    "--disable-ipc-flooding-protection",
     "--disable-popup-blocking",
     # One renderer per slot: half the memory, and frames of other origins are observed like the rest.
     # Nothing of value lives in a context that is thrown away after each episode.

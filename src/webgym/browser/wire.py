@@ -105,6 +105,13 @@ class FrameEvent(Wire, frozen=True):
     frame_id: str
 
 
+class NavigationStarted(Wire, frozen=True):
+    """``Page.frameStartedNavigating``."""
+
+    frame_id: str
+    loader_id: str
+
+
 class Navigated(Wire, frozen=True):
     """``Page.navigate``."""
 

@@ -49,6 +49,7 @@ _WORLD_IS_GONE = (
     "No frame for given id",
     "Could not find object",
     "does not belong to the document",
+    "Internal error",  # our script was ended together with the page's own
 )
 
 

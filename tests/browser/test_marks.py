@@ -161,6 +161,11 @@ CASES: dict[str, str] = {
     + BUTTON
     + "\" style='width:110px;height:60px;border:0'></iframe></div>",
     "drawing": "<svg width=90 height=50><a {m} href=#x><rect width=80 height=40 /></a></svg>",
+    "area": "<img usemap=#{n} width=90 height=60 src=\"data:image/svg+xml,<svg xmlns='http://www.w3.org/2000/svg'/>\">"
+    "<map name={n}><area {m} href=#x coords='{b},{b},70,40'></map>",
+    "round area": "<img usemap=#{n} width=90 height=60 style='zoom:1.2' "
+    "src=\"data:image/svg+xml,<svg xmlns='http://www.w3.org/2000/svg'/>\">"
+    "<map name={n}><area {m} href=#x shape=circle coords='45 30 20'></map>",
     "canvas": "<canvas {m} tabindex=0 width=80 height=40></canvas>",
     "text field": "<input {m} style='{style}'>",
     "editable": "<div contenteditable {m} style='{style}'>edit</div>",
@@ -172,7 +177,7 @@ CASES: dict[str, str] = {
 UNSEEN = {"transparent", "in transparent"}
 """What the mouse would reach, but no eye."""
 OFF = {"disabled", "in disabled", "aria-disabled"}
-ROUGH = {"half covered", "covered below", "clipped", "round", "turned", "beyond the edge"}
+ROUGH = {"round area", "half covered", "covered below", "clipped", "round", "turned", "beyond the edge"}
 """Seen in part, and not along the sides of a box: the middle of what is marked must be seen, no more."""
 CELL = (150, 110)
 PER_PAGE = 8 * 6

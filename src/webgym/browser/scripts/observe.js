@@ -26,6 +26,34 @@
   const MAX_PARTS = 13;
   const LEAST_SIDE = 2; // pixels of a part that is worth a click
 
+  const isArea = (element) => element.localName === 'area';
+
+  // The picture that an area of an image map lies on.
+  const pictureOf = (area) => {
+    const map = area.closest('map');
+    const name = map && map.getAttribute('name');
+    return name ? area.getRootNode().querySelector(`img[usemap="#${CSS.escape(name)}"]`) : null;
+  };
+
+  // The box around an area, in pixels of its picture: all of it where no shape is given.
+  const shapeOf = (area, picture) => {
+    const at = area.coords.split(/[\s,]+/).map(Number);
+    const [x, y, radius] = at;
+    if (area.shape === 'default' || at.length < 3) return [0, 0, picture.offsetWidth, picture.offsetHeight];
+    if (area.shape.startsWith('circ')) return [x - radius, y - radius, x + radius, y + radius];
+    const [across, down] = [0, 1].map((axis) => at.filter((_, index) => index % 2 === axis));
+    return [Math.min(...across), Math.min(...down), Math.max(...across), Math.max(...down)];
+  };
+
+  const areaRects = (area) => {
+    const picture = pictureOf(area);
+    if (!picture || !picture.offsetWidth) return [];
+    const rect = picture.getBoundingClientRect();
+    const scale = rect.width / picture.offsetWidth;
+    const [left, top, right, bottom] = shapeOf(area, picture).map((at) => at * scale);
+    return [{ left: rect.left + left, top: rect.top + top, right: rect.left + right, bottom: rect.top + bottom }];
+  };
+
   const isHit = (element, box) => {
     const found = hit(...middle(box));
     if (!found) return false;
@@ -38,6 +66,7 @@
 
   // The boxes of an element; those of its children where it has none itself, as around a floated picture.
   const rectsOf = (element, depth = 0) => {
+    if (isArea(element)) return areaRects(element);
     const rects = [...element.getClientRects()].filter((rect) => areaOf(rect) >= 1);
     if (rects.length || depth > 3) return rects;
     return [...(rootOf(element) || element).children].slice(0, 8).flatMap((child) => rectsOf(child, depth + 1));
@@ -49,7 +78,7 @@
     let around = null;
     for (const rect of rectsOf(element).sort((a, b) => areaOf(b) - areaOf(a)).slice(0, 3)) {
       if (!intersect(moved(rect, place.map), place.clip)) continue;
-      around = around || clipAround(element);
+      around = around || clipAround(isArea(element) ? pictureOf(element) : element);
       const own = intersect(rect, around);
       const box = own && intersect(moved(own, place.map), place.clip);
       for (const part of box ? parts(box) : [])
@@ -199,6 +228,7 @@
   const walkElement = (element, place, sink) => {
     const name = element.localName;
     if (SKIPPED.has(name)) return;
+    if (name === 'area' && sink.wantsElements) describe(element, place, null, sink);
     const rect = element.getBoundingClientRect();
     const hasBox = rect.width > 0 && rect.height > 0;
     const isInView = hasBox && touches(moved(rect, place.map), place.clip);

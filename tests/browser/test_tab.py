@@ -14,6 +14,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from webgym.browser import BrowserConfig
+from webgym.browser.wire import TargetInfo, Wire
 from webgym.core.action import GoBack, LeftClick
 from webgym.core.errors import BrowserCrashed
 
@@ -224,3 +225,192 @@ async def test_a_page_that_closes_itself(site: Site, tab: Tab) -> None:
     await tab.goto(site.page("<button onclick='window.close()'>Close</button><p>here</p>"))
     await tab.step(LeftClick(tab.at("Close")))
     assert "here" in tab.text
+
+
+# --- windows, dialogs and downloads in all their ways --------------------------------------------------
+
+WAYS = {
+    "noopener": "<a href=/second target=_blank rel='noopener noreferrer'>Go</a>",
+    "noopener by script": "<button onclick=\"window.open('/second', '_blank', 'noopener')\">Go</button>",
+    "a window with a size": "<button onclick=\"window.open('/second', 'w', 'width=300')\">Go</button>",
+    "later": "<button onclick=\"setTimeout(() => window.open('/second'), 30)\">Go</button>",
+    "in a frame": "<iframe srcdoc='<a href=/second target=_blank>Go</a>'></iframe>",
+    "for the top": "<iframe srcdoc='<a href=/second target=_top>Go</a>'></iframe>",
+    "a form that a script sends": "<form id=f action=/second target=_blank></form>"
+    '<button onclick="f.submit()">Go</button>',
+    "a form into a window": "<form id=f action=/second target=w></form>"
+    "<button onclick=\"window.open('', 'w'); f.submit()\">Go</button>",
+    "through a redirect": "<a href=/redirect target=_blank>Go</a>",
+    "a link that a script opens": '<a href=/second target=_blank onclick="event.preventDefault();'
+    'window.open(this.href)">Go</a>',
+    "an area of a picture": "<img usemap=#m width=60 height=60 src=/dot>"
+    "<map name=m><area shape=rect coords=0,0,60,60 href=/second target=_blank alt=Go></map>",
+}
+
+
+@pytest.mark.parametrize("body", WAYS.values(), ids=WAYS.keys())
+async def test_every_way_to_a_second_window_ends_in_this_tab(site: Site, tab: Tab, body: str) -> None:
+    async def redirect(_: Request) -> Response:
+        return RedirectResponse("/second")
+
+    async def dot(_: Request) -> Response:
+        return Response("<svg xmlns='http://www.w3.org/2000/svg'/>", media_type="image/svg+xml")
+
+    site.page("<title>Second</title>", "/second")
+    site.on("/redirect", redirect)
+    site.on("/dot", dot)
+    first = site.page(body)
+    await tab.goto(first)
+    await tab.step(LeftClick(tab.at("Go")))
+    look = await tab.step()
+    assert look.observation.title == "Second"
+    assert site.hits.count("/second") == 1
+    look = await tab.step(GoBack())
+    assert look.observation.url == first
+
+
+@pytest.mark.parametrize("kind", ["", "enctype=multipart/form-data", "enctype=text/plain"])
+async def test_what_a_script_posts_to_a_new_window_arrives(site: Site, tab: Tab, kind: str) -> None:
+    async def take(request: Request) -> Response:
+        if kind.endswith("plain"):
+            said = (await request.body()).decode().strip()
+        else:
+            said = ", ".join(f"{name}={value}" for name, value in (await request.form()).items())
+        return HTMLResponse(f"<title>{request.method} {said}</title>")
+
+    site.on("/take", take)
+    first = site.page(
+        f"<form id=f action=/take method=post target=w {kind}><input name=q value='Zoë &amp; 7'></form>"
+        "<button onclick=\"window.open('', 'w'); f.submit()\">Go</button>"
+    )
+    await tab.goto(first)
+    look = await tab.step(LeftClick(tab.at("Go")))
+    assert look.observation.title == "POST q=Zoë & 7"
+    assert site.hits.count("/take") == 1
+    assert [kind for kind, _ in tab.notices] == ["popup"]
+    look = await tab.step(GoBack())
+    assert look.observation.url == first
+
+
+@pytest.mark.parametrize(
+    "opens",
+    [
+        "w = window.open('about:blank'); w.document.write('<h1>Receipt</h1>')",
+        "window.open(window.URL.createObjectURL(new Blob(['<h1>Receipt</h1>'], { type: 'text/html' })))",
+        "window.open('javascript:alert(1)')",
+        "window.open('mailto:someone@x.example')",
+    ],
+    ids=["written", "blob", "javascript", "mail"],
+)
+async def test_windows_that_lead_nowhere_are_closed_and_told(site: Site, tab: Tab, opens: str) -> None:
+    home = site.page(f'<button onclick="{opens}">Go</button><p>here</p>')
+    await tab.goto(home)
+    await tab.step(LeftClick(tab.at("Go")))
+    told = list(tab.notices)
+    look = await tab.step()
+    assert look.observation.url == home
+    assert "popup" in [kind for kind, _ in [*told, *tab.notices]]
+    assert await windows(tab) == 1
+
+
+async def windows(tab: Tab) -> int:
+    """Pages that the browser holds for this tab's episode."""
+    assert tab.slot.process is not None
+    connection = tab.slot.process.connection
+    targets = await connection.call("Target.getTargets", reply=_Targets, seconds=5)
+    page = tab.slot._page
+    assert page is not None
+    [own] = [one for one in targets.target_infos if one.target_id == page.target_id]
+    same = [one for one in targets.target_infos if one.browser_context_id == own.browser_context_id]
+    return len([one for one in same if one.type == "page"])
+
+
+class _Targets(Wire, frozen=True):
+    target_infos: tuple[TargetInfo, ...]
+
+
+async def test_a_page_that_looks_at_its_window(site: Site, tab: Tab) -> None:
+    """What `open` gives is a window, not nothing, as from a blocker."""
+    site.page("<title>Second</title>", "/second")
+    await tab.goto(
+        site.page(
+            "<button onclick=\"w = window.open('/second'); if (w) w.focus(); else alert('blocked')\">"
+            "Go</button>"
+        )
+    )
+    look = await tab.step(LeftClick(tab.at("Go")))
+    assert look.observation.title == "Second"
+    assert [kind for kind, _ in tab.notices] == ["popup"]
+
+
+async def test_dialogs_while_a_page_loads_and_within_frames(site: Site, tab: Tab) -> None:
+    inner = site.page("<script>alert('from a frame')</script>")
+    look = await tab.goto(
+        site.page(
+            f"<script>document.title = confirm('cookies?') + prompt('who?')</script><iframe src={inner}>"
+        )
+    )
+    assert look.observation.title == "true"
+    assert [text for kind, text in tab.notices if kind == "dialog"] == [
+        'confirm "cookies?": accepted',
+        'prompt "who?": answered ""',
+        'alert "from a frame": accepted',
+    ]
+
+
+async def test_a_page_that_asks_before_it_is_left_by_going_back(site: Site, tab: Tab) -> None:
+    home = site.page("<title>Home</title>")
+    await tab.goto(home)
+    await tab.goto(
+        site.page("<button>Touch</button><script>onbeforeunload = (e) => e.preventDefault()</script>")
+    )
+    await tab.step(LeftClick(tab.at("Touch")))
+    look = await tab.step(GoBack())
+    assert look.observation.url == home
+    assert [kind for kind, _ in tab.notices] == ["dialog"]
+
+
+async def test_printing_does_no_harm(site: Site, tab: Tab) -> None:
+    look = await tab.goto(site.page("<button onclick='print(); document.title = \"after\"'>Print</button>"))
+    look = await tab.step(LeftClick(tab.at("Print")))
+    assert look.observation.title == "after"
+
+
+DOWNLOADS = {
+    "an attribute": "<a href=/plain download=notes.txt>Get</a>",
+    "a header": "<a href=/file>Get</a>",
+    "a header in a new window": "<a href=/file target=_blank>Get</a>",
+    "a type that is not shown": "<a href=/binary>Get</a>",
+    "a blob": "<a href=# onclick=\"event.preventDefault(); a = document.createElement('a');"
+    "a.href = window.URL.createObjectURL(new Blob(['x'])); a.download = 'made.txt'; a.click()\">Get</a>",
+    "a data address": "<a href='data:text/plain,hello' download=hello.txt>Get</a>",
+    "a frame": "<button onclick=\"f.src = '/file'\">Get</button><iframe id=f></iframe>",
+    "a form": "<form action=/file method=post><button>Get</button></form>",
+}
+
+
+@pytest.mark.parametrize("body", DOWNLOADS.values(), ids=DOWNLOADS.keys())
+async def test_every_download_is_refused_and_told(site: Site, tab: Tab, body: str) -> None:
+    async def file(_: Request) -> Response:
+        return Response(b"x" * 1000, headers={"content-disposition": "attachment; filename=report.zip"})
+
+    async def plain(_: Request) -> Response:
+        return Response("words", media_type="text/plain")
+
+    async def binary(_: Request) -> Response:
+        return Response(b"\\0" * 500, media_type="application/octet-stream")
+
+    site.on("/file", file)
+    site.on("/plain", plain)
+    site.on("/binary", binary)
+    home = site.page(body)
+    await tab.goto(home)
+    await tab.step(LeftClick(tab.at("Get")))
+    told = list(tab.notices)
+    look = await tab.step()
+    told += tab.notices
+    assert "download_refused" in [kind for kind, _ in told]
+    assert "navigation_failed" not in [kind for kind, _ in told]
+    assert look.observation.url.split("#")[0] == home
+    profile = tab.slot.process.profile if tab.slot.process else Path()
+    assert not [path for path in profile.rglob("*") if path.suffix in (".zip", ".txt", ".crdownload")]

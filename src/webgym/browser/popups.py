@@ -7,10 +7,13 @@ is never sent: the window is closed and the tab goes there itself.
 from __future__ import annotations
 
 import asyncio
+import base64
 import contextlib
-from typing import TYPE_CHECKING
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Any
 
-from webgym.browser.wire import AttachedToTarget, RequestPaused
+from webgym.browser.wire import AttachedToTarget, Request, RequestPaused
 from webgym.core.errors import BrowserError, NavigationFailed
 
 if TYPE_CHECKING:
@@ -92,10 +95,44 @@ class Popups:
         task.add_done_callback(self._tasks.discard)
 
     async def _navigate(self, target_id: str, paused: RequestPaused) -> None:
+        request = paused.request
         try:
             with contextlib.suppress(BrowserError):  # whoever acts next meets the same error
-                await self._page.navigate(paused.request.url, paused.request.headers.get("Referer", ""))
+                async with self._as_wanted(request):
+                    await self._page.navigate(request.url, request.headers.get("Referer", ""))
         except NavigationFailed as error:
             self._page.note("navigation_failed", error.message)
         finally:
             self._page.traffic.end(target_id)
+
+    @asynccontextmanager
+    async def _as_wanted(self, wanted: Request) -> AsyncIterator[None]:
+        """The tab's next document is asked for as the window asked for it: with its method and its body."""
+        if wanted.method == "GET":
+            yield
+            return
+        page = self._page
+        is_first = True
+
+        def on_request(paused: RequestPaused) -> None:
+            nonlocal is_first
+            more: dict[str, Any] = {}
+            if is_first and paused.frame_id == page.target_id:
+                is_first = False  # what it is redirected to is asked for in the usual way
+                body = b"".join(part.data for part in wanted.post_data_entries)
+                headers = {**paused.request.headers, **wanted.headers}
+                more = {
+                    "method": wanted.method,
+                    "postData": base64.b64encode(body).decode(),
+                    "headers": [{"name": name, "value": value} for name, value in headers.items()],
+                }
+            page.session.send("Fetch.continueRequest", {"requestId": paused.request_id, **more})
+
+        forget = page.session.on("Fetch.requestPaused", RequestPaused, on_request)
+        documents = {"patterns": [{"resourceType": "Document"}]}
+        await page.session.do("Fetch.enable", documents, seconds=page.config.execute_seconds)
+        try:
+            yield
+        finally:
+            forget()
+            page.session.send("Fetch.disable")

@@ -193,12 +193,19 @@ class RequestFailed(Wire, frozen=True):
     canceled: bool = False
 
 
+class PostData(Wire, frozen=True):
+    """A part of a request's body; base64 is decoded on the way in."""
+
+    data: bytes = msgspec.field(default=b"", name="bytes")
+
+
 class Request(Wire, frozen=True):
-    """The head of an HTTP request."""
+    """An HTTP request."""
 
     url: str
     method: str = "GET"
     headers: dict[str, str] = {}
+    post_data_entries: tuple[PostData, ...] = ()
 
 
 class RequestPaused(Wire, frozen=True):
@@ -206,6 +213,7 @@ class RequestPaused(Wire, frozen=True):
 
     request_id: str
     request: Request
+    frame_id: str = ""
 
 
 class World(Wire, frozen=True):

@@ -10,9 +10,9 @@ import msgspec
 
 from webgym.browser.chords import chord, keys_of
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, strokes
-from webgym.browser.page import Page
+from webgym.browser.page import BLANK, Page, Returned
 from webgym.browser.settle import settle
-from webgym.browser.wire import History, Nothing
+from webgym.browser.wire import History, HistoryEntry, Nothing
 from webgym.browser.worlds import DocumentGone
 from webgym.core.action import (
     GRID,
@@ -284,18 +284,42 @@ async def type_at(
 
 
 async def _go_back(page: Page) -> None:
-    seconds = page.config.execute_seconds
-    history = await page.session.call("Page.getNavigationHistory", reply=History, seconds=seconds)
-    before = history.entries[: history.current_index]
-    if not before or (len(before) == 1 and before[0].url == "about:blank"):
+    history = await _history(page)
+    index = (history.current_index if page.returned is None else page.returned.index) - 1
+    page.returned = None
+    if index < 0 or history.entries[index].url == BLANK:
         raise ActionFailed("there is no earlier page to go back to")
+    left = page.loader
+    await _return_to(page, history.entries[index])
+    page.returned = Returned(index, left)
+
+
+async def is_led_on(page: Page) -> bool:
+    """Whether the page that this action went back to has led on by itself, as a redirect by script does.
+
+    Then there is no way back but past it; going back once more in the same action takes that way.
+    """
+    returned = page.returned
+    if returned is None or page.loader == returned.left:  # a document that changes its own history may
+        return False
+    return (await _history(page)).current_index > returned.index
+
+
+async def _history(page: Page) -> History:
+    return await page.session.call(
+        "Page.getNavigationHistory", reply=History, seconds=page.config.execute_seconds
+    )
+
+
+async def _return_to(page: Page, entry: HistoryEntry) -> None:
+    seconds = page.config.execute_seconds
     page.traffic.started.clear()
-    await page.session.do("Page.navigateToHistoryEntry", {"entryId": before[-1].id}, seconds=seconds)
+    await page.session.do("Page.navigateToHistoryEntry", {"entryId": entry.id}, seconds=seconds)
     try:
         async with asyncio.timeout(page.config.navigate_seconds):
             await page.traffic.started.wait()
     except TimeoutError:
-        raise NavigationFailed(f"{before[-1].url[:_SAID_LENGTH]} did not open") from None
+        raise NavigationFailed(f"{entry.url[:_SAID_LENGTH]} did not open") from None
 
 
 async def _navigate(page: Page, url: str) -> None:

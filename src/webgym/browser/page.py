@@ -34,9 +34,13 @@ log = logging.getLogger(__name__)
 
 T = TypeVar("T")
 
-_BLANK = "about:blank"
+BLANK = "about:blank"
+_NO_CONTENT = (204, 205)
+"""HTTP statuses after which a browser stays where it is."""
+
 _NO_DIALOGS = "window.alert = window.confirm = window.prompt = () => undefined"
 """What a browser offers to its user when a page opens one dialog after the other."""
+
 _SAID_LENGTH = 300
 """Characters of a dialog's message, or of an address, that a notice repeats."""
 
@@ -52,6 +56,16 @@ document.execCommand('copy');
 _SCHEMES = ("http://", "https://")
 _PROXY_SAID_NO = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS_UNREACHABLE"})
 """All that Chromium says when the proxy has no connection for it, whatever the reason."""
+
+_FORM_RESULT = "net::ERR_CACHE_MISS"
+"""What Chromium says of a page in the history that it would have to send a form for."""
+
+
+class Returned(msgspec.Struct, frozen=True):
+    """Where in the tab's history an action went back to, and the loader of the document that it left."""
+
+    index: int
+    left: str
 
 
 class Page:
@@ -70,7 +84,7 @@ class Page:
         self.config = config
         self.options = PageOptions()
         self._egress = egress
-        self.url = _BLANK
+        self.url = BLANK
         self.status: int | None = None
         self.changes = -1
         """Of the document, when it was last seen quiet; -1 for a document that never was."""
@@ -93,6 +107,10 @@ class Page:
         """HTTP status by loader, until the document is committed."""
         self._failures: dict[str, str] = {}
         """The browser's error word by loader, until the error page is committed."""
+        self.loader = ""
+        """Of the document that is there."""
+        self.returned: Returned | None = None
+        """Where this action has gone back to."""
         self._told_failure = ""
         self._leaving_for = ""
         """Loader of the navigation that was begun last."""
@@ -170,6 +188,7 @@ class Page:
         """An action starts: what is limited per action is counted anew."""
         self._happened.clear()
         self._dialogs = 0
+        self.returned = None
         self.popups.begin_action()
         self.traffic.started.clear()
 
@@ -282,6 +301,8 @@ class Page:
 
     def _why(self, url: str, said: str) -> tuple[str, bool]:
         """What the proxy knows of a connection that failed, and whether the egress policy refused it."""
+        if said == _FORM_RESULT:
+            return f"{said}, this page was the answer to a form, which is not sent again", False
         failure = self._egress.failure(url) if said in _PROXY_SAID_NO else None
         return (failure.message, failure.is_refusal) if failure is not None else (said, False)
 
@@ -308,6 +329,7 @@ class Page:
             return
         self.url = (frame.unreachable_url or frame.url) + frame.url_fragment
         self.status = self._statuses.get(frame.loader_id)
+        self.loader = frame.loader_id
         if frame.unreachable_url and frame.loader_id != self._told_failure:
             said = self._failures.get(frame.loader_id, "it could not be opened")
             why, _ = self._why(self.url, said)
@@ -322,12 +344,21 @@ class Page:
             self.url = event.url
 
     def _on_response(self, event: ResponseReceived) -> None:
-        if event.type == "Document" and event.frame_id == self.target_id:
-            self._statuses[event.loader_id] = event.response.status
+        if event.type != "Document" or event.frame_id != self.target_id:
+            return
+        status = event.response.status
+        self._statuses[event.loader_id] = status
+        if status in _NO_CONTENT:
+            said = event.response.url[:_SAID_LENGTH]
+            self.note("navigation_failed", f"{said}: answered {status}, no content; the page stays as it is")
 
     def _on_request_failed(self, event: RequestFailed) -> None:
-        if event.type == "Document":
-            self._failures[event.request_id] = event.error_text
+        if event.type != "Document":
+            return
+        self._failures[event.request_id] = event.error_text
+        if event.request_id == self.loader and not event.canceled:
+            said = self.url[:_SAID_LENGTH]
+            self.note("navigation_failed", f"{said}: the page broke off, {event.error_text}")
 
     def _on_dialog(self, event: DialogOpening) -> None:
         self._dialogs += 1

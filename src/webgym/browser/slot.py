@@ -14,6 +14,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
+from webgym.browser.actions import is_led_on
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
@@ -32,7 +33,7 @@ from webgym.browser.wire import (
     DetachedFromTarget,
     Nothing,
 )
-from webgym.core.action import Navigate
+from webgym.core.action import GoBack, Navigate
 from webgym.core.errors import (
     ActionFailed,
     BrowserCrashed,
@@ -332,6 +333,9 @@ class Slot:
             await self._perform(page, action)
             self._milliseconds[operation] = (time.perf_counter() - start) * 1000
             self._settled = await settle_timed(page, self._milliseconds)
+            while isinstance(action, GoBack) and await is_led_on(page):
+                await self._perform(page, action)
+                self._settled = await settle_timed(page, self._milliseconds)
         except TargetGone:
             await self._bring_back(page)
 

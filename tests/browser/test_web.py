@@ -1,0 +1,373 @@
+"""What the web answers, or fails to: told to the agent as what it is."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+import ssl
+import struct
+import subprocess
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+
+from webgym.core.action import GoBack, LeftClick
+
+from .conftest import Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+Peer = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
+
+
+@asynccontextmanager
+async def raw(peer: Peer, context: ssl.SSLContext | None = None) -> AsyncIterator[str]:
+    """A server that does with each connection what it likes; its host and port."""
+
+    async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
+            with contextlib.suppress(ConnectionError, asyncio.IncompleteReadError):
+                await peer(reader, writer)
+        finally:
+            writer.close()
+
+    server = await asyncio.start_server(serve, "127.0.0.1", 0, ssl=context)
+    async with server:
+        yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
+
+
+AUTHORITY = """
+[ca]
+default_ca = own
+[own]
+database = index.txt
+new_certs_dir = .
+rand_serial = yes
+default_md = sha256
+policy = any
+copy_extensions = copy
+[any]
+commonName = supplied
+"""
+
+
+def certified(folder: Path, name: str, until: str) -> ssl.SSLContext:
+    """For a server with a key of its own, certified by nobody but itself.
+
+    Args:
+        name: the host that the certificate is for, as a certificate writes it.
+        until: the end of its time, as ``openssl ca`` reads it.
+    """
+    (folder / "index.txt").touch()
+    (folder / "openssl.cnf").write_text(AUTHORITY)
+    key = "req -new -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -keyout key.pem -out asked.pem"
+    certificate = (
+        "ca -batch -notext -config openssl.cnf -selfsign -keyfile key.pem -in asked.pem -out own.pem"
+    )
+    for command in (
+        [*key.split(), "-subj", "/CN=test", "-addext", f"subjectAltName={name}"],
+        [*certificate.split(), "-startdate", "200101000000Z", "-enddate", until],
+    ):
+        subprocess.run(["openssl", *command], cwd=folder, check=True, capture_output=True)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(folder / "own.pem", folder / "key.pem")
+    return context
+
+
+RESET = struct.pack("ii", 1, 0)
+"""Linger for no time: the connection ends with a reset."""
+
+
+def says(data: bytes, *, reset: bool = False) -> Peer:
+    """Read a request, answer with these bytes, and end the connection."""
+
+    async def peer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(data)
+        await writer.drain()
+        if reset:
+            writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
+
+    return peer
+
+
+def answers(
+    body: str, status: int = 200, headers: dict[str, str] | None = None
+) -> Callable[[Request], Awaitable[Response]]:
+    async def answer(_: Request) -> Response:
+        return HTMLResponse(body, status, headers)
+
+    return answer
+
+
+async def both_ways(site: Site, tab: Tab, url: str) -> AsyncIterator[str]:
+    """Go there by address, then by a link."""
+    home = site.page(f"<title>Home</title><a href='{url}'>Go</a>")
+    await tab.goto(home)
+    await tab.goto(url)
+    yield home
+    await tab.goto(home)
+    await tab.step(LeftClick(tab.at("Go")))
+    yield home
+
+
+# --- the server answers -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("status", [200, 403, 404, 429, 503])
+async def test_a_status_with_a_page(site: Site, tab: Tab, status: int) -> None:
+    url = site.on("/status", answers("<h1>Says so</h1>", status))
+    async for _ in both_ways(site, tab, url):
+        assert tab.last is not None
+        assert tab.last.observation.status == status
+        assert tab.last.observation.url == url
+        assert tab.text == ["Says so"]
+        assert tab.notices == []
+
+
+async def test_a_page_that_wants_a_password(site: Site, tab: Tab) -> None:
+    headers = {"www-authenticate": 'Basic realm="Staff"'}
+    url = site.on("/staff", answers("<h1>Staff only</h1>", 401, headers))
+    async for _ in both_ways(site, tab, url):
+        assert tab.last is not None
+        assert tab.last.observation.status == 401
+        assert tab.text == ["Staff only"]
+
+
+@pytest.mark.parametrize("status", [404, 500])
+async def test_an_error_without_a_page(site: Site, tab: Tab, status: int) -> None:
+    """Chromium would show a page of its own."""
+    url = site.on("/empty", answers("", status))
+    async for _ in both_ways(site, tab, url):
+        assert tab.last is not None
+        assert tab.last.observation.status == status
+        assert tab.last.observation.url == url
+
+
+async def test_an_empty_page(site: Site, tab: Tab) -> None:
+    url = site.on("/empty", answers(""))
+    async for _ in both_ways(site, tab, url):
+        assert tab.last is not None
+        assert tab.last.observation.status == 200
+        assert tab.last.observation.url == url
+        assert tab.notices == []
+
+
+@pytest.mark.parametrize("status", [204, 205])
+async def test_an_answer_without_content_leaves_the_page(site: Site, tab: Tab, status: int) -> None:
+    async def nothing(_: Request) -> Response:
+        return Response(status_code=status)
+
+    url = site.on("/nothing", nothing)
+    async for home in both_ways(site, tab, url):
+        assert tab.last is not None
+        assert tab.last.observation.url == home
+        assert tab.last.observation.status == 200
+        [(kind, text)] = tab.notices
+        assert kind == "navigation_failed"
+        assert f"{status}" in text
+        assert url in text
+
+
+async def test_a_refresh_and_a_chain_of_redirects(site: Site, tab: Tab) -> None:
+    async def hop(request: Request) -> Response:
+        left = int(request.query_params["left"])
+        return RedirectResponse(f"/hop?left={left - 1}" if left else "/end")
+
+    site.on("/hop", hop)
+    site.page("<title>End</title>", "/end")
+    home = site.page("<title>Home</title>")
+    await tab.goto(home)
+    look = await tab.goto(site.url("/hop?left=5"))
+    assert (look.observation.url, look.observation.status) == (site.url("/end"), 200)
+    look = await tab.step(GoBack())
+    assert look.observation.url == home
+    await tab.goto(site.url("/hop?left=50"))
+    [(kind, text)] = tab.notices
+    assert kind == "navigation_failed"
+    assert "REDIRECTS" in text
+
+
+# --- the server fails ---------------------------------------------------------------------------------
+
+FAILURES = {
+    "says nothing": (says(b""), "net::ERR_EMPTY_RESPONSE"),
+    "resets": (says(b"", reset=True), "net::ERR_CONNECTION_RESET"),
+    "speaks no http": (says(b"\x00\x01\x02garbage\r\n\r\n" * 9), "net::ERR_INVALID_HTTP_RESPONSE"),
+    "breaks its headers": (
+        says(b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\nContent-Length: 9\r\n\r\nhello"),
+        "net::ERR_RESPONSE_HEADERS_MULTIPLE_CONTENT_LENGTH",
+    ),
+    "endless headers": (
+        says(b"HTTP/1.1 200 OK\r\nX: " + b"x" * 400_000),
+        "net::ERR_RESPONSE_HEADERS_TOO_BIG",
+    ),
+}
+
+
+@pytest.mark.parametrize(("peer", "word"), FAILURES.values(), ids=FAILURES.keys())
+async def test_a_server_that_fails(site: Site, tab: Tab, peer: Peer, word: str) -> None:
+    async with raw(peer) as place:
+        async for _ in both_ways(site, tab, f"http://{place}/"):
+            assert tab.last is not None
+            assert tab.notices == [("navigation_failed", f"http://{place}/: {word}")]
+            assert tab.last.observation.status is None
+
+
+async def test_a_page_that_breaks_off(site: Site, tab: Tab) -> None:
+    page = b"<!doctype html><title>Half</title><p>the first half</p>" + b"<!-- -->" * 200
+    async with raw(
+        says(b"HTTP/1.1 200 OK\r\nContent-Type: text/html\r\nContent-Length: 90000\r\n\r\n" + page)
+    ) as place:
+        async for _ in both_ways(site, tab, f"http://{place}/"):
+            assert tab.last is not None
+            assert tab.text == ["the first half"]
+            assert tab.last.observation.status == 200
+            [(kind, text)] = tab.notices
+            assert kind == "navigation_failed"
+            assert "net::ERR_CONTENT_LENGTH_MISMATCH" in text
+
+
+async def test_names_that_do_not_exist(site: Site, tab: Tab) -> None:
+    async for _ in both_ways(site, tab, "http://no-such-host.invalid/"):
+        [(kind, text)] = tab.notices
+        assert kind == "navigation_failed"
+        assert "no-such-host.invalid" in text
+
+
+CERTIFICATES = {
+    "self-signed": ("IP:127.0.0.1", "20991231235959Z"),
+    "expired": ("IP:127.0.0.1", "20200201000000Z"),
+    "of another host": ("DNS:other.example", "20991231235959Z"),
+}
+
+
+@pytest.mark.parametrize(("name", "until"), CERTIFICATES.values(), ids=CERTIFICATES.keys())
+async def test_certificates_that_are_not_to_be_trusted(
+    site: Site, tab: Tab, tmp_path: Path, name: str, until: str
+) -> None:
+    context = certified(tmp_path, name, until)
+    async with raw(says(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\nhi"), context) as place:
+        async for _ in both_ways(site, tab, f"https://{place}/"):
+            assert tab.last is not None
+            [(kind, text)] = tab.notices
+            assert kind == "navigation_failed"
+            assert "net::ERR_CERT_AUTHORITY_INVALID" in text, "the gravest of its faults"
+            assert tab.last.observation.status is None
+
+
+async def test_offline(site: Site, tab: Tab) -> None:
+    home = site.page("<title>Home</title>")
+    page = tab.slot._page
+    assert page is not None
+    offline = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
+    await page.session.do("Network.emulateNetworkConditions", offline, seconds=5)
+    await tab.goto(home)
+    [(kind, text)] = tab.notices
+    assert kind == "navigation_failed"
+    assert "net::ERR_INTERNET_DISCONNECTED" in text
+
+
+# --- back ---------------------------------------------------------------------------------------------
+
+
+async def test_back_from_a_page_that_could_not_be_opened(site: Site, tab: Tab) -> None:
+    home = site.page("<title>Home</title><a href='http://no-such-host.invalid/'>Go</a>")
+    await tab.goto(home)
+    await tab.step(LeftClick(tab.at("Go")))
+    look = await tab.step(GoBack())
+    assert (look.observation.url, look.observation.status) == (home, 200)
+    assert tab.notices == []
+
+
+@pytest.mark.parametrize("kept", ["max-age=60", "no-store"])
+async def test_back_after_a_form_was_sent(site: Site, tab: Tab, kept: str) -> None:
+    """What the browser has kept is shown; nothing is bought twice."""
+
+    async def take(request: Request) -> Response:
+        form = await request.form()
+        page = f"<title>Took {form['q']}</title><a href=/next>Next</a>"
+        return HTMLResponse(page, headers={"cache-control": kept})
+
+    site.on("/take", take)
+    site.page("<title>Next</title>", "/next")
+    home = site.page(
+        "<title>Form</title><form action=/take method=post><input name=q value=7><button>Go</button></form>"
+    )
+    await tab.goto(home)
+    look = await tab.step(LeftClick(tab.at("Go")))
+    assert look.observation.title == "Took 7"
+    await tab.step(LeftClick(tab.at("Next")))
+    look = await tab.step(GoBack())
+    assert look.observation.url == site.url("/take")
+    if kept == "no-store":
+        [(kind, text)] = tab.notices
+        assert kind == "navigation_failed"
+        assert "net::ERR_CACHE_MISS, this page was the answer to a form" in text
+    else:
+        assert look.observation.title == "Took 7"
+    assert site.hits.count("/take") == 1, "it was not sent again"
+    look = await tab.step(GoBack())
+    assert look.observation.url == home
+
+
+TRAPS = {
+    "an address": "<script>location.href = '/end'</script>",
+    "in its place": "<script>location.replace('/end')</script>",
+    "a little later": "<script>setTimeout(() => { location = '/end' }, 60)</script>",
+    "a refresh": "<meta http-equiv=refresh content='0;url=/end'>",
+    "a form": "<form action=/end></form><script>document.forms[0].submit()</script>",
+    "two of them": "<script>location.href = '/trap2'</script>",
+}
+
+
+@pytest.mark.parametrize("trap", TRAPS.values(), ids=TRAPS.keys())
+async def test_back_out_of_a_page_that_leads_on_at_once(site: Site, tab: Tab, trap: str) -> None:
+    site.page("<title>End</title>", "/end")
+    site.page("<script>location.href = '/end'</script>", "/trap2")
+    home = site.page("<title>Home</title><a href=/trap>Go</a>")
+    site.page(f"<title>Trap</title>{trap}", "/trap")
+    await tab.goto(home)
+    look = await tab.step(LeftClick(tab.at("Go")))
+    assert look.observation.title == "End"
+    look = await tab.step(GoBack())
+    assert look.observation.url == home
+    assert tab.notices == []
+
+
+async def test_back_to_a_first_page_that_leads_on(site: Site, tab: Tab) -> None:
+    site.page("<title>End</title>", "/end")
+    await tab.goto(site.page("<script>setTimeout(() => { location = '/end' }, 60)</script>"))
+    look = await tab.step(GoBack())
+    assert look.observation.title == "End"
+    assert tab.notices == [("action_failed", "there is no earlier page to go back to")]
+
+
+async def test_back_in_histories_that_scripts_write(site: Site, tab: Tab) -> None:
+    home = site.page(
+        "<h1 id=h></h1><button onclick=\"go('/one')\">One</button><button onclick=\"go('/two')\">Two</button>"
+        "<button onclick=\"history.replaceState(0, '', '/three'); show()\">Three</button>"
+        "<button onclick=\"location.hash = 'four'\">Four</button>"
+        "<script>const show = () => { h.textContent = location.pathname + location.hash };"
+        "const go = (to) => { history.pushState(0, '', to); show() };"
+        "onpopstate = show; onhashchange = show; show()"
+        "</script>"
+    )
+    before = site.page("<title>Before</title>")
+    await tab.goto(before)
+    await tab.goto(home)
+    for name in ("One", "Two", "Three", "Four"):
+        await tab.step(LeftClick(tab.at(name)))
+    assert tab.last is not None
+    assert tab.text[0] == "/three#four"
+    seen = []
+    for _ in range(4):
+        look = await tab.step(GoBack())
+        seen.append(look.observation.url.removeprefix(site.url("")))
+        assert tab.notices == []
+    assert seen == ["/three", "/one", home.removeprefix(site.url("")), before.removeprefix(site.url(""))]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import os
 import resource
+import signal
 import stat
 import sys
 from asyncio.subprocess import DEVNULL, PIPE, Process
@@ -105,6 +106,32 @@ def in_tree(folder: Path) -> list[psutil.Process]:
         if process.info["status"] != psutil.STATUS_ZOMBIE
         and (process.info["environ"] or {}).get("TMPDIR", "").startswith(str(folder))
     ]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+async def test_told_to_stop_before_it_is_up(tmp_path: Path, number: signal.Signals) -> None:
+    """A browser that never comes up is not waited for."""
+    started = tmp_path / "started"
+    hangs = tmp_path / "hangs"
+    hangs.write_text(f"""#!/bin/sh
+if [ "$1" = --version ]; then echo Chromium 156.0.0.0; exit; fi
+touch {started}
+exec sleep 600
+""")
+    hangs.chmod(0o755)
+    command = "from webgym.cli import main; main()"
+    arguments = ["serve", "--port", "0", "--slots", "1", "--workers", "1", "--browser", str(hangs)]
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", command, *arguments, stdout=PIPE, env={**os.environ, "TMPDIR": str(tmp_path)}
+    )
+    async with asyncio.timeout(60):
+        while not started.exists():
+            await asyncio.sleep(0.05)
+        process.send_signal(number)
+        said, _ = await process.communicate()
+    assert (process.returncode, said) == (0, b"")
+    await gone(tmp_path)
+    assert list(tmp_path.glob("webgym-*/*")) == []
 
 
 async def test_killed_and_started_again(site: Site, tmp_path: Path) -> None:

@@ -41,8 +41,8 @@ class Nodes:
         self._cluster: Any = Cluster(initialize_head=True, head_node_args=head)
         self.address: str = self._cluster.address
 
-    def add(self) -> Any:
-        return self._cluster.add_node(num_cpus=1, object_store_memory=80 * MIB)
+    def add(self, **settings: Any) -> Any:
+        return self._cluster.add_node(num_cpus=1, object_store_memory=80 * MIB, **settings)
 
     def kill(self, node: Any) -> None:
         """Pull the plug."""
@@ -212,6 +212,35 @@ async def test_a_killed_actor_costs_its_session_and_comes_back(
     assert actor.pid not in [each.pid for each in marked(commands, "ray::NodeActor")]
 
 
+async def refusal(address: str, **settings: Any) -> WebGymError:
+    """Why a second gateway, in this process, does not come up."""
+    handler = signal.getsignal(signal.SIGTERM)
+    config, cluster = ServerConfig(slots=1, token=TOKEN), RayConfig(address=address, **settings)
+    with pytest.raises(WebGymError) as caught:
+        async with running_gateway(config, GatewayConfig(), cluster):
+            raise AssertionError
+    assert signal.getsignal(signal.SIGTERM) is handler
+    return caught.value
+
+
+async def test_a_node_whose_cpus_are_taken(client: BrowserClient, nodes: Nodes) -> None:
+    await until_free(client, 2)  # so the other gateway's actors are there
+    error = await refusal(nodes.address, place_seconds=2)
+    assert "has not placed our actor" in error.message
+    assert "--ray-cpus" in error.hint
+
+
+async def test_a_node_without_our_package(nodes: Nodes, scratch: Path) -> None:
+    """One where another package, or an old version of ours, has the name."""
+    (scratch / "other" / "webgym").mkdir(parents=True)
+    (scratch / "other" / "webgym" / "__init__.py").touch()
+    node = nodes.add(resources={"bare": 1}, env_vars={"PYTHONPATH": str(scratch / "other")})
+    error = await refusal(nodes.address, node_resource="bare", cpus_per_node=0)
+    nodes.kill(node)
+    assert error.message.endswith("No module named 'webgym.server'")
+    assert "installed there" in error.hint
+
+
 async def test_a_killed_gateway_leaves_nothing_on_the_nodes(
     site: Site, gateway: Gateway, commands: Commands, nodes: Nodes, scratch: Path
 ) -> None:
@@ -234,10 +263,17 @@ async def test_a_killed_gateway_leaves_nothing_on_the_nodes(
     assert "SIGTERM" not in again.said, "Ray's own words are not for our users"
 
 
-async def test_where_there_is_no_cluster_it_is_said() -> None:
+@pytest.mark.parametrize("address", ["nonsense", "127.0.0.1:1"])
+async def test_where_there_is_no_cluster_it_is_said(address: str) -> None:
     config, fleet = ServerConfig(slots=1, token=TOKEN), GatewayConfig()
-    with pytest.raises(ServerUnreachable, match="no Ray cluster answers at nonsense"):
-        async with running_gateway(config, fleet, RayConfig(address="nonsense")):
+    with pytest.raises(ServerUnreachable, match=f"no Ray cluster takes us in at {address}"):
+        async with running_gateway(config, fleet, RayConfig(address=address)):
+            raise AssertionError
+
+
+async def test_a_client_connection_of_rays_is_refused() -> None:
+    with pytest.raises(ConfigError, match="not the address of a cluster's head"):
+        async with running_gateway(ServerConfig(), GatewayConfig(), RayConfig(address="ray://head:10001")):
             raise AssertionError
 
 

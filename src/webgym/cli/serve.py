@@ -146,30 +146,43 @@ async def _serve(
     from webgym.server import running_gateway
     from webgym.server.compat import running_compat
 
-    stop = asyncio.Event()
+    serving = asyncio.current_task()
+    assert serving is not None
+    told = asyncio.Event()
 
-    def hear() -> None:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            asyncio.get_running_loop().add_signal_handler(number, stop.set)
+    def stop() -> None:
+        if not told.is_set():  # once: whoever is impatient must not cut the end short
+            told.set()
+            serving.cancel()
 
-    hear()
-    async with AsyncExitStack() as stack:
-        server = await stack.enter_async_context(running_gateway(config, fleet, cluster))
-        hear()  # again: Ray puts handlers of its own in their place, which print what nobody asked for
-        _say(server.url, token_is or server.token, await server.gateway.info())
-        if compat is not None:
-            layer = running_compat(server.url, server.token, listening=compat, key=key)
-            print(f"compat   {(await stack.enter_async_context(layer)).url}", flush=True)
-        await stop.wait()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, stop)
+    try:
+        async with AsyncExitStack() as stack:
+            server = await stack.enter_async_context(running_gateway(config, fleet, cluster))
+            gateway = server.gateway
+            _say(server.url, token_is or server.token, await gateway.info(), gateway.fleet.wanted)
+            if compat is not None:
+                layer = running_compat(server.url, server.token, listening=compat, key=key)
+                print(f"compat   {(await stack.enter_async_context(layer)).url}", flush=True)
+            await asyncio.Event().wait()
+    except asyncio.CancelledError:
+        if not told.is_set():
+            raise
 
 
-def _say(url: str, token: str, info: ServerInfo) -> None:
+def _say(url: str, token: str, info: ServerInfo, wanted: int) -> None:
+    up = len(info.workers)
+    more = wanted > up
     print(f"server   {url}")
     print(f"token    {token}")
-    print(f"slots    {info.slots}")
-    print(f"workers  {len(info.workers)}")
-    print(f"browser  {info.browser} ({info.executable})")
-    print(f"sandbox  {'on' if info.sandboxed else f'OFF: {info.sandbox_reason}'}", flush=True)
+    print(f"slots    {info.slots}{' so far' if more else ''}")
+    print(
+        f"workers  {up}{f' of {wanted}' if more else ''}{'' if wanted else ': no node has CPUs for us yet'}"
+    )
+    print(f"browser  {f'{info.browser} ({info.executable})' if up else 'not known yet'}")
+    sandbox = "on" if info.sandboxed else f"OFF: {info.sandbox_reason}"
+    print(f"sandbox  {sandbox if up else 'not known yet'}", flush=True)
 
 
 def _token_in(path: Path) -> str:

@@ -194,6 +194,10 @@ class RayConfig(BaseModel):
     connect_seconds: float = Field(default=15.0, gt=0)
     """Until the cluster has taken us in. Ray itself would try for ever."""
 
+    place_seconds: float = Field(default=30.0, gt=0)
+    """Until our actor is up on a node. One that is not finds the node's CPUs taken: we say so, and go on
+    trying."""
+
     discover_seconds: float = Field(default=2.0, gt=0)
     """Between two looks at which nodes there are: Ray tells nobody by itself."""
 

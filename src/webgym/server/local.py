@@ -18,6 +18,7 @@ class LocalHost:
     """
 
     id = "here"
+    place = "this machine"
 
     def __init__(self, server: ServerConfig, config: GatewayConfig) -> None:
         self._server = server

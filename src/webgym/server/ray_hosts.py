@@ -10,49 +10,73 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import signal
 import sys
 import threading
 from collections.abc import AsyncIterator, Callable, Collection, Mapping
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, TypeVar
+from urllib.parse import urlsplit
 
 from webgym.core.errors import ConfigError, ServerError, ServerUnreachable
-from webgym.server.child import DetachedChild, read_report
+from webgym.server.child import read_report
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig, usable_cores
 from webgym.server.workers import Host, Started, share_of, split
 
 if TYPE_CHECKING:
     from types import ModuleType
 
+    from webgym.server.child import DetachedChild
+
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
+
+_PACKAGE = "webgym-rl"
+
+_BE_A_NODE = "start the gateway on a node of the cluster: `ray start --address=HEAD:6379 --num-cpus=0`"
+_SAME_VERSIONS = "every node and the gateway need the same Ray and the same Python"
 
 _CALLS_AT_ONCE = 64
 """Of one actor: one start or stop for every worker of its node."""
 
 
-class NodeActor:
-    """What runs on a node, in a process of Ray's. Its calls come in threads."""
+def _node_actor() -> type:
+    """What runs on a node, in a process of Ray's. Its calls come in threads.
 
-    def __init__(self) -> None:
-        self._children: dict[str, DetachedChild] = {}
-        self._lock = threading.Lock()
+    A function's class travels to the node as it is, and looks for our package when it is called. One that is
+    looked up there would end with its actor, loudly, where the package is missing.
+    """
 
-    def answer(self) -> None:
-        """Say nothing, which says that the actor is up."""
+    class NodeActor:
+        def __init__(self) -> None:
+            self._children: dict[str, DetachedChild] = {}
+            self._lock = threading.Lock()
 
-    def start(self, name: str, config: str, stop_seconds: float) -> bytes:
-        """Start a worker, and return what it says when it is up."""
-        child = DetachedChild(config, stop_seconds)
-        with self._lock:
-            self._children[name] = child
-        return child.report()
+        def version(self) -> str:
+            """Of our package on this node. That it is said at all says that the actor is up."""
+            from importlib.metadata import version
 
-    def stop(self, name: str) -> None:
-        """End a worker."""
-        with self._lock:
-            child = self._children.pop(name, None)
-        if child is not None:
-            child.stop()
+            return version("webgym-rl")
+
+        def start(self, name: str, config: str, stop_seconds: float) -> bytes:
+            """Start a worker, and return what it says when it is up."""
+            from webgym.server.child import DetachedChild
+
+            child = DetachedChild(config, stop_seconds)
+            with self._lock:
+                self._children[name] = child
+            return child.report()
+
+        def stop(self, name: str) -> None:
+            """End a worker."""
+            with self._lock:
+                child = self._children.pop(name, None)
+            if child is not None:
+                child.stop()
+
+    return NodeActor
 
 
 class RayHost:
@@ -77,6 +101,8 @@ class RayHost:
         self._config = config
         self._cluster = cluster
         self._actor: Any = None
+        self._making = asyncio.Lock()
+        self._asked_for: set[str] = set()
 
     @property
     def id(self) -> str:
@@ -95,43 +121,75 @@ class RayHost:
             for count in counts
         )
 
+    @property
+    def place(self) -> str:
+        """Its address."""
+        return str(self._node["NodeManagerAddress"])
+
     async def start(self, config: ServerConfig) -> Started:
         """By the node's actor, as soon as it is up."""
-        if self._actor is None:
-            self._actor = self._new_actor()
         try:
             # Not before it is up: a call that is given up here would still be carried out there.
-            await self._actor.answer.remote()
-            said = await self._actor.start.remote(
-                config.name, config.model_dump_json(), self._config.stop_seconds
-            )
+            actor = await self._actor_that_is_up()
+            self._asked_for.add(config.name)
+            said = await actor.start.remote(config.name, config.model_dump_json(), self._config.stop_seconds)
+        except self._ray.exceptions.RayTaskError as error:
+            raise ServerError(
+                f"the actor at {self.place} cannot start a worker: {_last_line(error)}",
+                hint=f"is {_PACKAGE} {version(_PACKAGE)} installed there, with all it needs?",
+            ) from None
         except self._ray.exceptions.ActorDiedError as error:
             self._actor = None
-            raise ServerError(f"the actor at {self._place} is gone: {_brief(error)}") from None
+            raise ServerError(f"the actor at {self.place} is gone: {_last_line(error)}") from None
         except self._ray.exceptions.RayError as error:
-            raise ServerError(f"the actor at {self._place} does not answer: {_brief(error)}") from None
+            raise ServerError(f"the actor at {self.place} does not answer: {_last_line(error)}") from None
         return read_report(said)
 
     async def stop(self, name: str) -> None:
         """By the node's actor; if that is gone, the worker is."""
+        if name not in self._asked_for:
+            return
+        self._asked_for.remove(name)
         if self._actor is None:
             return
         try:
             async with asyncio.timeout(2 * self._config.stop_seconds):
                 await self._actor.stop.remote(name)
-        except (self._ray.exceptions.RayError, TimeoutError) as error:
-            log.warning("worker %s at %s ended with its actor: %s", name, self._place, _brief(error))
+        except self._ray.exceptions.RayError as error:
+            log.warning("worker %s at %s ended with its actor: %s", name, self.place, _last_line(error))
+        except TimeoutError:
+            log.warning("worker %s: the actor at %s does not say that it ended", name, self.place)
 
-    @property
-    def _place(self) -> str:
-        return str(self._node["NodeManagerAddress"])
+    async def _actor_that_is_up(self) -> Any:
+        """The node's one actor.
+
+        Raises:
+            ServerError: Ray does not place it, or it is none of ours.
+        """
+        async with self._making:
+            if self._actor is None:
+                self._actor = await _in_thread(self._new_actor)
+        try:
+            async with asyncio.timeout(self._cluster.place_seconds):
+                theirs = await self._actor.version.remote()
+        except TimeoutError:
+            raise ServerError(
+                f"Ray has not placed our actor at {self.place} within {self._cluster.place_seconds:g} s",
+                hint="others hold its CPUs, see `ray status`; --ray-cpus reserves fewer",
+            ) from None
+        if theirs != (ours := version(_PACKAGE)):
+            raise ServerError(
+                f"{self.place} has {_PACKAGE} {theirs} installed, and we are {ours}",
+                hint="install the same on every node",
+            )
+        return self._actor
 
     def _new_actor(self) -> Any:
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
         reserved = self._cluster.cpus_per_node
         return (
-            self._ray.remote(NodeActor)
+            self._ray.remote(_node_actor())
             .options(
                 num_cpus=_cpus(self._node) if reserved is None else reserved,
                 max_restarts=-1,
@@ -174,7 +232,7 @@ class RayHosts:
         wanted = self._cluster.node_resource
         return [
             node
-            for node in await asyncio.to_thread(self._ray.nodes)
+            for node in await _in_thread(self._ray.nodes)
             if node["Alive"] and _cpus(node) and (wanted is None or node["Resources"].get(wanted))
         ]
 
@@ -183,34 +241,61 @@ def _cpus(node: Mapping[str, Any]) -> float:
     return float(node["Resources"].get("CPU", 0))
 
 
-def _brief(error: BaseException) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]
+def _last_line(error: BaseException) -> str:
+    """Of what Ray says of an error: the first lines say where, the last says what."""
+    return (str(error).strip().splitlines() or [type(error).__name__])[-1].strip()
 
 
-async def _in_daemon_thread(work: Callable[[], None]) -> None:
-    """Do blocking work that cannot be cut short, in a thread that keeps no process from ending."""
+async def _in_thread(work: Callable[[], T]) -> T:
+    """Do blocking work that cannot be cut short, in a thread that keeps no process from ending.
+
+    Whatever asks the cluster's head blocks for as long as the head does not answer.
+    """
     loop = asyncio.get_running_loop()
-    done: asyncio.Future[None] = loop.create_future()
+    done: asyncio.Future[T] = loop.create_future()
 
-    def tell(error: BaseException | None) -> None:
+    def tell(result: T | None, error: BaseException | None) -> None:
         if done.cancelled():
             return
         if error is None:
-            done.set_result(None)
+            done.set_result(result)  # type: ignore[arg-type]  # there is one where there is no error
         else:
             done.set_exception(error)
 
     def run() -> None:
-        error: BaseException | None = None
+        result, error = None, None
         try:
-            work()
+            result = work()
         except BaseException as raised:
             error = raised
         with contextlib.suppress(RuntimeError):  # the loop has ended without us
-            loop.call_soon_threadsafe(tell, error)
+            loop.call_soon_threadsafe(tell, result, error)
 
-    threading.Thread(target=run, name="connect-to-ray", daemon=True).start()
-    await done
+    threading.Thread(target=run, name="asks-ray", daemon=True).start()
+    return await done
+
+
+async def _knock(address: str) -> None:
+    """See whether anybody listens there. Ray itself would try for long, and complain meanwhile.
+
+    Raises:
+        OSError: nobody does.
+    """
+    try:
+        parts = urlsplit(f"//{address}")
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        return  # Ray knows what to say
+    if host and port:
+        _, writer = await asyncio.open_connection(host, port)
+        writer.close()
+
+
+def _take_back_sigterm() -> None:
+    """Put the handler in place again that was there before Ray's own, which prints what nobody asked for."""
+    handler = signal.getsignal(signal.SIGTERM)
+    if handler is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, handler)
 
 
 @asynccontextmanager
@@ -223,14 +308,19 @@ async def ray_hosts(
         server: what a worker is to be, made for this machine.
 
     Raises:
-        ConfigError: Ray is not installed.
+        ConfigError: Ray is not installed, or the address is not one of a cluster.
         ServerUnreachable: no cluster answers.
     """
+    if "://" in cluster.address:
+        raise ConfigError(
+            f"{cluster.address} is not the address of a cluster's head",
+            hint="say `auto` or HOST:PORT; the gateway runs on a node of the cluster",
+        )
     try:
         import ray
     except ImportError:
         raise ConfigError(
-            "Ray is not installed", hint=f'{sys.executable} -m pip install "webgym-rl[ray]"'
+            "Ray is not installed", hint=f'{sys.executable} -m pip install "{_PACKAGE}[ray]"'
         ) from None
 
     def connect() -> None:
@@ -239,14 +329,20 @@ async def ray_hosts(
 
     try:
         async with asyncio.timeout(cluster.connect_seconds):
-            await _in_daemon_thread(connect)
-    except (ConnectionError, RuntimeError, ValueError, TimeoutError) as error:
-        why = _brief(error) if str(error) else f"nothing within {cluster.connect_seconds:g} s"
+            await _knock(cluster.address)
+            await _in_thread(connect)
+    except (OSError, RuntimeError, ValueError, TimeoutError) as error:
+        why = " ".join(str(error).split()) or f"nothing within {cluster.connect_seconds:g} s"
         raise ServerUnreachable(
-            f"no Ray cluster answers at {cluster.address}: {why}",
-            hint="start the gateway on a node of the cluster: `ray start --address=HEAD:6379 --num-cpus=0`",
+            f"no Ray cluster takes us in at {cluster.address}: {why}",
+            hint=_SAME_VERSIONS if "Version mismatch" in why else _BE_A_NODE,
         ) from None
+    _take_back_sigterm()
     try:
         yield RayHosts(ray, server, config, cluster)
     finally:
-        await asyncio.to_thread(ray.shutdown)
+        try:
+            async with asyncio.timeout(config.stop_seconds):
+                await _in_thread(ray.shutdown)
+        except TimeoutError:
+            log.warning("the Ray cluster does not answer; it will notice that we are gone")

@@ -51,6 +51,10 @@ class Host(Protocol):
         """No two hosts share one."""
 
     @property
+    def place(self) -> str:
+        """What people call it."""
+
+    @property
     def shares(self) -> tuple[ServerConfig, ...]:
         """What each of its workers is to be, its name left out."""
 
@@ -261,15 +265,17 @@ class Fleet:
     async def run(self) -> None:
         """Keep them up until cancelled; afterwards none is left."""
         keepers: dict[str, asyncio.Task[None]] = {}
+        places: dict[str, str] = {}
         async with asyncio.TaskGroup() as group:
             async for present in self._hosts.changes():
                 hosts = {host.id: host for host in present}
                 for gone in keepers.keys() - hosts.keys():
-                    log.warning("the host %s is gone", gone)
+                    log.warning("%s is gone", places.pop(gone))
                     keepers.pop(gone).cancel()
                 for new in hosts.keys() - keepers.keys():
                     shares = hosts[new].shares
                     self._wanted += len(shares)
+                    places[new] = hosts[new].place
                     keepers[new] = group.create_task(self._keep_all(hosts[new], shares))
                 self._has_looked = True
                 self._news.set()
@@ -301,9 +307,9 @@ class Fleet:
         return number.isdecimal() and number.isascii() and int(number) <= self._started
 
     @property
-    def failure(self) -> WebGymError | None:
-        """Why a worker is not up."""
-        return next(iter(self._failing.values()), None)
+    def wanted(self) -> int:
+        """How many should be up."""
+        return self._wanted
 
     # --- one worker -----------------------------------------------------------------------------------
 
@@ -327,10 +333,10 @@ class Fleet:
                 name = f"w{self._started}"
                 try:
                     await self._live(host, share.model_copy(update={"name": name}), mark)
-                    log.warning("worker %s at %s ended", name, host.id)
+                    log.warning("worker %s on %s ended", name, host.place)
                 except WebGymError as error:
                     self._failing[mark] = error
-                    log.error("worker %s at %s did not come up: %s", name, host.id, error)
+                    log.error("worker %s on %s did not come up: %s", name, host.place, error)
                 self._tell(())
                 if loop.time() - began > self._config.settled_seconds:
                     pause = self._config.restart_seconds[0]

@@ -120,6 +120,15 @@ class Slot:
         return self._page is not None and not self._is_open
 
     @property
+    def page(self) -> Page:
+        """The open episode's page, for measurements.
+
+        Raises:
+            BrowserCrashed, BrowserError: there is none.
+        """
+        return self._living_page()
+
+    @property
     def process(self) -> BrowserProcess | None:
         """The browser, for measurements."""
         return self._process

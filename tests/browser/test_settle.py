@@ -58,10 +58,12 @@ async def test_late_data_is_waited_for(site: Site, tab: Tab) -> None:
     assert settle_ms(tab) >= 600
 
 
-async def test_an_endless_spinner_is_not(site: Site, tab: Tab) -> None:
+async def test_an_endless_spinner_is_waited_for_once(site: Site, tab: Tab) -> None:
     spin = "@keyframes spin { to { transform: rotate(360deg) } } i { animation: spin 1s infinite linear }"
     await tab.goto(site.page(f"<style>{spin}</style><i style='display:block'>*</i><p>text</p>"))
-    assert reason(tab) == "quiet"
+    assert reason(tab) == "loading"
+    await tab.step(NOWHERE)
+    assert reason(tab) == "unchanged"
 
 
 async def test_a_page_that_never_stops_changing(site: Site, tab: Tab) -> None:

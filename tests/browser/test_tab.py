@@ -71,8 +71,8 @@ async def test_a_page_in_an_endless_loop_is_freed(site: Site, open_tab: Open) ->
 
 async def test_a_loop_that_starts_between_two_looks_is_ended(site: Site, open_tab: Open) -> None:
     tab = await open_tab(config=BrowserConfig(execute_seconds=1))
-    await tab.goto(site.page("<p>here</p><script>setTimeout(() => { while (true); }, 600)</script>"))
-    await asyncio.sleep(0.8)  # the model thinks
+    await tab.goto(site.page("<p>here</p><script>setTimeout(() => { while (true); }, 1800)</script>"))
+    await asyncio.sleep(2)  # the model thinks
     await tab.step()
     assert tab.text == ["here"]
     assert [kind for kind, _ in tab.notices] == ["still_loading"]

@@ -151,7 +151,7 @@ async def _load(page: Page, watch: Watch, bench: SettleBench) -> str:
     return "loaded"
 
 
-async def _network_idle(page: Page, watch: Watch, bench: SettleBench) -> str:
+async def _network_idle(_: Page, watch: Watch, bench: SettleBench) -> str:
     try:
         async with asyncio.timeout(bench.deadline_seconds):
             await watch.load()
@@ -168,7 +168,7 @@ WAYS: dict[str, Wait] = {
     "load": _load,
     "network idle": _network_idle,
 }
-"""All ways of waiting, by the name in the table. A fixed pause starts when the action has been carried out."""
+"""All ways of waiting, by the name in the table. A fixed pause begins when the action is carried out."""
 
 
 # --- one trial ------------------------------------------------------------------------------------------

@@ -111,6 +111,10 @@ class BrowserConfig(BaseModel):
     settle_seconds: float = Field(default=10.0, gt=0)
     """Hard deadline of the wait for a quiet page after an action."""
 
+    tick_seconds: float = Field(default=0.02, gt=0)
+    """The pulse in which a page's stillness is counted. A process that is stopped, or starved, does not
+    tick; a clock would go on."""
+
     reaction_seconds: float = Field(default=0.04, gt=0)
     """How long a page that did nothing at all after an action is given to start something."""
 
@@ -118,14 +122,46 @@ class BrowserConfig(BaseModel):
     """How long a page that did something must show no change to be called quiet."""
 
     busy_seconds: float = Field(default=1.5, gt=0)
-    """How long changes on a loaded page are waited for: a ticking clock never ends."""
+    """How long changes on a loaded page are waited for: a ticking clock never ends. What changed all that
+    time is no news from then on."""
 
-    long_poll_seconds: float = Field(default=1.5, gt=0)
-    """A background request in flight for longer is taken for a long poll or a stream and ignored."""
+    long_poll_seconds: float = Field(default=4.0, gt=0)
+    """A request in flight for longer is taken for a long poll or a stream. The next one to its address is
+    not waited for."""
 
-    load_seconds: float = Field(default=4.0, gt=0)
-    """How long after its document is complete a page's images and frames are waited for: one slow
-    advert must not hold up every step."""
+    picture_seconds: float = Field(default=3.0, gt=0)
+    """The same for a picture in the viewport."""
+
+    minor_seconds: float = Field(default=1.5, gt=0)
+    """The same for what matters less: pictures out of view, frames of other sites and all that they load,
+    workers that compute. Adverts are slow, and must not hold up every step."""
+
+    reply_seconds: float = Field(default=1.0, gt=0)
+    """How long a WebSocket or an event stream that was opened or spoken to is given to say something."""
+
+    load_seconds: float = Field(default=2.0, gt=0)
+    """How long after its document is complete a page's load event is waited for."""
+
+    timer_seconds: float = Field(default=1.0, ge=0)
+    """Timers that an action set off are waited for if they are due within this time after the page looked
+    quiet. Longer ones rather take something back: a confirmation, a tooltip."""
+
+    silent_timer_seconds: float = Field(default=3.0, ge=0)
+    """The same on a page that has shown no reaction to the action yet."""
+
+    loading_seconds: float = Field(default=8.0, ge=0)
+    """The same, and for requests too, while the page shows that it is loading: a spinner, a skeleton,
+    ``aria-busy``, "Loading…", nothing at all."""
+
+    linger_seconds: float = Field(default=1.0, ge=0)
+    """How long such a sign is waited for to go when nothing is known to be under way. One that stays is
+    taken for decoration from then on."""
+
+    trace_kilobytes: int = Field(default=256, gt=0)
+    """How much of the browser's trace is kept to see timers in: the last second of a page that animates."""
+
+    trace_seconds: float = Field(default=0.5, gt=0)
+    """Deadline for reading the trace. It takes 0.015 s, but 5 s after a process has joined the browser."""
 
     # --- actions ------------------------------------------------------------------------------------
 

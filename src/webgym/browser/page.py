@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
 from typing import Any, TypeVar
 from urllib.parse import urldefrag
 
@@ -14,6 +15,7 @@ from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress import Egress
 from webgym.browser.popups import Popups
+from webgym.browser.timers import Timers
 from webgym.browser.traffic import Traffic
 from webgym.browser.wire import (
     DialogOpening,
@@ -26,6 +28,7 @@ from webgym.browser.wire import (
     RequestFailed,
     ResponseReceived,
 )
+from webgym.browser.workers import AUTO_ATTACH, Workers
 from webgym.browser.worlds import Worlds
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.observation import Notice, NoticeKind
@@ -76,9 +79,12 @@ class Page:
         target_id: the tab's; also the id of its main frame.
         config: the slot's limits.
         egress: knows why a connection failed, of which the browser only hears that it did.
+        timers: knows what the browser's pages have planned.
     """
 
-    def __init__(self, session: Session, target_id: str, config: BrowserConfig, egress: Egress) -> None:
+    def __init__(
+        self, session: Session, target_id: str, config: BrowserConfig, egress: Egress, timers: Timers
+    ) -> None:
         self.session = session
         self.target_id = target_id
         self.config = config
@@ -93,12 +99,14 @@ class Page:
         self.is_gone = False
         """The page closed itself: there is no tab any more."""
         self.is_closed = False
-        self.traffic = Traffic(
-            session,
-            target_id,
-            long_poll_seconds=config.long_poll_seconds,
-            load_seconds=config.load_seconds,
-        )
+        self.traffic = Traffic(session, target_id, config)
+        self.timers = timers
+        self.timers_set = 0
+        """Timers that the document had set when it was last seen quiet."""
+        self.fruitless: dict[float, int] = {}
+        """How often in a row timers of a delay, seconds, were waited for and brought nothing to see."""
+        self.acted = time.monotonic()
+        """When the last action began, seconds of ``time.monotonic()``."""
         self._notices: list[Notice] = []
         self._more_notices = 0
         self._happened: list[Notice] = []
@@ -116,6 +124,7 @@ class Page:
         """Loader of the navigation that was begun last."""
         self.worlds = Worlds(session, target_id, config)
         self.popups = Popups(self)
+        self.workers = Workers(self)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.navigatedWithinDocument", NavigatedWithinDocument, self._on_within_document)
@@ -136,6 +145,7 @@ class Page:
         commands: list[tuple[str, dict[str, Any]]] = [
             ("Page.enable", {}),
             ("Inspector.enable", {}),
+            ("Target.setAutoAttach", AUTO_ATTACH),
             ("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0}),
             ("Emulation.setDeviceMetricsOverride", self._metrics()),
             ("Emulation.setFocusEmulationEnabled", {"enabled": True}),
@@ -182,6 +192,7 @@ class Page:
         self.is_closed = True
         self._forget_browser()
         await self.popups.close()
+        await self.workers.close()
         self.session.connection.drop_session(self.session.id, TargetGone("the page was closed"))
 
     def begin_action(self) -> None:
@@ -190,6 +201,7 @@ class Page:
         self._dialogs = 0
         self.returned = None
         self.popups.begin_action()
+        self.acted = time.monotonic()
         self.traffic.started.clear()
 
     async def rest(self, seconds: float) -> None:
@@ -337,6 +349,7 @@ class Page:
         self._statuses.clear()
         self._failures.clear()
         self.changes = -1
+        self.timers_set = 0
         self.points = {}
 
     def _on_within_document(self, event: NavigatedWithinDocument) -> None:

@@ -1,28 +1,58 @@
 """When is a page quiet? Found out from events, with a hard deadline, and the reason is kept.
 
-Reasons: ``unchanged`` (nothing happened after the action), ``quiet`` (all that was started has ended),
-``busy`` (loaded, but the page never stops changing), ``deadline`` (still loading when time was up).
-``quiet`` becomes ``long_poll`` where a request is left open that is too old to be waited for.
+Nothing is waited for but what is known to be under way or shows itself: loading and requests
+(:mod:`~webgym.browser.traffic`), computing workers (:mod:`~webgym.browser.workers`), changes, animations that
+end and signs of loading (``scripts/settle.js``), and timers that the action set off
+(:mod:`~webgym.browser.timers`). Each kind has its own limit in :class:`~webgym.browser.config.BrowserConfig`;
+docs/settling.md says how they play together.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from typing import Literal, TypeAlias
 
 import msgspec
 
 from webgym.browser.page import Page
+from webgym.browser.timers import Timer
 from webgym.browser.worlds import DocumentGone
 from webgym.core.errors import BrowserTimeout
 
-Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "busy", "deadline"]
+Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy", "deadline"]
+"""Why a wait ended: ``Observation.settled``.
+
+* ``unchanged``: nothing happened after the action.
+* ``quiet``: all that was started has ended.
+* ``long_poll``: quiet, but a request is left open that is too old to be waited for.
+* ``loading``: quiet, but the page still shows that it is loading, or nothing at all.
+* ``busy``: loaded, but the page never stopped changing.
+* ``deadline``: still under way when time was up; a notice says so.
+"""
+
+_FRUITLESS = 2
+"""Times in a row that a delay brought nothing to see, until it is not waited for any more."""
 
 
 class _Quiet(msgspec.Struct, frozen=True):
+    """What ``webgym.quiet`` found. The page's timers are counted since its document began.
+
+    Attributes:
+        planned: timers set before the action's first event; ``None`` if none was seen.
+        early, timers: timers set when the wait began, and when it ended.
+        handles: the same as ``timers``, our own included.
+        loading: whether the page shows that it is loading.
+    """
+
     reason: Literal["unchanged", "quiet", "busy"]
     changes: int
+    planned: int | None
+    early: int
+    timers: int
+    handles: int
+    loading: bool
 
 
 async def settle(page: Page) -> Reason:
@@ -31,9 +61,10 @@ async def settle(page: Page) -> Reason:
     Raises:
         BrowserCrashed, TargetGone: there is no page any more.
     """
+    reason: Reason
     try:
         async with asyncio.timeout(page.config.settle_seconds):
-            return await _settle(page)
+            reason = await _Settling(page).run()
     except (TimeoutError, BrowserTimeout):
         waiting = len(page.traffic)
         page.note(
@@ -41,32 +72,9 @@ async def settle(page: Page) -> Reason:
             f"the page was still loading after {page.config.settle_seconds:g} s"
             + (f" ({waiting} requests in flight)" if waiting else ""),
         )
-        return "deadline"
-
-
-async def _settle(page: Page) -> Reason:
-    config = page.config
-    limits = [
-        seconds * 1000 for seconds in (config.reaction_seconds, config.quiet_seconds, config.busy_seconds)
-    ]
-    has_loaded = False
-    while True:
-        has_loaded = has_loaded or not page.traffic.is_idle
-        await page.traffic.idle()
-        since = -1 if has_loaded else page.changes
-        try:
-            quiet = await page.run("quiet", since, *limits, reply=_Quiet, seconds=config.settle_seconds)
-        except DocumentGone:
-            has_loaded = True
-            continue
-        if page.worlds.has_new_frames:
-            await page.worlds.explore()
-        if not page.traffic.is_idle or not await page.worlds.stand_still():
-            continue
-        page.changes = quiet.changes
-        if quiet.reason == "quiet" and not page.traffic.is_empty:
-            return "long_poll"
-        return quiet.reason
+        reason = "deadline"
+    page.traffic.give_up(all_of_it=reason == "deadline")
+    return reason
 
 
 async def settle_timed(page: Page, milliseconds: dict[str, float]) -> Reason:
@@ -76,3 +84,163 @@ async def settle_timed(page: Page, milliseconds: dict[str, float]) -> Reason:
         return await settle(page)
     finally:
         milliseconds["settle"] = (time.perf_counter() - start) * 1000
+
+
+class _Settling:
+    """One wait for a quiet page."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._config = page.config
+        self._has_loaded = False
+        self._patience = 0.0
+        self._linger = 0.0
+        self._first_quiet: float | None = None
+        """When the page looked quiet first; timers are waited for from then on."""
+        self._last_fruit = 0.0
+        """When a timer that was waited for last brought something."""
+        self._known_timers: int | None = None
+        """Timers that the document had set when the books were last read."""
+        self._handles = 0
+        """The same, our own included."""
+        self._missed_at = -1
+        """Changes of the document when timers were known to be missing in the books."""
+        self._waited_until = 0.0
+        """Timers that were due before this have fired, or will not."""
+        self._awaited: Timer | None = None
+        self._changes = page.changes
+
+    async def run(self) -> Reason:
+        page = self._page
+        while True:
+            self._has_loaded = self._has_loaded or not page.traffic.is_idle()
+            page.workers.ask()
+            await page.traffic.idle(self._patience)
+            try:
+                seen = await self._quiet()
+            except DocumentGone:
+                self._begin_document()
+                continue
+            if page.worlds.has_new_frames:
+                await page.worlds.explore()
+            if not page.traffic.is_idle(self._patience) or not await page.worlds.stand_still():
+                continue
+            if await self._has_waited(seen):
+                continue
+            return self._end(seen)
+
+    async def _quiet(self) -> _Quiet:
+        config = self._config
+        seconds = {
+            "tick": config.tick_seconds,
+            "reaction": config.reaction_seconds,
+            "quiet": config.quiet_seconds,
+            "busy": config.busy_seconds,
+            "linger": self._linger,
+        }
+        times = {name: value * 1000 for name, value in seconds.items()}
+        since = -1 if self._has_loaded else self._page.changes
+        return await self._page.run(
+            "quiet", {"since": since, **times}, reply=_Quiet, seconds=config.settle_seconds
+        )
+
+    def _begin_document(self) -> None:
+        self._has_loaded = True
+        self._first_quiet = self._known_timers = self._awaited = None
+        self._handles = 0
+        self._patience = self._linger = 0.0
+
+    def _end(self, seen: _Quiet) -> Reason:
+        page = self._page
+        page.changes, page.timers_set = seen.changes, seen.timers
+        if seen.loading:
+            page.post("overlook")
+            return "loading"
+        if seen.reason == "quiet" and not page.traffic.is_empty:
+            return "long_poll"
+        return seen.reason
+
+    # --- what is to come ----------------------------------------------------------------------------
+
+    async def _has_waited(self, seen: _Quiet) -> bool:
+        """Whether something was known to be under way, and time was given to it."""
+        self._learn(seen)
+        if seen.reason == "busy":
+            return False
+        if self._first_quiet is None:
+            self._first_quiet = time.monotonic()
+        if seen.loading and not self._patience:  # requests that have outlasted their time have more now
+            self._patience = self._config.loading_seconds
+            if not self._page.traffic.is_idle(self._patience):
+                return True
+        timer = await self._next_timer(seen)
+        if timer is not None:
+            self._awaited, self._changes, self._waited_until = timer, seen.changes, timer.due
+            await asyncio.sleep(max(0.0, timer.due - time.monotonic()))
+            return True
+        if seen.loading and not self._linger:
+            self._linger = self._config.linger_seconds
+            return True
+        return False
+
+    async def _next_timer(self, seen: _Quiet) -> Timer | None:
+        """The next timer that is worth waiting for."""
+        assert self._first_quiet is not None
+        page, horizon = self._page, self._horizon(seen, self._first_quiet)
+        if self._has_set_timers(seen):
+            await self._read_timers(seen)
+        elif self._known_timers is None:
+            return None
+        for timer in page.timers.pending(page.acted):
+            if timer.repeats and not (seen.loading and timer.delay):
+                continue
+            due = timer.next(self._waited_until) if timer.repeats else timer
+            if due.due > horizon:
+                break
+            is_fruitful = page.fruitless.get(due.delay, 0) < _FRUITLESS
+            if due.due > self._waited_until and (seen.loading or is_fruitful):
+                return due
+        if self._missed_at != seen.changes or time.monotonic() > horizon:
+            return None
+        step = self._config.quiet_seconds  # something is planned, and nobody knows for when
+        return Timer(due=time.monotonic() + step, delay=math.inf, repeats=False, root=page.acted)
+
+    async def _read_timers(self, seen: _Quiet) -> None:
+        # A document that began after the action has been watched from its first timer on.
+        has_watched = self._known_timers is not None or self._page.changes < 0
+        self._waited_until = max(self._waited_until, time.monotonic())
+        found = await self._page.timers.read()
+        if has_watched and found is not None and found < seen.handles - self._handles:
+            self._missed_at = seen.changes
+        self._known_timers, self._handles = seen.timers, seen.handles
+
+    def _has_set_timers(self, seen: _Quiet) -> bool:
+        """Whether the page may have set timers since the books were read, or since the action."""
+        if self._known_timers is not None:
+            return seen.timers != self._known_timers
+        if self._has_loaded:
+            return seen.timers > 0 or len(self._page.workers) > 0
+        before = self._page.timers_set if seen.planned is None else seen.planned
+        # A page that shows no reaction has set them in its listeners, or it has set none.
+        return (seen.early if seen.reason == "unchanged" else seen.timers) != before
+
+    def _horizon(self, seen: _Quiet, first: float) -> float:
+        """Until when timers are waited for."""
+        config = self._config
+        if seen.loading:
+            return first + config.loading_seconds
+        if seen.reason == "unchanged":
+            return first + config.silent_timer_seconds
+        # One stage of several brought something: the next has as much time again, but a ticker has no more.
+        return min(max(first, self._last_fruit), first + config.timer_seconds) + config.timer_seconds
+
+    def _learn(self, seen: _Quiet) -> None:
+        """Whether the timer that was waited for brought anything."""
+        timer, self._awaited = self._awaited, None
+        if timer is None:
+            return
+        if seen.changes == self._changes:
+            self._page.fruitless[timer.delay] = self._page.fruitless.get(timer.delay, 0) + 1
+        else:
+            self._page.fruitless.pop(timer.delay, None)
+            self._last_fruit = time.monotonic()

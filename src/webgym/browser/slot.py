@@ -26,6 +26,7 @@ from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState
 from webgym.browser.settle import settle_timed
+from webgym.browser.timers import Timers
 from webgym.browser.wire import (
     AttachedToTarget,
     BrowserContext,
@@ -97,6 +98,7 @@ class Slot:
         """Whether the page was brought back since the last action: twice would be in vain."""
         self._frozen_at: float | None = None
         self._freezing: asyncio.TimerHandle | None = None
+        self._timers: Timers | None = None
         self._attached: asyncio.Future[AttachedToTarget] | None = None
         self._episodes = 0
         self._milliseconds: dict[str, float] = {}
@@ -196,6 +198,7 @@ class Slot:
         self.launches += 1
         self._episodes = 0
         connection = self._process.connection
+        self._timers = Timers(connection, self.config)
         connection.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
         connection.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
         attach = {"autoAttach": True, "waitForDebuggerOnStart": True, "flatten": True, "filter": _PAGES_ONLY}
@@ -296,8 +299,10 @@ class Slot:
         await connection.call("Target.createTarget", target, reply=CreatedTarget, seconds=seconds)
         attached = await self._attached
         session = Session(connection, attached.session_id)
-        page = Page(session, attached.target_info.target_id, self.config, self._egress)
+        assert self._timers is not None
+        page = Page(session, attached.target_info.target_id, self.config, self._egress, self._timers)
         await page.prepare()
+        page.timers.start()
         return page
 
     async def close(self) -> None:
@@ -313,6 +318,7 @@ class Slot:
         if self._process is None or not self._process.is_alive:
             return
         try:
+            await page.timers.stop()
             await self._process.connection.call(
                 "Target.disposeBrowserContext",
                 {"browserContextId": self._context},

@@ -1,104 +1,177 @@
-"""What the tab is loading at this moment: frames, and requests in flight."""
+"""What the tab is loading at this moment: frames, requests in flight, and channels that owe an answer."""
 
 from __future__ import annotations
 
 import asyncio
 import math
+from urllib.parse import urlsplit
+
+import msgspec
 
 from webgym.browser.cdp import Session
+from webgym.browser.config import BrowserConfig
 from webgym.browser.wire import (
     FrameEvent,
     FrameNavigated,
+    PriorityChanged,
     RequestDone,
     RequestFailed,
     RequestWillBeSent,
+    ScheduledNavigation,
+    SocketCreated,
     Wire,
 )
 
 _NEVER_AWAITED = frozenset(
-    {"Ping", "EventSource", "WebSocket", "Media", "Prefetch", "Preflight", "CSPViolationReport", "Manifest"}
+    {"Ping", "WebSocket", "Media", "Prefetch", "Preflight", "CSPViolationReport", "Manifest"}
 )
 """Resource types that may stay open for ever, or that nobody sees."""
+
+_UNSEEN = frozenset({"Medium", "Low", "VeryLow"})
+"""Priorities of pictures that are not in the viewport: the browser raises those that are to ``High``."""
 
 
 class _DomContent(Wire, frozen=True):
     pass
 
 
+class _InFlight(msgspec.Struct):
+    """Something that is waited for.
+
+    Attributes:
+        since: when it began.
+        seconds: for how long it is waited for.
+        endpoint: by which it is known again, if it outlasts that; empty for what is not.
+        is_patient: whether it is waited for longer while the page shows that it is loading.
+        is_request: whether it counts as an open request when it is no longer waited for.
+    """
+
+    since: float
+    seconds: float
+    endpoint: str = ""
+    is_patient: bool = False
+    is_request: bool = True
+
+    def until(self, patience: float) -> float:
+        return self.since + (max(self.seconds, patience) if self.is_patient else self.seconds)
+
+
 class Traffic:
     """Keeps the books of one tab's loading, from the browser's events.
+
+    What outlasts the time that is given to it is a long poll, a stream, or just too slow. The next request
+    to the same address, or the next word on the same channel, is then not waited for at all, until one is
+    answered in time.
 
     Args:
         session: the tab's.
         main_frame: id of its main frame.
-        long_poll_seconds: age at which a request is no longer waited for.
-        load_seconds: how long after its document is complete a page's remaining parts are waited for.
+        config: the slot's limits.
     """
 
-    def __init__(
-        self, session: Session, main_frame: str, *, long_poll_seconds: float, load_seconds: float
-    ) -> None:
+    def __init__(self, session: Session, main_frame: str, config: BrowserConfig) -> None:
         self.started = asyncio.Event()
         """Set when a navigation of the main frame starts or has happened; cleared by whoever waits."""
         self._main_frame = main_frame
-        self._long_poll_seconds = long_poll_seconds
-        self._load_seconds = load_seconds
+        self._config = config
         self._clock = asyncio.get_running_loop().time
-        self._waits: dict[str, float] = {}
-        """What is in flight, and the moment after which it is no longer waited for."""
+        self._in_flight: dict[str, _InFlight] = {}
+        self._outlasting: set[str] = set()
+        """Endpoints that did not answer in time when they were last asked."""
         self._changed = asyncio.Event()
         self._document = ("", "")
         """Loader and address of the main document that was last asked for, redirects followed."""
+        self._site = ""
         session.on("Page.frameStartedLoading", FrameEvent, self._on_frame_started)
         session.on("Page.frameStoppedLoading", FrameEvent, self._on_frame_stopped)
         session.on("Page.frameDetached", FrameEvent, self._on_frame_stopped)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.domContentEventFired", _DomContent, self._on_dom_content)
         session.on("Page.navigatedWithinDocument", FrameEvent, self._on_within_document)
+        session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_scheduled)
+        session.on("Page.frameClearedScheduledNavigation", FrameEvent, self._on_unscheduled)
+        self.follow(session)
+
+    def follow(self, session: Session) -> None:
+        """Keep the books of another target's requests too."""
         session.on("Network.requestWillBeSent", RequestWillBeSent, self._on_request)
-        session.on("Network.loadingFinished", RequestDone, lambda done: self.end(done.request_id))
+        session.on("Network.resourceChangedPriority", PriorityChanged, self._on_priority)
+        for name in ("loadingFinished", "eventSourceMessageReceived"):
+            session.on(f"Network.{name}", RequestDone, lambda done: self.end(done.request_id))
         session.on("Network.loadingFailed", RequestFailed, lambda failed: self.end(failed.request_id))
+        session.on("Network.webSocketCreated", SocketCreated, self._on_socket)
+        session.on("Network.webSocketFrameSent", RequestDone, self._on_said)
+        for name in ("webSocketFrameReceived", "webSocketClosed"):
+            session.on(f"Network.{name}", RequestDone, lambda socket: self.end(socket.request_id))
 
     # --- the books ----------------------------------------------------------------------------------
 
-    def begin(self, key: str, seconds: float) -> None:
+    def begin(
+        self,
+        key: str,
+        seconds: float,
+        *,
+        endpoint: str = "",
+        is_patient: bool = False,
+        is_request: bool = True,
+    ) -> None:
         """Something is in flight and waited for until it ends, ``seconds`` at most."""
-        self._waits[key] = self._clock() + seconds
+        limit = 0.0 if endpoint in self._outlasting else seconds
+        self._in_flight[key] = _InFlight(self._clock(), limit, endpoint, is_patient and limit > 0, is_request)
         self._changed.set()
 
     def end(self, key: str) -> None:
         """It is no longer in flight."""
-        if self._waits.pop(key, None) is not None:
-            self._changed.set()
+        ended = self._in_flight.pop(key, None)
+        if ended is None:
+            return
+        if ended.endpoint in self._outlasting and self._clock() - ended.since < self._config.minor_seconds:
+            self._outlasting.discard(ended.endpoint)
+        self._changed.set()
 
     def clear(self) -> None:
         """Nothing is in flight: the renderer is gone."""
-        self._waits.clear()
+        self._in_flight.clear()
         self._changed.set()
 
     def pass_over(self, seconds: float) -> None:
         """The page was stopped for so long: what is in flight is as old as it was before."""
-        self._waits = {key: until + seconds for key, until in self._waits.items()}
+        for one in self._in_flight.values():
+            one.since += seconds
 
-    @property
-    def is_idle(self) -> bool:
-        """Whether nothing is waited for."""
+    def give_up(self, *, all_of_it: bool = False) -> None:
+        """Know again what outlasted its time: it is not waited for next time.
+
+        Args:
+            all_of_it: what has time left is given up too.
+        """
         now = self._clock()
-        return all(until <= now for until in self._waits.values())
+        for one in self._in_flight.values():
+            if all_of_it:
+                one.seconds, one.is_patient = 0.0, False
+            if one.endpoint and one.until(0.0) <= now:
+                self._outlasting.add(one.endpoint)
+
+    def is_idle(self, patience: float = 0.0) -> bool:
+        """Whether nothing is waited for. ``patience``: for how long at least, seconds, while the page shows
+        that it is loading."""
+        now = self._clock()
+        return all(one.until(patience) <= now for one in self._in_flight.values())
 
     @property
     def is_empty(self) -> bool:
-        """Whether nothing at all is in flight, not even what is no longer waited for."""
-        return not self._waits
+        """Whether no request is in flight, not even one that is no longer waited for."""
+        return not any(one.is_request for one in self._in_flight.values())
 
     def __len__(self) -> int:
-        return len(self._waits)
+        return len(self._in_flight)
 
-    async def idle(self) -> None:
+    async def idle(self, patience: float = 0.0) -> None:
         """Return when nothing is waited for. No deadline of its own."""
-        while not self.is_idle:
+        while not self.is_idle(patience):
             now = self._clock()
-            soonest = min(until for until in self._waits.values() if until > now)
+            ends = (one.until(patience) for one in self._in_flight.values())
+            soonest = min(end for end in ends if end > now)
             self._changed.clear()
             try:
                 async with asyncio.timeout_at(None if soonest == math.inf else soonest):
@@ -110,13 +183,14 @@ class Traffic:
         """Where a load of the main document has been led, if it is the last one that was asked for."""
         return self._document[1] if self._document[0] == loader else ""
 
-    # --- events -------------------------------------------------------------------------------------
+    # --- frames -------------------------------------------------------------------------------------
 
     def _on_frame_started(self, event: FrameEvent) -> None:
-        is_main = event.frame_id == self._main_frame
-        self.begin(event.frame_id, math.inf if is_main else self._long_poll_seconds)
-        if is_main:
+        if event.frame_id == self._main_frame:
+            self.begin(event.frame_id, math.inf)
             self.started.set()
+        else:  # its document has a time of its own, once it is known where it comes from
+            self.begin(event.frame_id, self._config.minor_seconds)
 
     def _on_frame_stopped(self, event: FrameEvent) -> None:
         self.end(event.frame_id)
@@ -124,24 +198,73 @@ class Traffic:
     def _on_navigated(self, event: FrameNavigated) -> None:
         if event.frame.id != self._main_frame:
             return
+        self._site = _site(event.frame.url)
         own = {event.frame.id, event.frame.loader_id}
-        self._waits = {key: until for key, until in self._waits.items() if key in own}
+        self._in_flight = {key: one for key, one in self._in_flight.items() if key in own}
+        if self._main_frame in self._in_flight:
+            self.begin(self._main_frame, math.inf)
         self.started.set()
         self._changed.set()
 
     def _on_dom_content(self, _: _DomContent) -> None:
-        if self._main_frame in self._waits:
-            self.begin(self._main_frame, self._load_seconds)
+        if self._main_frame in self._in_flight:
+            self.begin(self._main_frame, self._config.load_seconds)
 
     def _on_within_document(self, event: FrameEvent) -> None:
         if event.frame_id == self._main_frame:
             self.started.set()
 
+    def _on_scheduled(self, event: ScheduledNavigation) -> None:
+        """A refresh, by header or by element."""
+        if event.frame_id == self._main_frame and event.delay <= self._config.silent_timer_seconds:
+            self.begin(f"refresh {event.frame_id}", event.delay + self._config.minor_seconds)
+
+    def _on_unscheduled(self, event: FrameEvent) -> None:
+        self.end(f"refresh {event.frame_id}")
+
+    # --- requests -----------------------------------------------------------------------------------
+
     def _on_request(self, request: RequestWillBeSent) -> None:
-        is_main_document = request.request_id == request.loader_id and request.frame_id == self._main_frame
-        if is_main_document:
+        if request.request_id == request.loader_id and request.frame_id == self._main_frame:
             self._document = (request.loader_id, request.document_url)
-        if request.type in _NEVER_AWAITED or is_main_document:
-            return  # the main document is waited for as the main frame
-        if request.request_id not in self._waits:  # a redirect does not start the clock again
-            self.begin(request.request_id, self._long_poll_seconds)
+            if self._main_frame in self._in_flight:  # the main document is waited for as the main frame
+                self.begin(self._main_frame, math.inf)
+            return
+        if request.type in _NEVER_AWAITED or request.request_id in self._in_flight:
+            return  # a redirect does not start the clock again
+        if request.type == "EventSource":
+            self._await_word(request.request_id, request.request.url)
+            return
+        is_minor = request.type == "Image" and request.request.initial_priority in _UNSEEN
+        is_foreign = bool(request.frame_id) and _site(request.document_url) != self._site
+        self.begin(
+            request.request_id,
+            self._config.minor_seconds if is_minor or is_foreign else self._config.long_poll_seconds,
+            endpoint=f"{request.request.method} {request.request.url.partition('?')[0]}",
+            is_patient=not (is_minor or is_foreign),
+        )
+
+    def _on_priority(self, changed: PriorityChanged) -> None:
+        one = self._in_flight.get(changed.request_id)
+        if one is not None and one.seconds and changed.new_priority not in _UNSEEN:
+            one.seconds = max(one.seconds, self._config.picture_seconds)
+            self._changed.set()
+
+    def _on_socket(self, socket: SocketCreated) -> None:
+        self._await_word(socket.request_id, socket.url)
+
+    def _on_said(self, socket: RequestDone) -> None:
+        self._await_word(socket.request_id, f"{socket.request_id} answers")
+
+    def _await_word(self, channel: str, endpoint: str) -> None:
+        """A channel was opened, or something was said on it: an answer may come."""
+        self.begin(channel, self._config.reply_seconds, endpoint=endpoint, is_request=False)
+
+
+def _site(url: str) -> str:
+    """Who a document belongs to, as far as a name can tell: the last two labels of its host."""
+    try:
+        host = urlsplit(url).hostname or ""
+    except ValueError:
+        return ""
+    return host if host.replace(".", "").isdigit() else ".".join(host.split(".")[-2:])

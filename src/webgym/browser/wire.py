@@ -112,6 +112,13 @@ class NavigationStarted(Wire, frozen=True):
     loader_id: str
 
 
+class ScheduledNavigation(Wire, frozen=True):
+    """``Page.frameScheduledNavigation``; the delay in seconds."""
+
+    frame_id: str
+    delay: float
+
+
 class Navigated(Wire, frozen=True):
     """``Page.navigate``."""
 
@@ -151,6 +158,22 @@ class DownloadWillBegin(Wire, frozen=True):
     suggested_filename: str = ""
 
 
+class PostData(Wire, frozen=True):
+    """A part of a request's body; base64 is decoded on the way in."""
+
+    data: bytes = msgspec.field(default=b"", name="bytes")
+
+
+class Request(Wire, frozen=True):
+    """An HTTP request."""
+
+    url: str = ""
+    method: str = "GET"
+    headers: dict[str, str] = {}
+    post_data_entries: tuple[PostData, ...] = ()
+    initial_priority: str = ""
+
+
 class RequestWillBeSent(Wire, frozen=True):
     """``Network.requestWillBeSent``."""
 
@@ -159,6 +182,14 @@ class RequestWillBeSent(Wire, frozen=True):
     frame_id: str = ""
     type: str = ""
     document_url: str = msgspec.field(default="", name="documentURL")
+    request: Request = Request()
+
+
+class PriorityChanged(Wire, frozen=True):
+    """``Network.resourceChangedPriority``."""
+
+    request_id: str
+    new_priority: str
 
 
 class Response(Wire, frozen=True):
@@ -178,8 +209,15 @@ class ResponseReceived(Wire, frozen=True):
     frame_id: str = ""
 
 
+class SocketCreated(Wire, frozen=True):
+    """``Network.webSocketCreated``."""
+
+    request_id: str
+    url: str
+
+
 class RequestDone(Wire, frozen=True):
-    """``Network.loadingFinished``."""
+    """``Network.loadingFinished``, and others that only name a request."""
 
     request_id: str
 
@@ -191,21 +229,6 @@ class RequestFailed(Wire, frozen=True):
     type: str = ""
     error_text: str = ""
     canceled: bool = False
-
-
-class PostData(Wire, frozen=True):
-    """A part of a request's body; base64 is decoded on the way in."""
-
-    data: bytes = msgspec.field(default=b"", name="bytes")
-
-
-class Request(Wire, frozen=True):
-    """An HTTP request."""
-
-    url: str
-    method: str = "GET"
-    headers: dict[str, str] = {}
-    post_data_entries: tuple[PostData, ...] = ()
 
 
 class RequestPaused(Wire, frozen=True):

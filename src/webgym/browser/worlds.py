@@ -38,7 +38,19 @@ T = TypeVar("T")
 _WORLD = "webgym"
 _SAID_LENGTH = 300
 
-_FILES = ("page", "geometry", "lists", "typing", "roles", "reach", "wheel", "observe", "marks", "document")
+_FILES = (
+    "page",
+    "settle",
+    "geometry",
+    "lists",
+    "typing",
+    "roles",
+    "reach",
+    "wheel",
+    "observe",
+    "marks",
+    "document",
+)
 _SCRIPTS = resources.files("webgym.browser") / "scripts"
 _SCRIPT = "".join((_SCRIPTS / f"{name}.js").read_text("utf-8") for name in _FILES)
 

@@ -202,14 +202,16 @@ _REQUESTS = [
              "<input id=go>{{let t; go.oninput = () => { clearTimeout(t);"
              " t = later(800, async () => show(await get(200))); }}}", "type"),
     HardPage("infinite-scroll", "requests", "more of a list, when its end comes into view",
-             "<div style='height: 1000px'></div><p id=out>more</p>{{new IntersectionObserver(async ([e], o) => {"
+             "<div style='height: 1000px'></div><p id=out>more</p>"
+             "{{new IntersectionObserver(async ([e], o) => {"
              " if (!e.isIntersecting) return; o.disconnect(); show(await get(500)); }).observe(out)}}",
              "scroll"),
 ]  # fmt: skip
 
 _STREAMS = [
     HardPage("streamed-document", "streams", "a document in five pieces",
-             "<p>1<!--pause 250--><p>2<!--pause 250--><p>3<!--pause 250--><p>4<!--pause 250--><p>5{{final()}}"),
+             "<p>1<!--pause 250--><p>2<!--pause 250--><p>3<!--pause 250--><p>4<!--pause 250--><p>5"
+             "{{final()}}"),
     HardPage("slow-parser", "streams", "a script that holds the parser up, and a slow document",
              "<script src=/script?ms=500></script><p>then<!--pause 400--><p>the rest{{final()}}"),
     HardPage("endless-document", "streams", "a document that never ends", "<p>all there is{{final()}}"),
@@ -239,7 +241,8 @@ _STREAMS = [
 
 _END = "/p/plain"
 _REDIRECTS = [
-    HardPage("redirect-http", "redirects", "three redirects by HTTP", "", path=f"/hop?left=3&ms=150&to={_END}"),
+    HardPage("redirect-http", "redirects", "three redirects by HTTP", "",
+             path=f"/hop?left=3&ms=150&to={_END}"),
     HardPage("redirect-meta", "redirects", "a refresh at once",
              f"<meta http-equiv=refresh content='0;url={_END}'>"),
     HardPage("redirect-meta-late", "redirects", "a refresh after a second",
@@ -258,7 +261,8 @@ _SCRIPTS = [
     HardPage("idle-callback", "scripts", "rendered when the browser is idle",
              _on_click("requestIdleCallback(() => requestIdleCallback(() => show('idle')))"), "click"),
     HardPage("frames", "scripts", "rendered twelve frames later",
-             _on_click("let n = 12; const f = () => { --n ? requestAnimationFrame(f) : show('frame'); }; f()"),
+             _on_click("let n = 12;"
+                       " const f = () => { --n ? requestAnimationFrame(f) : show('frame'); }; f()"),
              "click"),
     HardPage("slices", "scripts", "rendered in forty slices of 10 ms, as frameworks do",
              "{{const c = new MessageChannel(); let n = 40; c.port1.onmessage = () => {"
@@ -303,7 +307,8 @@ _TIMERS = [
              "<div id=out aria-busy=true><div class=grey></div><div class=grey></div></div>"
              "{{later(2200, () => { out.removeAttribute('aria-busy'); show('late'); })}}"),
     HardPage("timer-request-timer", "timers", "a timer, a request, a timer",
-             _on_click("later(250, async () => { const text = await get(250); later(250, () => show(text)); })"),
+             _on_click("later(250, async () => {"
+                       " const text = await get(250); later(250, () => show(text)); })"),
              "click"),
     HardPage("loading-text", "timers", '"Loading…" for 2 s',
              _on_click("out.textContent = 'Loading…'; later(2000, () => show('late'))"), "click"),
@@ -312,8 +317,8 @@ _TIMERS = [
 _CANVAS = """<canvas id=c width=40 height=40></canvas>{{const x = c.getContext('2d'); let n = 0;
 (function turn() { x.fillStyle = `hsl(${n++ % 360} 80% 50%)`; x.fillRect(0, 0, 40, 40);
 requestAnimationFrame(turn); })()}}"""
-_GIF = ("<img width=32 height=32 alt='' src='data:image/gif;base64,R0lGODlhAQABAIAAAP8AAAAA/yH/C05FVFNDQVBFMi4w"
-        "AwEAAAAh+QQACgAAACwAAAAAAQABAAACAkQBACH5BAAKAAAALAAAAAABAAEAAAICTAEAOw=='>")  # fmt: skip
+_GIF = ("<img width=32 height=32 alt='' src='data:image/gif;base64,"
+        "R0lGODlhAQABAIAAAP8AAAAA/yH/C05FVFNDQVBFMi4wAwEAAAAh+QQACgAAACwAAAAAAQABAAACAkQBACH5BAAKAAAALAAAAAABAAEAAAICTAEAOw=='>")  # fmt: skip
 
 _RENDERING = [
     HardPage("font", "rendering", "a font after 700 ms, swapped in",
@@ -322,7 +327,8 @@ _RENDERING = [
              "{{out.textContent = 'text'; document.fonts.load('16px late').then(final)}}"),
     HardPage("images", "rendering", "six pictures, after 100 to 600 ms",
              "{{globalThis.left = 6}}"
-             + "".join(f"<img src=/image?ms={ms} onload='--left || final()'>" for ms in range(100, 700, 100))),
+             + "".join(f"<img src=/image?ms={ms} onload='--left || final()'>"
+                       for ms in range(100, 700, 100))),
     HardPage("image-lazy", "rendering", "a lazy picture that is uncovered",
              "<div id=d hidden><img loading=lazy src=/image?ms=400 onload=final()></div>"
              + _on_click("d.hidden = false"), "click"),

@@ -42,7 +42,7 @@ class Exchange:
         lines = head.split("\r\n")
         address = urlsplit(lines[0].split(" ")[1])
         self.path = address.path
-        self.query = dict(parse_qsl(address.query))
+        self.query = dict(parse_qsl(address.query, keep_blank_values=True))
         self.headers = {
             name.strip().lower(): value.strip()
             for name, _, value in (line.partition(":") for line in lines[1:])

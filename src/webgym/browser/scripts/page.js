@@ -42,22 +42,58 @@
 
   // --- what changes -----------------------------------------------------------------------------
 
+  // What has changed for as long as anyone waits: a clock, a carousel. Its changes are no news any more.
+  const restless = new WeakMap(); // node -> kinds of change
+  let counts = null; // node -> kind -> [how often, in which batch last], while somebody counts
+  let batch = 0;
+  const OFTEN = 4;
+
+  // Count what changes, from now on; or stop.
+  webgym.census = (on) => {
+    if (!on) counts = null;
+    else counts ??= new Map();
+  };
+  // What has changed often since the count began is restless.
+  webgym.settleRestless = () => {
+    for (const [node, kinds] of counts || [])
+      for (const [kind, [count]] of kinds)
+        if (count >= OFTEN) restless.set(node, (restless.get(node) || new Set()).add(kind));
+  };
+
+  const isNews = (node, kind) => {
+    const kinds = restless.get(node);
+    if (kinds && kinds.has(kind)) return false;
+    if (counts) {
+      if (!counts.has(node)) counts.set(node, new Map());
+      const [count, last] = counts.get(node).get(kind) || [0, 0];
+      counts.get(node).set(kind, [last === batch ? count : count + 1, batch]);
+    }
+    return true;
+  };
   const changed = () => {
     state.changedAt = Date.now();
     state.changes += 1;
+  };
+  const onEvent = (event) => {
+    batch += 1;
+    if (isNews(event.target, event.type)) changed();
   };
   const isOurs = (record) =>
     record.type === 'childList' &&
     [...record.addedNodes, ...record.removedNodes].every((node) => state.ours.has(node));
   const observer = new MutationObserver((records) => {
-    if (!records.every(isOurs)) changed();
+    batch += 1;
+    const news = records.filter(
+      (record) => !isOurs(record) && isNews(record.target, record.type + (record.attributeName || '')),
+    );
+    if (news.length) changed();
   });
   webgym.watch = (root) =>
     observer.observe(root, { subtree: true, childList: true, attributes: true, characterData: true });
 
   const listeners = []; // [event, handler, options]: in every window
   for (const name of ['scroll', 'input', 'resize', 'transitionend', 'animationend'])
-    listeners.push([name, changed, { capture: true, passive: true }]);
+    listeners.push([name, onEvent, { capture: true, passive: true }]);
   webgym.changed = changed;
   webgym.listen = (...more) => listeners.push(...more);
 
@@ -67,33 +103,6 @@
       webgym.watch(view.document);
       for (const [name, handler, options] of listeners) view.addEventListener(name, handler, options);
       hold(view);
-    }
-  };
-
-  const isMoving = () =>
-    document.getAnimations().some((animation) => {
-      const end = animation.effect && animation.effect.getComputedTiming().endTime;
-      return animation.playState === 'running' && Number.isFinite(end);
-    });
-
-  const pause = (milliseconds) => new Promise((resolve) => setTimeout(resolve, milliseconds));
-  const frame = () =>
-    Promise.race([new Promise((resolve) => requestAnimationFrame(() => resolve())), pause(50)]);
-
-  // Resolves once the page showed no change for a while: {reason, changes}. `since` is the number of
-  // changes before the action; a page that has not changed since gets the shorter `reaction` time.
-  webgym.quiet = async (since, reaction, quiet, limit) => {
-    const start = Date.now();
-    webgym.attach();
-    await frame();
-    for (;;) {
-      const isSame = state.changes === since;
-      const now = Date.now();
-      const left = isSame ? start + reaction - now : Math.max(start, state.changedAt) + quiet - now;
-      if (left <= 0 && !isMoving()) return { reason: isSame ? 'unchanged' : 'quiet', changes: state.changes };
-      if (now - start >= limit) return { reason: 'busy', changes: state.changes };
-      await pause(Math.max(1, Math.min(left > 0 ? left : 16, start + limit - now)));
-      webgym.attach();
     }
   };
 

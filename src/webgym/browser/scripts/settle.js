@@ -1,0 +1,211 @@
+// Runs in the same isolated world as page.js: is the page quiet, and what says that more is to come?
+(() => {
+  const webgym = globalThis.webgym;
+  if (webgym.quiet) return;
+  const { state, views } = webgym;
+
+  // --- what the page has planned ------------------------------------------------------------------
+  // Handles of timers, frames and idle moments count up per window, over all worlds. One taken now tells
+  // how many the page has asked for, without a touch on its functions.
+
+  const nothing = () => {};
+  const counter = (ask, cancel) => {
+    const ours = new WeakMap(); // window -> handles that we took
+    const take = (view, ...wanted) => {
+      const handle = view[ask](...wanted);
+      if (handle) ours.set(view, (ours.get(view) || 0) + 1);
+      return handle;
+    };
+    const last = () =>
+      views().map((view) => {
+        const handle = take(view, nothing);
+        if (!handle) return [0, 0]; // no scripts in this frame
+        view[cancel](handle);
+        return [handle, handle - ours.get(view)];
+      });
+    const sum = (index) => last().reduce((total, counts) => total + counts[index], 0);
+    return { take, given: () => sum(0), asked: () => sum(1) };
+  };
+  const timers = counter('setTimeout', 'clearTimeout');
+  const frames = counter('requestAnimationFrame', 'cancelAnimationFrame');
+  const idles = counter('requestIdleCallback', 'cancelIdleCallback');
+
+  // The first input event of an action comes before the page's own listeners.
+  const onInput = () => {
+    if (state.planned !== null) return;
+    state.planned = timers.asked();
+    state.idles = idles.asked();
+  };
+  state.planned = null;
+  state.idles = 0;
+  state.isTireless = false; // draws frame after frame, for ever
+  for (const name of ['pointermove', 'pointerdown', 'keydown', 'wheel'])
+    webgym.listen([name, onInput, { capture: true, passive: true }]);
+
+  // --- what shows that it is loading --------------------------------------------------------------
+
+  const WORDS = ['skeleton', 'spinner', 'shimmer', 'loading', 'loader', 'preloader'];
+  const NAMED = ['skeleton', 'spin', 'shimmer', 'load'].map((word) => `[class*="${word}" i]`).join();
+  const isNamed = new RegExp(`(^|[\\s_-])(${WORDS.join('|')})([\\s_-]|$)`, 'i');
+  const SAID = '[aria-busy="true" i], [role="progressbar" i]:not([aria-valuenow]), progress:not([value])';
+  const TELLS = /^\s*(loading|please wait|searching|processing|fetching|redirecting|one moment|just a moment)\b/i;
+  const TEXT_LENGTH = 60; // of one that only says so, at most
+  const TEXTS = 3000; // that are looked at, at most
+  const VISIBLE = { opacityProperty: true, visibilityProperty: true };
+
+  const overlooked = new WeakSet(); // what showed it for as long as anyone would wait
+  let isBlankKnown = false;
+
+  const isSeen = (element) => {
+    if (!element.checkVisibility(VISIBLE)) return false;
+    const box = element.getBoundingClientRect();
+    const { innerWidth, innerHeight } = element.ownerDocument.defaultView;
+    return box.width >= 4 && box.height >= 4 && box.bottom > 0 && box.right > 0 && box.top < innerHeight && box.left < innerWidth;
+  };
+  const isSign = (element) => element && !overlooked.has(element) && isSeen(element);
+
+  const animations = () => views().flatMap((view) => view.document.getAnimations());
+  const endOf = (animation) => (animation.effect ? animation.effect.getComputedTiming().endTime : 0);
+
+  // A small thing that turns or pulses for ever.
+  const isSmall = (element) => {
+    const { innerWidth, innerHeight } = element.ownerDocument.defaultView;
+    return element.offsetWidth * element.offsetHeight < (innerWidth * innerHeight) / 4;
+  };
+  const endless = () =>
+    animations()
+      .filter((animation) => animation.playState === 'running' && endOf(animation) === Infinity)
+      .map((animation) => animation.effect.target)
+      .filter((element) => element && isSmall(element));
+
+  const SKIPPED = new Set(['SCRIPT', 'STYLE', 'NOSCRIPT', 'TEMPLATE', 'TITLE']);
+  const CONTENT = 'img, svg, canvas, video, iframe, object, embed, input, button, select, textarea';
+
+  // The first text that says so, and whether anything at all is to be read or seen.
+  const read = (view) => {
+    const { document } = view;
+    const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    let isBlank = true;
+    for (let n = 0; n < TEXTS && walker.nextNode(); n++) {
+      const { data, parentElement } = walker.currentNode;
+      const tells = data.length <= TEXT_LENGTH && TELLS.test(data);
+      if (!tells && !(isBlank && /\S/.test(data))) continue;
+      if (SKIPPED.has(parentElement.nodeName)) continue;
+      if (tells && isSign(parentElement)) return { sign: parentElement, isBlank: false };
+      isBlank &&= !parentElement.checkVisibility(VISIBLE);
+    }
+    return { sign: null, isBlank: isBlank && ![...document.querySelectorAll(CONTENT)].some(isSeen) };
+  };
+
+  // What shows that more is to come: an element, `true` for a page that shows nothing, or null.
+  const sign = () => {
+    for (const view of views()) {
+      const { document } = view;
+      if (!document.body) continue;
+      const said = [...document.querySelectorAll(SAID)].find(isSign);
+      if (said) return said;
+      const named = [...document.querySelectorAll(NAMED)];
+      const found = named.find((element) => isNamed.test(element.getAttribute('class')) && isSign(element));
+      if (found) return found;
+      const text = read(view);
+      if (text.sign) return text.sign;
+      if (text.isBlank && view === window && !isBlankKnown) return true;
+    }
+    return endless().find(isSign) || null;
+  };
+
+  // Take what is shown now for decoration: it is no sign any more in this document.
+  webgym.overlook = () => {
+    for (let found = sign(); found; found = sign()) {
+      if (found === true) isBlankKnown = true;
+      else overlooked.add(found);
+    }
+  };
+
+  // --- when is it quiet ---------------------------------------------------------------------------
+
+  const FRAME = 100; // longest wait for a frame or an idle moment, ms
+  const pause = (milliseconds) => new Promise((resolve) => timers.take(window, resolve, milliseconds));
+  const frame = () =>
+    new Promise((resolve) => {
+      const limit = timers.take(window, resolve, FRAME);
+      frames.take(window, () => (clearTimeout(limit), resolve()));
+    });
+  const idle = () => new Promise((resolve) => idles.take(window, resolve, { timeout: FRAME }));
+  // Whether the page's scripts leave a moment to spare: a task that lets all others go first soon has its turn.
+  const isFree = async (limit) => {
+    const start = performance.now();
+    await scheduler.postTask(nothing, { priority: 'background' });
+    return performance.now() - start < limit;
+  };
+
+  const work = () => frames.asked() + idles.asked();
+
+  // Whether an animation runs that ends within the time that is waited for it.
+  const isMoving = (limit) =>
+    animations().some((animation) => {
+      if (animation.playState !== 'running') return false;
+      const end = endOf(animation);
+      return Number.isFinite(end) && end - (animation.currentTime || 0) < limit;
+    });
+
+  // Resolves once the page showed no change for a while. Times in milliseconds:
+  //   since     number of changes before the action; a page that has not changed since is given
+  //   reaction  to do so, and one that has must be still for
+  //   quiet     and is not waited for any longer after
+  //   busy;
+  //   linger    how long what shows that the page is loading is waited for to vanish.
+  // Time is counted in ticks of its own. A process that is stopped does not tick, so a clock that jumps
+  // while timers that came due in the meantime fire one after the other makes nothing look still.
+  webgym.quiet = async ({ since, tick, reaction, quiet, busy, linger }) => {
+    const { planned } = state;
+    state.planned = null;
+    webgym.attach();
+    const early = timers.asked();
+    let [elapsed, still, known, asked] = [0, 0, state.changes, work()];
+    let found = null;
+    const verdict = (reason) => {
+      webgym.census(false);
+      return {
+        reason, changes: state.changes, loading: Boolean(found),
+        planned, early, timers: timers.asked(), handles: timers.given(),
+      };
+    };
+    // Still, and nothing that was planned for a frame or an idle moment is left.
+    const isDone = async () => {
+      const before = asked;
+      asked = work();
+      if (asked !== before && !state.isTireless) return false;
+      if (idles.asked() !== state.idles) {
+        await idle(); // after the page's own
+        state.idles = idles.asked();
+        return state.isTireless;
+      }
+      return (await isFree(tick)) && state.changes === known;
+    };
+    for (;;) {
+      await pause(tick);
+      elapsed += tick;
+      if (state.changes !== known || isMoving(busy)) {
+        known = state.changes;
+        still = 0;
+        webgym.attach();
+      } else still += tick;
+      const isSame = state.changes === since;
+      const needed = isSame ? reaction : quiet;
+      if (still >= needed) {
+        if (await isDone()) {
+          found = isSame ? null : sign();
+          if (!found || elapsed >= linger) return verdict(isSame ? 'unchanged' : 'quiet');
+          still = 0; // looked for again in a while
+        } else still = needed - tick;
+      }
+      if (elapsed >= Math.max(busy, found ? linger : 0)) {
+        webgym.settleRestless();
+        state.isTireless ||= work() !== asked;
+        return verdict('busy');
+      }
+      if (elapsed >= busy / 3) webgym.census(true);
+    }
+  };
+})();

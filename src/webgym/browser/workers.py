@@ -1,0 +1,77 @@
+"""The dedicated workers of a page: what they load, and whether they compute.
+
+A worker is a target of its own, with its own session: the page's says nothing of what it loads. Whether it
+computes is found out by asking it something: the answer comes when it has time. Pages without workers cost
+nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from typing import TYPE_CHECKING
+
+from webgym.browser.cdp import Session
+from webgym.browser.wire import AttachedToTarget, DetachedFromTarget
+from webgym.core.errors import BrowserError
+
+if TYPE_CHECKING:
+    from webgym.browser.page import Page
+
+AUTO_ATTACH = {
+    "autoAttach": True,
+    "waitForDebuggerOnStart": True,
+    "flatten": True,
+    "filter": [{"type": "worker", "exclude": False}, {"exclude": True}],
+}
+"""Parameters of ``Target.setAutoAttach`` in a page's session."""
+
+
+class Workers:
+    """The workers of one page. Attaches to each before it runs."""
+
+    def __init__(self, page: Page) -> None:
+        self._page = page
+        self._sessions: dict[str, Session] = {}
+        self._asked: dict[str, asyncio.Task[None]] = {}
+        page.session.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
+        page.session.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
+
+    def __len__(self) -> int:
+        return len(self._sessions)
+
+    def ask(self) -> None:
+        """Ask every worker whether it has time; the page's traffic waits for the answers."""
+        for session_id, session in self._sessions.items():
+            if session_id not in self._asked:
+                task = asyncio.get_running_loop().create_task(self._ask(session))
+                self._asked[session_id] = task
+
+    async def _ask(self, session: Session) -> None:
+        page, key = self._page, f"worker {session.id}"
+        page.traffic.begin(key, page.config.minor_seconds, endpoint=key)
+        try:
+            # A worker that blocks its own thread for good is known as one that does not answer.
+            with contextlib.suppress(BrowserError):
+                await session.do("Runtime.evaluate", {"expression": "0"}, seconds=page.config.settle_seconds)
+        finally:
+            self._asked.pop(session.id, None)
+            page.traffic.end(key)
+
+    async def close(self) -> None:
+        """Stop asking."""
+        for task in tuple(self._asked.values()):
+            task.cancel()
+        await asyncio.gather(*self._asked.values(), return_exceptions=True)
+
+    def _on_attached(self, attached: AttachedToTarget) -> None:
+        session = Session(self._page.session.connection, attached.session_id)
+        self._sessions[session.id] = session
+        self._page.traffic.follow(session)
+        session.send("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0})
+        session.send("Runtime.runIfWaitingForDebugger")
+
+    def _on_detached(self, detached: DetachedFromTarget) -> None:
+        session = self._sessions.pop(detached.session_id, None)
+        if session is not None:
+            session.connection.drop_session(session.id, BrowserError("the worker ended"))

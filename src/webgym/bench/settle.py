@@ -9,24 +9,29 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import math
 import random
 import statistics
 import time
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import get_args
 
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
-from webgym.bench.hardweb import TRUTH, HardPage, HardSite
-from webgym.browser import PageOptions, Slot
+from webgym.bench.hardweb import OTHER_HOST, PAGES, TRUTH, Group, HardPage, HardSite
+from webgym.bench.tables import Table
+from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
 from webgym.browser.actions import perform
 from webgym.browser.cdp import CommandFailed, TargetGone
+from webgym.browser.find import find_browser
 from webgym.browser.page import Page
 from webgym.browser.settle import settle
 from webgym.browser.wire import Evaluated, FrameEvent, RequestDone, RequestFailed, RequestWillBeSent
 from webgym.core.action import BrowserAction, Navigate
-from webgym.core.errors import BrowserTimeout, PageError
+from webgym.core.errors import BrowserTimeout, ConfigError, PageError
 
 
 class SettleBench(BaseModel):
@@ -221,6 +226,41 @@ async def run_trial(
     return Trial(hard.name, hard.group, way, number, seconds, at is not None, ideal, reason)
 
 
+def chosen(names: Sequence[str]) -> list[HardPage]:
+    """Pages by their names, or by the names of their groups; all of them if there are none.
+
+    Raises:
+        ConfigError: there is no such page or group.
+    """
+    pages = [page for page in PAGES.values() if not names or {page.name, page.group} & set(names)]
+    unknown = set(names) - {page.name for page in pages} - {page.group for page in pages}
+    if unknown:
+        raise ConfigError(
+            f"there is no page {min(unknown)!r}", hint=f"a group ({', '.join(get_args(Group))}) or a page"
+        )
+    return pages
+
+
+async def run(
+    bench: SettleBench,
+    pages: Sequence[HardPage],
+    ways: Sequence[str],
+    browser: Path | None,
+    done: Callable[[Trial], None],
+) -> list[Trial]:
+    """:func:`measure` with a server and slots of its own, which are gone afterwards."""
+    found = await asyncio.to_thread(find_browser, browser)
+    async with contextlib.AsyncExitStack() as stack:
+        site = await stack.enter_async_context(HardSite())
+        allow = ("127.0.0.1", f"{OTHER_HOST}=127.0.0.1:{site.port}")
+        egress = await stack.enter_async_context(Egress(EgressConfig(allow=allow)))
+        slots = [Slot(BrowserConfig(), found.path, ProfileRoot(), egress) for _ in range(bench.slots)]
+        for slot in slots:
+            stack.push_async_callback(slot.stop)
+            await slot.start()
+        return await measure(slots, site, pages, bench, ways=ways, done=done)
+
+
 async def measure(
     slots: Sequence[Slot],
     site: HardSite,
@@ -311,24 +351,28 @@ def summarize(trials: Sequence[Trial]) -> list[Row]:
     return rows
 
 
-def markdown(trials: Sequence[Trial]) -> str:
-    """The tables: over everything, then by group how often each way was final."""
-    lines = [
-        "| way of waiting | final | p50 | p95 | over the ideal p50 | p95 |",
-        "|---|---:|---:|---:|---:|---:|",
+def settle_tables(trials: Sequence[Trial]) -> list[Table]:
+    """Over all pages, and group by group."""
+    rows = summarize(trials)
+    columns = ("way of waiting", "final", "p50", "p95", "over the ideal p50", "p95")
+    whole = [
+        (row.way, f"{row.final:.1%}", *map(_seconds, (row.p50, row.p95, row.over_p50, row.over_p95)))
+        for row in rows
     ]
-    for row in summarize(trials):
-        times = (row.p50, row.p95, row.over_p50, row.over_p95)
-        lines.append(
-            f"| {row.way} | {row.final:.1%} | {' | '.join(f'{seconds:.2f} s' for seconds in times)} |"
-        )
-    ways = [row.way for row in summarize(trials)]
-    lines += ["", f"| pages | {' | '.join(ways)} |", f"|---|{'---:|' * len(ways)}"]
-    for group in dict.fromkeys(trial.group for trial in sorted(trials, key=lambda trial: trial.page)):
-        rows = {row.way: row for row in summarize([trial for trial in trials if trial.group == group])}
-        cells = [f"{rows[way].final:.0%}, {rows[way].p50:.2f} s" if way in rows else "" for way in ways]
-        lines.append(f"| {group} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    groups = []
+    for group in sorted({trial.group for trial in trials}, key=list(get_args(Group)).index):
+        own = summarize([trial for trial in trials if trial.group == group])
+        groups.append((group, *(f"{row.final:.0%}, {_seconds(row.p50)}" for row in own)))
+    ways = tuple(row.way for row in rows)
+    pages = len({trial.page for trial in trials})
+    return [
+        Table(f"Is the observation final, and when ({pages} pages)", columns, whole),
+        Table("Final, and p50, by what is hard", ("pages", *ways), groups),
+    ]
+
+
+def _seconds(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.2f} s"
 
 
 def misses(trials: Sequence[Trial], way: str = "ours") -> list[str]:

@@ -210,7 +210,7 @@ class _Settling:
         has_watched = self._known_timers is not None or self._page.changes < 0
         self._waited_until = max(self._waited_until, time.monotonic())
         found = await self._page.timers.read()
-        if has_watched and found is not None and found < seen.handles - self._handles:
+        if found is None or (has_watched and found < seen.handles - self._handles):
             self._missed_at = seen.changes
         self._known_timers, self._handles = seen.timers, seen.handles
 

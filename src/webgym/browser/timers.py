@@ -127,20 +127,21 @@ class Timers:
         self._set.clear()
         await self._end()
 
-    async def read(self) -> int | None:
+    async def read(self) -> float | None:
         """Bring the books up to date. Where that takes too long they stay as they are.
 
         What happens while the trace is read, for some milliseconds, is not seen.
 
         Returns:
-            How many timers were set since it was read last; ``None`` if that is not known.
+            How many timers were set since it was read last, at most: infinity if the ring has lost its
+            beginning. ``None`` if it could not be read.
         """
         is_read = await self._end()
         events, self._events = self._events, []
         if not is_read:
             return None
         self._enter(events)
-        return None if self._was_full else sum(event.name == "TimerInstall" for event in events)
+        return math.inf if self._was_full else sum(event.name == "TimerInstall" for event in events)
 
     async def _end(self) -> bool:
         """End the trace; whether it was there in time. It goes on once it has ended, if it is wanted."""

@@ -6,7 +6,7 @@ server.py   the server behind them: late, in pieces, in chains, or never
 
 from __future__ import annotations
 
-from webgym.bench.hardweb.pages import OTHER_HOST, PAGES, TRUTH, HardPage
+from webgym.bench.hardweb.pages import OTHER_HOST, PAGES, TRUTH, Group, HardPage
 from webgym.bench.hardweb.server import HardSite
 
-__all__ = ["OTHER_HOST", "PAGES", "TRUTH", "HardPage", "HardSite"]
+__all__ = ["OTHER_HOST", "PAGES", "TRUTH", "Group", "HardPage", "HardSite"]

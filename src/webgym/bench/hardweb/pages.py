@@ -318,7 +318,8 @@ _CANVAS = """<canvas id=c width=40 height=40></canvas>{{const x = c.getContext('
 (function turn() { x.fillStyle = `hsl(${n++ % 360} 80% 50%)`; x.fillRect(0, 0, 40, 40);
 requestAnimationFrame(turn); })()}}"""
 _GIF = ("<img width=32 height=32 alt='' src='data:image/gif;base64,"
-        "R0lGODlhAQABAIAAAP8AAAAA/yH/C05FVFNDQVBFMi4wAwEAAAAh+QQACgAAACwAAAAAAQABAAACAkQBACH5BAAKAAAALAAAAAABAAEAAAICTAEAOw=='>")  # fmt: skip
+        "R0lGODlhAQABAIAAAP8AAAAA/yH/C05FVFNDQVBFMi4wAwEAAAAh+QQACgAAACwAAAAAAQABAAACAkQBACH5"
+        "BAAKAAAALAAAAAABAAEAAAICTAEAOw=='>")  # fmt: skip
 
 _RENDERING = [
     HardPage("font", "rendering", "a font after 700 ms, swapped in",

@@ -1,0 +1,54 @@
+"""``webgym bench settle`` in small: it runs, prints its table, and says what was not final."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from tests.conftest import Commands
+
+from webgym.bench.hardweb import PAGES
+from webgym.bench.settle import Trial, misses, settle_tables, summarize
+
+
+def trial(way: str, seconds: float, ideal: float | None) -> Trial:
+    return Trial("plain", "plain", way, 0, seconds, ideal is not None, ideal, "")
+
+
+def test_a_row_says_how_often_how_late_and_by_how_much() -> None:
+    trials = [trial("ours", 1.0, 0.5), trial("ours", 3.0, 2.0), trial("load", 0.1, None)]
+    ours, load = summarize(trials)
+    assert (ours.way, ours.trials, ours.final) == ("ours", 2, 1.0)
+    assert ours.p50 == pytest.approx(2.0)
+    assert ours.over_p50 == pytest.approx(0.75)
+    assert (load.way, load.final) == ("load", 0.0)
+    assert math.isnan(load.over_p50)
+    assert misses(trials, "load") == ["plain"]
+    assert [len(table.rows) for table in settle_tables(trials)] == [2, 1]
+
+
+def test_every_page_has_a_name_that_is_a_path() -> None:
+    assert len(PAGES) >= 60
+    assert all(name.replace("-", "").isalnum() for name in PAGES)
+
+
+@pytest.mark.browser
+def test_the_command_prints_a_table(commands: Commands, tmp_path: Path) -> None:
+    figures = tmp_path / "figures.json"
+    pages = ("--page", "plain-click", "--page", "xhr-click")
+    ways = ("--way", "ours", "--way", "load")
+    code, output = commands.run(
+        "bench", "settle", *pages, *ways, "--rounds", 1, "--slots", 1, "--json", figures, "--markdown"
+    )
+    assert code == 0, output
+    assert "| ours | 100.0% |" in output
+    assert "not always final with load: xhr-click" in output
+    assert len(json.loads(figures.read_text())["trials"]) == 4
+
+
+def test_an_unknown_page_is_an_error(commands: Commands) -> None:
+    code, output = commands.run("bench", "settle", "--page", "nowhere")
+    assert code == 2
+    assert "there is no page 'nowhere'" in output

@@ -1,0 +1,216 @@
+"""A handful of the hard pages: what is looked at is final. `webgym bench settle` has all of them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+from collections.abc import AsyncIterator, Iterator
+
+import pytest
+import pytest_asyncio
+from starlette.requests import Request
+from starlette.responses import Response
+
+from webgym.bench.hardweb import PAGES, HardSite
+from webgym.bench.settle import SettleBench, run_trial
+from webgym.browser import BrowserConfig, Slot
+from webgym.core.action import LeftClick, Navigate, Target
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+NOWHERE = LeftClick(Target(coordinate=(990, 990)))
+BUTTON = LeftClick(Target(coordinate=(100, 50)))
+PACE = 0.6
+SHORT = BrowserConfig(long_poll_seconds=0.6, silent_timer_seconds=0.2, freeze_after_seconds=0)
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def hard() -> AsyncIterator[HardSite]:
+    async with HardSite() as site:
+        yield site
+
+
+def origin(hard: HardSite) -> str:
+    return f"http://127.0.0.1:{hard.port}"
+
+
+def reason(tab: Tab) -> str:
+    assert tab.last is not None
+    return tab.last.observation.settled
+
+
+QUICK = (
+    "chat frames idle-callback infinite-scroll redirect-script-late slices socket-reply stages "
+    "suggestions-slow worker"
+).split()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(page.name, marks=() if page.name in QUICK else pytest.mark.slow)
+        for page in PAGES.values()
+        if page.group != "late" and "OTHER" not in page.body
+    ],
+)
+async def test_what_is_looked_at_is_final(name: str, hard: HardSite, shared_slot: Slot) -> None:
+    trial = await run_trial(shared_slot, PAGES[name], "ours", origin(hard), PACE, SettleBench())
+    assert trial.is_final, trial
+
+
+@pytest.mark.parametrize("name", ["spinner-css", "clock-fast"])
+async def test_what_never_ends_is_waited_for_once(name: str, hard: HardSite, tab: Tab) -> None:
+    await tab.goto(PAGES[name].url(origin(hard)))
+    await tab.step(BUTTON)
+    settled = []
+    for _ in range(2):
+        await tab.step(NOWHERE)
+        settled.append(reason(tab))
+    assert "unchanged" in settled, settled
+    assert set(settled) <= {"unchanged", "quiet", "long_poll"}, settled
+
+
+async def test_an_address_that_does_not_answer_is_known_again(site: Site, open_tab: Open) -> None:
+    answers = asyncio.Event()
+
+    async def answer(_: Request) -> Response:
+        await answers.wait()
+        return Response("arrived")
+
+    site.on("/answer", answer)
+    tab = await open_tab(config=SHORT)
+    await tab.goto(
+        site.page(
+            "<button onclick=ask()>Ask</button><p id=out>nothing</p><script>"
+            "const ask = async () => { out.textContent = await (await fetch('/answer')).text() }</script>"
+        )
+    )
+    waits = []
+    for _ in range(2):
+        await tab.step(LeftClick(tab.at("Ask")))
+        assert tab.last is not None
+        waits.append(tab.last.observation.milliseconds["settle"])
+    assert waits[0] >= SHORT.long_poll_seconds * 1000
+    assert waits[1] < waits[0]
+    assert not tab.slot.page.traffic.is_empty
+    answers.set()
+    await tab.step(LeftClick(tab.at("Ask")))
+    await tab.step(NOWHERE)
+    assert "arrived" in tab.text
+
+
+async def test_a_delay_that_brings_nothing_is_learned(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<p>text</p><script>onclick = () => setTimeout(() => {}, 700)</script>"))
+    assert tab.slot.page.fruitless == {}
+    for _ in range(2):
+        await tab.step(NOWHERE)
+    assert tab.slot.page.fruitless == {0.7: 2}
+    await tab.step(NOWHERE)
+    assert tab.slot.page.fruitless == {0.7: 2}, "not waited for again"
+
+
+async def test_the_page_sees_nothing_of_it(site: Site, tab: Tab) -> None:
+    own = "[setTimeout, requestAnimationFrame, requestIdleCallback, fetch, Worker, WebSocket]"
+    await tab.goto(
+        site.page(
+            "<script>addEventListener('load', () => {"
+            f"document.title = {own}.every((f) => /native code/.test(Function.prototype.toString.call(f)))"
+            " && !('webgym' in window) })</script><p>text</p>"
+        )
+    )
+    assert tab.last is not None
+    assert tab.last.observation.title == "true"
+
+
+# --- stopped processes ----------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def stopped(slot: Slot) -> Iterator[None]:
+    """All processes of the slot are stopped for the block."""
+    assert slot.process is not None
+    os.killpg(slot.process.pid, signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        os.killpg(slot.process.pid, signal.SIGCONT)
+
+
+async def test_a_burst_after_a_stop_is_waited_out(site: Site, tab: Tab) -> None:
+    """Timers came due while the page was stopped; each of them starts the next stage when it goes on."""
+    await tab.goto(
+        site.page(
+            "<p id=out></p><script>const say = (text) => out.append(text + ' ');"
+            "onclick = () => { setTimeout(() => { say('one'); setTimeout(() => say('two'), 60) }, 1200);"
+            "say('zero') }</script>"
+        )
+    )
+    await tab.step(NOWHERE)
+    assert tab.text == ["zero"]
+    with stopped(tab.slot):
+        await asyncio.sleep(1.3)
+    await tab.step(LeftClick(Target(coordinate=(990, 10))))
+    assert sorted(tab.text[0].split()) == ["one", "two", "zero", "zero"]
+    assert reason(tab) == "quiet"
+
+
+@pytest.mark.parametrize("at", [0.05, 0.3])
+async def test_a_stop_in_the_middle_of_settling_changes_nothing(at: float, site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<p id=out></p><script>onclick = () => setTimeout(() => { setTimeout(() => {"
+            "out.textContent = 'done' }, 200) }, 200)</script>"
+        )
+    )
+    step = asyncio.create_task(tab.step(NOWHERE))
+    await asyncio.sleep(at)
+    with stopped(tab.slot):
+        await asyncio.sleep(0.7)
+    await step
+    assert tab.text == ["done"]
+    assert reason(tab) == "quiet"
+
+
+async def test_the_deadline_holds_for_a_stopped_page(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(settle_seconds=1.0))
+    await tab.goto(site.page("<p>text</p><script>onclick = () => fetch('/nowhere')</script>"))
+    act = asyncio.create_task(tab.slot.act(NOWHERE))
+    await asyncio.sleep(0.02)
+    with stopped(tab.slot):
+        async with asyncio.timeout(BrowserConfig().execute_seconds + 5):
+            await act
+    await tab.step()
+    assert tab.text == ["text"]
+
+
+async def test_a_request_does_not_age_while_the_page_is_stopped(site: Site, open_tab: Open) -> None:
+    answer = asyncio.Event()
+    asked = asyncio.Event()
+
+    async def late(_: Request) -> Response:
+        asked.set()
+        await answer.wait()
+        await asyncio.sleep(0.3)
+        return Response("arrived")
+
+    site.on("/late", late)
+    tab = await open_tab(config=SHORT)
+    await tab.goto(
+        site.page(
+            "<p id=out>nothing</p><script>const go = async () => {"
+            "out.textContent = await (await fetch('/late')).text() };"
+            "onclick = () => setTimeout(go, 700)</script>"
+        )
+    )
+    with tab.slot.awake():
+        await tab.step(NOWHERE)
+        await asked.wait()
+    await asyncio.sleep(2 * SHORT.long_poll_seconds)
+    answer.set()
+    with tab.slot.awake():
+        await tab.step(Navigate("about:nothing"))  # refused: nothing happens to the page
+    assert tab.text == ["arrived"]

@@ -99,6 +99,8 @@ class Page:
         self.is_gone = False
         """The page closed itself: there is no tab any more."""
         self.is_closed = False
+        self.is_substitute = True
+        """No document is there, but the blank one that a tab begins with, or one that a failure left."""
         self.traffic = Traffic(session, target_id, config)
         self.timers = timers
         self.timers_set = 0
@@ -342,6 +344,7 @@ class Page:
         self.url = (frame.unreachable_url or frame.url) + frame.url_fragment
         self.status = self._statuses.get(frame.loader_id)
         self.loader = frame.loader_id
+        self.is_substitute = bool(frame.unreachable_url) or frame.url == BLANK
         if frame.unreachable_url and frame.loader_id != self._told_failure:
             said = self._failures.get(frame.loader_id, "it could not be opened")
             why, _ = self._why(self.url, said)

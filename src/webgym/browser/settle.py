@@ -141,7 +141,10 @@ class _Settling:
         times = {name: value * 1000 for name, value in seconds.items()}
         since = -1 if self._has_loaded else self._page.changes
         return await self._page.run(
-            "quiet", {"since": since, **times}, reply=_Quiet, seconds=config.settle_seconds
+            "quiet",
+            {"since": since, "blank": self._page.is_substitute, **times},
+            reply=_Quiet,
+            seconds=config.settle_seconds,
         )
 
     def _begin_document(self) -> None:

@@ -38,6 +38,7 @@
   };
   state.planned = null;
   state.idles = 0;
+  state.asked = 0; // frames and idle moments
   state.isTireless = false; // draws frame after frame, for ever
   for (const name of ['pointermove', 'pointerdown', 'keydown', 'wheel'])
     webgym.listen([name, onInput, { capture: true, passive: true }]);
@@ -54,7 +55,7 @@
   const VISIBLE = { opacityProperty: true, visibilityProperty: true };
 
   const overlooked = new WeakSet(); // what showed it for as long as anyone would wait
-  let isBlankKnown = false;
+  let isBlankKnown = false; // a page that shows nothing is to show nothing
 
   const isSeen = (element) => {
     if (!element.checkVisibility(VISIBLE)) return false;
@@ -139,8 +140,6 @@
     return performance.now() - start < limit;
   };
 
-  const work = () => frames.asked() + idles.asked();
-
   // Whether an animation runs that ends within the time that is waited for it.
   const isMoving = (limit) =>
     animations().some((animation) => {
@@ -149,20 +148,29 @@
       return Number.isFinite(end) && end - (animation.currentTime || 0) < limit;
     });
 
+  // Whether the page asked for a frame or an idle moment since this was asked last.
+  const hasPlanned = () => {
+    const before = state.asked;
+    state.asked = frames.asked() + idles.asked();
+    return state.asked !== before;
+  };
+
   // Resolves once the page showed no change for a while. Times in milliseconds:
   //   since     number of changes before the action; a page that has not changed since is given
   //   reaction  to do so, and one that has must be still for
   //   quiet     and is not waited for any longer after
   //   busy;
   //   linger    how long what shows that the page is loading is waited for to vanish.
+  // `blank` says that there is nothing to come on a page that shows nothing.
   // Time is counted in ticks of its own. A process that is stopped does not tick, so a clock that jumps
   // while timers that came due in the meantime fire one after the other makes nothing look still.
-  webgym.quiet = async ({ since, tick, reaction, quiet, busy, linger }) => {
+  webgym.quiet = async ({ since, tick, reaction, quiet, busy, linger, blank }) => {
+    isBlankKnown ||= blank;
     const { planned } = state;
     state.planned = null;
     webgym.attach();
     const early = timers.asked();
-    let [elapsed, still, known, asked] = [0, 0, state.changes, work()];
+    let [elapsed, still, known, isCounting] = [0, 0, state.changes, false];
     let found = null;
     const verdict = (reason) => {
       webgym.census(false);
@@ -171,11 +179,9 @@
         planned, early, timers: timers.asked(), handles: timers.given(),
       };
     };
-    // Still, and nothing that was planned for a frame or an idle moment is left.
+    // Still, and nothing that was planned for a frame or an idle moment is left. To count frames costs one.
     const isDone = async () => {
-      const before = asked;
-      asked = work();
-      if (asked !== before && !state.isTireless) return false;
+      if (hasPlanned() && !state.isTireless) return false;
       if (idles.asked() !== state.idles) {
         await idle(); // after the page's own
         state.idles = idles.asked();
@@ -202,10 +208,15 @@
       }
       if (elapsed >= Math.max(busy, found ? linger : 0)) {
         webgym.settleRestless();
-        state.isTireless ||= work() !== asked;
+        state.isTireless ||= hasPlanned();
+        found ||= sign(); // it was to be seen for as long as anyone waits
         return verdict('busy');
       }
-      if (elapsed >= busy / 3) webgym.census(true);
+      if (elapsed >= busy / 3 && !isCounting) {
+        isCounting = true;
+        webgym.census(true);
+        hasPlanned();
+      }
     }
   };
 })();

@@ -7,6 +7,7 @@ import contextlib
 import os
 import signal
 import socket
+from collections import Counter
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import msgspec
 import psutil
 import pytest
 import pytest_asyncio
+from prometheus_client.parser import text_string_to_metric_families
 
 from webgym.core.action import LeftClick, Navigate, Target
 from webgym.core.errors import (
@@ -36,7 +38,14 @@ from webgym.server import (
     SessionOptions,
     running_gateway,
 )
-from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepReply, StepRequest, Watched
+from webgym.server.messages import (
+    GENERATION_HEADER,
+    SECRET_HEADER,
+    Pressure,
+    StepReply,
+    StepRequest,
+    Watched,
+)
 from webgym.server.operations import OPERATIONS, STEP
 from webgym.server.ways import Way
 
@@ -217,11 +226,6 @@ async def test_what_is_published(gateway: RunningGateway, client: BrowserClient)
     assert pressure.operations["metadata"].done >= 1
     headers = {"authorization": f"Bearer {TOKEN}"}
     async with httpx.AsyncClient(base_url=gateway.url, headers=headers, trust_env=False) as http:
-        metrics = (await http.get("/metrics")).text
-        assert metrics.count("# TYPE webgym_slots gauge") == 1
-        for worker in info.workers:
-            assert f'webgym_slots{{worker="{worker.name}",state="free"}}' in metrics
-        assert f"webgym_gateway_workers {WORKERS}.0" in metrics
         health = await http.get("/healthz")
         assert (health.status_code, health.json()) == (200, {"status": "ok"})
         paths = (await http.get("/openapi.json")).json()["paths"]
@@ -229,6 +233,39 @@ async def test_what_is_published(gateway: RunningGateway, client: BrowserClient)
         async with http.stream("GET", "/v1/watch") as response:
             watched = msgspec.json.decode(await anext(response.aiter_lines()), type=Watched)
         assert watched.sessions == (session.id,)
+
+
+async def test_the_load_of_all_workers_adds_up(
+    site: Site, gateway: RunningGateway, client: BrowserClient
+) -> None:
+    """Per type of operation: in ``/pressure``, in ``/metrics`` worker by worker, and as it was done."""
+    before = (await client.pressure()).operations
+    for session in [await client.open() for _ in range(WORKERS)]:
+        await session.navigate(site.url())
+        await session.screenshot()
+        await session.screenshot()
+    pressure = await client.pressure()
+    done = {name: load.done - before[name].done for name, load in pressure.operations.items()}
+    assert (done["allocate"], done["navigate"], done["screenshot"]) == (WORKERS, WORKERS, 2 * WORKERS)
+    headers = {"authorization": f"Bearer {TOKEN}"}
+    async with httpx.AsyncClient(base_url=gateway.url, headers=headers, trust_env=False) as http:
+        text = (await http.get("/metrics")).text
+        each = [
+            msgspec.json.decode((await http.get(f"{worker.url}/pressure")).content, type=Pressure)
+            for worker in (await client.info()).workers
+        ]
+    families = list(text_string_to_metric_families(text))
+    named = {family.name: family for family in families}
+    assert len(named) == len(families), "every family once, whatever the number of workers"
+    counted: Counter[str] = Counter()
+    for sample in named["webgym_queue_done"].samples:
+        assert sample.labels["worker"] in {worker.name for worker in gateway.gateway.workers}
+        counted[sample.labels["queue"]] += int(sample.value)
+    assert counted == {name: load.done for name, load in pressure.operations.items()}
+    assert counted == {name: sum(one.operations[name].done for one in each) for name in counted}
+    assert pressure.permits.limit == sum(one.permits.limit for one in each)
+    assert [sample.value for sample in named["webgym_gateway_workers"].samples] == [WORKERS]
+    assert sum(sample.value for sample in named["webgym_slots"].samples) == pressure.slots.total
 
 
 @pytest.mark.parametrize("operation", OPERATIONS, ids=lambda operation: operation.name)

@@ -13,6 +13,7 @@ import httpx
 import msgspec
 import pytest
 import pytest_asyncio
+from prometheus_client.parser import text_string_to_metric_families
 
 from webgym.core.errors import (
     BrowserLaunchFailed,
@@ -85,6 +86,8 @@ async def test_a_large_body_is_refused(http: httpx.AsyncClient) -> None:
 async def test_unknown_paths_and_methods(http: httpx.AsyncClient) -> None:
     assert error(await http.get("/v2/sessions")) == (404, "protocol_error")
     assert error(await http.get("/v1/sessions")) == (405, "protocol_error")
+    for path in ("/v1/info/", "//v1/info", "/v1/../../etc/passwd", "/v1/sessions/a%2fb/step"):
+        assert error(await http.get(path)) == (404, "protocol_error"), path
 
 
 async def test_what_is_published(http: httpx.AsyncClient) -> None:
@@ -101,10 +104,18 @@ async def test_what_is_published(http: httpx.AsyncClient) -> None:
         "allocate",
         "release",
     }
-    metrics = (await http.get("/metrics")).text
-    assert 'webgym_queue_calls{queue="screenshot",state="waiting"} 0.0' in metrics
-    assert "webgym_operation_seconds_bucket" in metrics
-    assert "# TYPE webgym_egress_open gauge" in metrics
+    answer = await http.get("/metrics")
+    assert answer.headers["content-type"] == "text/plain; version=0.0.4; charset=utf-8"
+    families = {family.name: family for family in text_string_to_metric_families(answer.text)}
+    assert families["webgym_operation_seconds"].type == "histogram"
+    assert families["webgym_browser_launches"].type == "counter"
+    assert families["webgym_egress_open"].type == "gauge"
+    waiting = {
+        sample.labels["queue"]: sample.value
+        for sample in families["webgym_queue_calls"].samples
+        if sample.labels["state"] == "waiting"
+    }
+    assert waiting == {name: load["waiting"] for name, load in pressure["operations"].items()}
 
 
 async def test_the_openapi_document_holds_together(http: httpx.AsyncClient) -> None:

@@ -16,11 +16,11 @@ from starlette.requests import Request
 from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
-from webgym.core.errors import ProtocolError
+from webgym.core.errors import ProtocolError, WebGymError
 from webgym.server import ServerConfig
 from webgym.server.front import Front, decode
 from webgym.server.listening import listen, serving
-from webgym.server.messages import StepRequest
+from webgym.server.messages import StepRequest, error_of
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import INFO, STEP
 
@@ -185,7 +185,37 @@ async def test_who_goes_on_sending_is_cut_off(authorized: bool) -> None:
 )
 async def test_a_long_head_is_refused(head: bytes) -> None:
     async with served() as server:
-        assert (await server.answer(head)).startswith(b"HTTP/1.1 400 ")
+        assert f"larger than {HEAD_BYTES} bytes" in refused(await server.answer(head)).message
+
+
+@pytest.mark.parametrize(
+    "request_",
+    [
+        b"\x16\x03\x01\x02\x00\x01\x00",
+        b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n",
+        b"BREW /take HTTP/1.1\r\n\r\n",
+        b"GET /ta ke HTTP/1.1\r\n\r\n",
+        post(b"", b"content-length: -5"),
+        post(b"{}", b"content-length: 2", b"content-length: 3"),
+        post(chunked(b"x"), b"content-length: 2", CHUNKED),
+        post(b"nonsense\r\n", CHUNKED),
+        b"GET / HTTP/1.1\r\nbad\x00name: x\r\n\r\n",
+    ],
+    ids=["tls", "http2", "method", "path", "below zero", "two lengths", "length and chunks", "chunk", "name"],
+)
+async def test_what_is_not_http_is_told_so(request_: bytes) -> None:
+    async with served() as server:
+        assert "HTTP/1.1" in refused(await server.answer(request_)).message
+
+
+def refused(answer: bytes) -> WebGymError:
+    """The typed error of a refusal by the protocol."""
+    head, _, body = answer.partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 400 ")
+    assert f"content-length: {len(body)}".encode() in head
+    error = error_of(body, 400, "")
+    assert isinstance(error, ProtocolError)
+    return error
 
 
 async def test_a_long_body_is_not_taken_for_a_long_head() -> None:

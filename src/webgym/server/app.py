@@ -7,11 +7,9 @@ from typing import Any
 
 import msgspec
 from starlette.applications import Starlette
-from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.routing import Route
 
-from webgym.server.front import Front, decode, http_error, while_connected
+from webgym.server.front import Front, application, decode, while_connected
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionGrant, SessionOptions
 from webgym.server.operations import ALLOCATE, OPERATIONS, Operation
 from webgym.server.quota import Quota, client_of
@@ -27,13 +25,7 @@ def create_app(service: Service, token: str, *, instance: str = "", endpoint: st
         endpoint: its base URL, as others may reach it; empty if unknown.
     """
     calls = _Calls(service, token, instance, endpoint)
-    return Starlette(
-        routes=[
-            Route(operation.path, calls.endpoint(operation), methods=[operation.method])
-            for operation in OPERATIONS
-        ],
-        exception_handlers={HTTPException: http_error},
-    )
+    return application({operation: calls.endpoint(operation) for operation in OPERATIONS})
 
 
 class _Calls:

@@ -6,13 +6,15 @@ import asyncio
 import hmac
 import logging
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
 from typing import Any, TypeVar
 
 import msgspec
+from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response, StreamingResponse
+from starlette.routing import Route
 
 from webgym.core.errors import (
     BrowserError,
@@ -178,7 +180,20 @@ async def _disconnected(request: Request) -> None:
         pass
 
 
-async def http_error(_: Request, error: Exception) -> Response:
+def application(endpoints: Mapping[Operation, Callable[[Request], Awaitable[Response]]]) -> Starlette:
+    """A server's routes. What is not exactly one of them is an error, never led elsewhere."""
+    app = Starlette(
+        routes=[
+            Route(operation.path, endpoint, methods=[operation.method])
+            for operation, endpoint in endpoints.items()
+        ],
+        exception_handlers={HTTPException: _http_error},
+    )
+    app.router.redirect_slashes = False
+    return app
+
+
+async def _http_error(_: Request, error: Exception) -> Response:
     """A path or method that does not exist."""
     assert isinstance(error, HTTPException)
     return error_response(ProtocolError(error.detail, hint="see /openapi.json"), error.status_code)

@@ -17,16 +17,14 @@ from typing import Any
 
 import msgspec
 from starlette.applications import Starlette
-from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
-from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
 from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, WorkerLost
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 from webgym.server.feed import Feed
-from webgym.server.front import Front, decode, http_error, while_connected
+from webgym.server.front import Front, application, decode, while_connected
 from webgym.server.line import Line
 from webgym.server.listening import listen, serving, url_of
 from webgym.server.local import LocalHosts
@@ -317,10 +315,7 @@ def create_gateway_app(gateway: Gateway, token: str, instance: str) -> Starlette
 
         return front.endpoint(operation, serve)
 
-    return Starlette(
-        routes=[Route(each.path, work(each), methods=[each.method]) for each in OPERATIONS],
-        exception_handlers={HTTPException: http_error},
-    )
+    return application({operation: work(operation) for operation in OPERATIONS})
 
 
 class RunningGateway:

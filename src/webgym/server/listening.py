@@ -11,18 +11,20 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from typing import Any
 
+import msgspec
 import uvicorn
 from starlette.types import ASGIApp
 from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
-from webgym.core.errors import ConfigError
+from webgym.core.errors import ConfigError, ProtocolError
 from webgym.server.config import ServerConfig
+from webgym.server.messages import ErrorBody, ErrorReply
 
 log = logging.getLogger(__name__)
 
 _BACKLOG = 2048
 _PROBES = 3
-_LONG_HEAD = "The head of the request is too long."
+_NOT_HTTP = "this is no request in HTTP/1.1"
 _THROWN_AWAY = 8
 """A body is refused when it is too large, and the answer needs a caller who still listens: what he sends
 meanwhile is thrown away, up to so many times the largest body."""
@@ -101,6 +103,7 @@ def _bounded(config: ServerConfig) -> type[HttpToolsProtocol]:
     request.
     """
     most_bytes = config.head_bytes + _THROWN_AWAY * config.body_bytes
+    long_head = f"the request's line and headers are larger than {config.head_bytes} bytes"
 
     class Bounded(HttpToolsProtocol):
         _head_bytes = 0  # of what the parser told of the head
@@ -129,7 +132,7 @@ def _bounded(config: ServerConfig) -> type[HttpToolsProtocol]:
                 return
             self._bytes += len(data)
             if self._in_head and self._bytes > config.head_bytes:
-                self.send_400_response(_LONG_HEAD)
+                self.send_400_response(long_head)
             elif self._bytes > most_bytes:
                 self.transport.abort()
 
@@ -160,7 +163,20 @@ def _bounded(config: ServerConfig) -> type[HttpToolsProtocol]:
             self._head_bytes += by
             if self._head_bytes > config.head_bytes:
                 # The parser makes a parser error of it, which is answered with 400 and the end.
-                raise ValueError(_LONG_HEAD)
+                raise ValueError(long_head)
+
+        def send_400_response(self, msg: str) -> None:
+            """As our own errors look, which uvicorn's words do not."""
+            said = long_head if msg == long_head or self._head_bytes > config.head_bytes else _NOT_HTTP
+            body = msgspec.json.encode(ErrorReply(ErrorBody(ProtocolError.code, said)))
+            head = (
+                "HTTP/1.1 400 Bad Request",
+                "content-type: application/json",
+                f"content-length: {len(body)}",
+                "connection: close",
+            )
+            self.transport.write("\r\n".join([*head, "", ""]).encode("ascii") + body)
+            self.transport.close()
 
         def _expect(self) -> None:
             if self._deadline is None:

@@ -45,10 +45,10 @@ class _Load(Collector):
             slots.add_metric([state], count)
         yield slots
         yield GaugeMetricFamily("webgym_sessions", "Live leases", value=len(self._leases))
-        yield GaugeMetricFamily("webgym_sessions_expired", "Leases taken back", value=self._leases.expired)
+        yield CounterMetricFamily("webgym_sessions_expired", "Leases taken back", value=self._leases.expired)
         yield from _egress_metrics(self._pool.egress.load)
         launches = sum(slot.launches for slot in self._pool.slots)
-        yield GaugeMetricFamily("webgym_browser_launches", "Browsers brought up", value=launches)
+        yield CounterMetricFamily("webgym_browser_launches", "Browsers brought up", value=launches)
 
 
 def _egress_metrics(load: EgressLoad) -> Iterable[Metric]:

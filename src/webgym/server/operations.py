@@ -33,7 +33,7 @@ QUEUES: tuple[QueueName, ...] = ("navigate", "execute", "screenshot", "metadata"
 JSON = "application/json"
 MSGPACK = "application/msgpack"
 PNG = "image/png"
-TEXT = "text/plain"
+TEXT = "text/plain; version=0.0.4"
 LINES = "application/x-ndjson"
 
 

@@ -38,6 +38,13 @@ def command(
         "--worker-host",
         help="Address where workers listen. One that clients reach saves them the way through the gateway.",
     ),
+    worker_ports: str | None = typer.Option(
+        None,
+        "--worker-ports",
+        metavar="FIRST-LAST",
+        help="Ports of which workers take one each, for a firewall to let through.",
+        show_default="any that is free",
+    ),
     sessions_per_client: int | None = typer.Option(
         None, "--sessions-per-client", min=1, help="Most sessions of one client.", show_default="no limit"
     ),
@@ -111,7 +118,10 @@ def command(
         config = ServerConfig.model_validate(
             {key: value for key, value in settings.items() if value is not None}
         )
-        fleet = GatewayConfig(workers=workers, worker_host=worker_host)
+        ports = None if worker_ports is None else worker_ports.split("-")
+        fleet = GatewayConfig.model_validate(
+            {"workers": workers, "worker_host": worker_host, "worker_ports": ports}
+        )
         cluster = None
         if ray is not None:
             cluster = RayConfig(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -13,6 +13,9 @@ from webgym.browser.config import BrowserConfig
 def usable_cores() -> int:
     """Processors that this process may use."""
     return len(os.sched_getaffinity(0))
+
+
+Port = Annotated[int, Field(gt=0, le=65535)]
 
 
 class Admission(BaseModel):
@@ -57,6 +60,9 @@ class ServerConfig(BaseModel):
 
     port: int = Field(default=0, ge=0, le=65535)
     """0 takes a free one."""
+
+    ports: tuple[Port, Port] | None = None
+    """First and last of those of which a free one is taken instead, where a firewall must know them."""
 
     token: str | None = Field(default=None, min_length=16, repr=False)
     """Bearer token of every call but ``/healthz``; ``None`` makes a random one."""
@@ -139,6 +145,10 @@ class GatewayConfig(BaseModel):
     worker_host: str = "127.0.0.1"
     """Where local workers listen. Loopback serves clients on this machine; others go through the gateway
     unless this is an address that they reach."""
+
+    worker_ports: tuple[Port, Port] | None = None
+    """First and last of the ports that workers listen on, as many as a machine has workers and some more;
+    ``None`` for any that is free."""
 
     start_seconds: float = Field(default=90.0, gt=0)
     """From starting a worker until its first browser is up."""

@@ -57,20 +57,39 @@ def listen(config: ServerConfig) -> socket.socket:
     Raises:
         ConfigError: the address cannot be listened on.
     """
+    if config.ports is None:
+        try:
+            return _listening(config, config.port)
+        except OSError as error:
+            raise ConfigError(
+                f"{config.host}:{config.port} cannot be listened on: {error.strerror}",
+                hint="choose another --port, or 0 for a free one",
+            ) from error
+    first, last = config.ports
+    why = f"{first} is above {last}"
+    for port in range(first, last + 1):
+        try:
+            return _listening(config, port)
+        except OSError as error:
+            why = error.strerror or str(error)
+    raise ConfigError(
+        f"none of the ports {first} to {last} of {config.host} can be listened on: {why}",
+        hint="give --worker-ports more of them than there are workers",
+    )
+
+
+def _listening(config: ServerConfig, port: int) -> socket.socket:
     family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    for option in keep_alive_options(config.dead_peer_seconds):
-        listener.setsockopt(*option)  # accepted connections inherit them
     try:
-        listener.bind((config.host, config.port))
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        for option in keep_alive_options(config.dead_peer_seconds):
+            listener.setsockopt(*option)  # accepted connections inherit them
+        listener.bind((config.host, port))
         listener.listen(_BACKLOG)
-    except OSError as error:
+    except OSError:
         listener.close()
-        raise ConfigError(
-            f"{config.host}:{config.port} cannot be listened on: {error.strerror}",
-            hint="choose another --port, or 0 for a free one",
-        ) from error
+        raise
     return listener
 
 

@@ -29,7 +29,9 @@ class LocalHost:
     def shares(self) -> tuple[ServerConfig, ...]:
         """As many as are asked for, or as there are processors for."""
         cores = usable_cores()
-        own = self._server.model_copy(update={"host": self._config.worker_host})
+        own = self._server.model_copy(
+            update={"host": self._config.worker_host, "ports": self._config.worker_ports}
+        )
         slots = split(own.slots, cores, self._config)
         return tuple(
             share_of(own, count, cores / len(slots), share=count / own.slots, of_cores=cores)

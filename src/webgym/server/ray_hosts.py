@@ -115,7 +115,8 @@ class RayHost:
         cpus = _cpus(self._node)
         slots = self._cluster.slots_per_node or max(1, int(cpus * self._cluster.slots_per_cpu))
         counts = split(slots, cpus, self._config)
-        own = self._server.model_copy(update={"host": self._node["NodeManagerAddress"]})
+        where = {"host": self.place, "ports": self._config.worker_ports}
+        own = self._server.model_copy(update=where)
         return tuple(
             share_of(own, count, cpus / len(counts), share=count / slots, of_cores=usable_cores())
             for count in counts

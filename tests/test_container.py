@@ -10,6 +10,7 @@ import re
 import subprocess
 import sys
 import threading
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -58,8 +59,9 @@ def last_stage() -> dict[str, str]:
 
 def test_the_image_is_made_from_a_named_release_and_from_our_lock() -> None:
     every = instructions()
-    [base] = [rest for word, rest in every if word == "ARG"]
+    base, extras = [rest for word, rest in every if word == "ARG"]
     assert re.fullmatch(r"BASE=debian:\d+-slim", base)
+    assert extras == "EXTRAS=", "none, unless they are asked for"
     assert all(rest.startswith("${BASE}") for word, rest in every if word == "FROM")
     installs = re.findall(
         r"pip install (.*?)(?:&&|$)", " && ".join(rest for word, rest in every if word == "RUN")
@@ -67,6 +69,20 @@ def test_the_image_is_made_from_a_named_release_and_from_our_lock() -> None:
     assert installs
     for install in installs:
         assert "--constraint requirements/dev.txt" in install or "--no-deps" in install
+
+
+@pytest.mark.parametrize("extras", [(), ("ray",)])
+def test_what_it_installs_is_what_we_need(extras: tuple[str, ...]) -> None:
+    runs = " ".join(rest for word, rest in instructions() if word == "RUN")
+    [code] = re.findall(r'python3 -c "(import sys, tomllib.*?)" \$\{EXTRAS\} >needed.txt', runs)
+    answer = subprocess.run(
+        [sys.executable, "-c", code, *extras], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    wanted = project["dependencies"] + [
+        each for extra in extras for each in project["optional-dependencies"][extra]
+    ]
+    assert answer.stdout.splitlines() == wanted
 
 
 def test_it_does_not_run_as_root_and_has_an_init() -> None:
@@ -161,6 +177,90 @@ def test_the_document_runs_it_the_same_way() -> None:
         "--tmpfs /tmp",
     ):
         assert flag in text
+
+
+# --- on Kubernetes ------------------------------------------------------------------------------------
+
+KUBERNETES: dict[str, dict[str, Any]] = {
+    one["kind"]: one for one in yaml.safe_load_all((DEPLOY / "kuberay.yaml").read_text())
+}
+CLUSTER, DEPLOYMENT = KUBERNETES["RayCluster"]["spec"], KUBERNETES["Deployment"]["spec"]
+PODS: dict[str, dict[str, Any]] = {
+    "head": CLUSTER["headGroupSpec"]["template"],
+    "browsers": CLUSTER["workerGroupSpecs"][0]["template"],
+    "gateway": DEPLOYMENT["template"],
+}
+
+
+@pytest.mark.parametrize("name", PODS)
+def test_pods_are_confined_as_the_container_is(name: str) -> None:
+    pod = PODS[name]["spec"]
+    [container] = pod["containers"]
+    confined = container["securityContext"]
+    assert confined["runAsNonRoot"] is True
+    assert confined["runAsUser"] == int(last_stage()["USER"].partition(":")[0])
+    assert confined["readOnlyRootFilesystem"] is COMPOSE["read_only"]
+    assert confined["allowPrivilegeEscalation"] is False
+    assert confined["capabilities"] == {"drop": COMPOSE["cap_drop"]}
+    profile = confined["seccompProfile"]
+    assert profile["type"] == "Localhost"
+    assert (
+        f"deploy/seccomp.json as /var/lib/kubelet/seccomp/{profile['localhostProfile']}"
+        in (DEPLOY / "kuberay.yaml").read_text()
+    )
+    assert pod["automountServiceAccountToken"] is False
+    assert pod["shareProcessNamespace"] is True, "there is no init of our own"
+    assert container["resources"]["requests"] == container["resources"]["limits"]
+    mounted = {mount["mountPath"]: mount["name"] for mount in container["volumeMounts"]}
+    volumes = {volume["name"]: volume["emptyDir"] for volume in pod["volumes"]}
+    assert volumes.keys() == set(mounted.values())
+    assert volumes[mounted["/tmp"]]["medium"] == "Memory"
+    assert "medium" not in volumes[mounted["/tmp/ray"]]
+
+
+def test_the_nodes_of_the_cluster_agree() -> None:
+    lock = (ROOT / "requirements" / "dev.txt").read_text()
+    assert f"ray=={CLUSTER['rayVersion']}\n" in lock, "the image's"
+    head, group = CLUSTER["headGroupSpec"], CLUSTER["workerGroupSpecs"][0]
+    assert head["rayStartParams"]["num-cpus"] == "0", "no browser beside the books"
+    assert "num-cpus" not in group["rayStartParams"], "the pod's limit is what counts"
+    for each in (head, group):
+        parameters = each["rayStartParams"]
+        assert all(isinstance(value, str) for value in parameters.values()), "as the operator wants them"
+        probes = [each["template"]["spec"]["containers"][0][f"{kind}nessProbe"] for kind in ("live", "readi")]
+        ports = {probe["tcpSocket"]["port"] for probe in probes}
+        assert ports == {6379 if each is head else int(parameters["node-manager-port"])}
+    images = {pod["spec"]["containers"][0]["image"] for pod in PODS.values()}
+    assert len(images) == 1
+
+
+def test_the_gateway_is_a_node_and_a_command_of_ours() -> None:
+    [container] = PODS["gateway"]["spec"]["containers"]
+    joins, _, serves = container["args"][0].partition(" && exec ")
+    name = KUBERNETES["RayCluster"]["metadata"]["name"]
+    assert joins.startswith(f"ray start --address={name}-head-svc:6379 --num-cpus=0 ")
+    words = serves.split()
+    assert words[:2] == ["webgym", "serve"]
+    group: Any = typer.main.get_command(cli.build("serve"))
+    context = group.commands["serve"].make_context("serve", words[2:])
+    port = int(last_stage()["EXPOSE"])
+    assert (context.params["ray"], context.params["port"], context.params["sandbox"]) == ("auto", port, "on")
+    assert container["ports"][0]["containerPort"] == port
+    assert container["readinessProbe"]["httpGet"]["path"] == "/healthz"
+    assert {each["name"] for each in container["env"] if "valueFrom" in each} == {"WEBGYM_TOKEN"}
+    assert DEPLOYMENT["replicas"] == 1
+    assert DEPLOYMENT["strategy"]["type"] == "Recreate"
+    service = KUBERNETES["Service"]["spec"]
+    labels = PODS["gateway"]["metadata"]["labels"]
+    assert service["selector"].items() <= labels.items()
+    assert DEPLOYMENT["selector"]["matchLabels"].items() <= labels.items()
+    assert service["ports"][0]["targetPort"] == container["ports"][0]["name"]
+    first, last = map(int, context.params["worker_ports"].split("-"))
+    policy = KUBERNETES["NetworkPolicy"]["spec"]
+    selector = policy["podSelector"]["matchLabels"].items()
+    assert all(selector <= pod["metadata"]["labels"].items() for pod in PODS.values())
+    _, clients = policy["ingress"]
+    assert clients["ports"] == [{"port": port}, {"port": first, "endPort": last}]
 
 
 # --- the filter of system calls -----------------------------------------------------------------------

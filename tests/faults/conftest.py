@@ -71,7 +71,12 @@ async def pages() -> AsyncIterator[str]:
 async def server(temporary: Path) -> AsyncIterator[RunningServer]:
     browser = BROWSER.model_copy(update={"temporary_root": temporary})
     config = ServerConfig(
-        slots=2, allocate_seconds=30, receive_seconds=2, dead_peer_seconds=2, browser=browser
+        slots=2,
+        allocate_seconds=30,
+        receive_seconds=2,
+        dead_peer_seconds=2,
+        sweep_seconds=0.5,
+        browser=browser,
     )
     async with running_server(config) as server:
         yield server

@@ -185,6 +185,16 @@ async def test_browsers_that_die_in_line_are_not_handed_out(fault: Around) -> No
         for slot in bench.server.service.pool.slots:
             assert slot.process is not None
             os.killpg(slot.process.pid, signal.SIGKILL)
+        await bench.until(lambda: not any(slot.is_up for slot in bench.server.service.pool.slots))
         session, _ = await bench.open()
         assert (await session.step()).observation.title == "calm"
         await session.close()
+
+
+async def test_what_another_server_leaves_when_it_dies_later_is_cleared_away(
+    fault: Around, temporary: Path
+) -> None:
+    async with fault() as bench:
+        left = next(temporary.glob("webgym-*")) / "999999999-dead"
+        (left / "1-x" / "profile").mkdir(parents=True)
+        await bench.until(lambda: not left.exists())

@@ -7,12 +7,19 @@ import logging
 import sys
 from asyncio.subprocess import PIPE, Process
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 
 import msgspec
 
 from webgym.core.errors import ServerUnreachable
-from webgym.server import ServerConfig, running_server
+from webgym.server import (
+    GatewayConfig,
+    RunningGateway,
+    RunningServer,
+    ServerConfig,
+    running_gateway,
+    running_server,
+)
 
 
 class Address(msgspec.Struct, frozen=True):
@@ -26,32 +33,63 @@ class Address(msgspec.Struct, frozen=True):
 _STOP_SECONDS = 60.0
 
 
+class _Settings(msgspec.Struct, frozen=True):
+    """As JSON each. Without a fleet it is one worker alone."""
+
+    config: str
+    fleet: str | None
+
+
 @asynccontextmanager
 async def server_apart(config: ServerConfig) -> AsyncIterator[Address]:
     """Run a server in a process of its own for the length of the block."""
-    process = await asyncio.create_subprocess_exec(sys.executable, "-m", __name__, stdin=PIPE, stdout=PIPE)
+    process, address = await start_apart(config)
     try:
-        yield await _address(process, config)
+        yield address
     finally:
-        assert process.stdin is not None
-        process.stdin.close()  # the end of its input is its end
-        try:
-            async with asyncio.timeout(_STOP_SECONDS):
-                await process.wait()
-        except TimeoutError:
-            process.kill()
+        await stop_apart(process)
+
+
+async def start_apart(
+    config: ServerConfig, fleet: GatewayConfig | None = None, log: int | None = None
+) -> tuple[Process, Address]:
+    """Start a server as a process of its own: one worker, or a gateway where there is a fleet.
+
+    Args:
+        log: descriptor that its log goes to; ``None`` for where ours goes.
+
+    Raises:
+        ServerUnreachable: it does not come up.
+    """
+    settings = _Settings(config.model_dump_json(), fleet.model_dump_json() if fleet else None)
+    command = (sys.executable, "-m", __name__)
+    process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, stderr=log)
+    try:
+        return process, await _address(process, settings)
+    except BaseException:
+        await stop_apart(process)
+        raise
+
+
+async def stop_apart(process: Process) -> None:
+    """Tell it to end, and wait until it has."""
+    assert process.stdin is not None
+    process.stdin.close()  # the end of its input is its end
+    try:
+        async with asyncio.timeout(_STOP_SECONDS):
             await process.wait()
+    except TimeoutError:
+        process.kill()
+        await process.wait()
 
 
-async def _address(process: Process, config: ServerConfig) -> Address:
+async def _address(process: Process, settings: _Settings) -> Address:
     assert process.stdin is not None
     assert process.stdout is not None
-    process.stdin.write(config.model_dump_json().encode() + b"\n")
+    process.stdin.write(msgspec.json.encode(settings) + b"\n")
     line = await process.stdout.readline()
     if not line:
-        raise ServerUnreachable(
-            "the server that was to be measured did not come up", hint="see `webgym doctor`"
-        )
+        raise ServerUnreachable("the server did not come up", hint="see `webgym doctor`")
     said = msgspec.json.decode(line, type=dict[str, str])
     return Address(said["url"], said["token"], process.pid)
 
@@ -60,8 +98,14 @@ async def _serve() -> None:
     loop = asyncio.get_running_loop()
     reader = asyncio.StreamReader()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
-    config = ServerConfig.model_validate_json(await reader.readline())
-    async with running_server(config) as server:
+    settings = msgspec.json.decode(await reader.readline(), type=_Settings)
+    config = ServerConfig.model_validate_json(settings.config)
+    running: AbstractAsyncContextManager[RunningServer | RunningGateway] = (
+        running_server(config)
+        if settings.fleet is None
+        else running_gateway(config, GatewayConfig.model_validate_json(settings.fleet))
+    )
+    async with running as server:
         print(msgspec.json.encode({"url": server.url, "token": server.token}).decode(), flush=True)
         await reader.read()  # until its end
 

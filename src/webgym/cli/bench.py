@@ -122,3 +122,67 @@ def settle(
         show(tables, Console())
     for one in ways:
         print(f"not always final with {one}: {', '.join(misses(trials, one)) or 'none'}")
+
+
+@app.command()
+def soak(
+    minutes: float = typer.Option(
+        5.0, "--minutes", min=0.05, help="How long clients come and faults happen."
+    ),
+    seed: int = typer.Option(0, "--seed", help="Of all choices; what they meet is up to timing."),
+    clients: int = typer.Option(10, "--clients", min=1, help="Clients at work at once."),
+    slots: int = typer.Option(6, "--slots", min=1, help="Sessions at once, over all workers."),
+    workers: int = typer.Option(2, "--workers", min=1, help="Worker processes behind the gateway."),
+    faults: float = typer.Option(20.0, "--faults", min=0.1, help="Faults per minute, on average."),
+    hostile: float = typer.Option(
+        0.25, "--hostile", min=0.0, max=1.0, help="Share of the pages that mean harm."
+    ),
+    browser: Path | None = typer.Option(None, "--browser", help="Chromium to run.", show_default="found"),
+    log: Path = typer.Option(
+        Path("/dev/null"), "--log", help="Add the server's log to this file.", show_default="thrown away"
+    ),
+    json: Path | None = typer.Option(None, "--json", help="Write everything here."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+) -> None:
+    """A real server, clients on calm and hostile pages, and random faults: do the books balance afterwards?
+
+    Kills and stops browsers, renderers, GPU processes, workers and the gateway, fills the disk (as root), and
+    lets clients vanish. Then every session must be accounted for, every error have a type, every slot serve
+    again, and no process, lease, file, profile or descriptor be left. Exit code 1 if not.
+
+    Starts its own server and pages; needs nothing else, and touches no process but its own.
+    """
+    import logging
+
+    import msgspec
+    import uvloop
+    from rich.console import Console
+
+    from webgym.bench.soak import Soak, SoakPlan, soak_tables
+    from webgym.bench.soak import soak as run
+    from webgym.bench.soak.progress import progress
+    from webgym.bench.tables import markdown, show
+
+    logging.basicConfig(level=logging.CRITICAL, format="%(levelname)s %(message)s")
+    plan = SoakPlan(
+        seconds=minutes * 60,
+        seed=seed,
+        clients=clients,
+        slots=slots,
+        workers=workers,
+        faults=faults,
+        hostile=hostile,
+    )
+    with progress(Console(stderr=True), plan.seconds) as watch:
+        found: Soak = uvloop.run(run(plan, browser, watch, log))
+    if json is not None:
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+    if as_markdown:
+        print(markdown(soak_tables(found)))
+    else:
+        show(soak_tables(found), Console())
+    for problem in found.problems:
+        print(f"does not balance: {problem}")
+    if found.problems:
+        raise typer.Exit(1)
+    print("The books balance.")

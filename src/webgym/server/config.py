@@ -79,6 +79,10 @@ class ServerConfig(BaseModel):
     relaunch_seconds: tuple[float, float] = (0.5, 30.0)
     """First and longest pause before a browser that did not come up is tried again."""
 
+    sweep_seconds: float = Field(default=30.0, gt=0)
+    """Between two looks for what dead servers left in the temporary folder. One that ends badly after the
+    last start of another is not found otherwise. A look costs a lock per living server."""
+
     allocate_seconds: float = Field(default=60.0, ge=0)
     """How long a caller waits in line for a free slot before ``no_capacity``."""
 

@@ -53,9 +53,7 @@ class Pool:
         Raises:
             BrowserLaunchFailed: no browser comes up.
         """
-        swept = await asyncio.to_thread(self._profiles.sweep)
-        if swept:
-            log.warning("removed what %d dead server(s) left behind", len(swept))
+        await self._sweep()
         await self.egress.start()
         first = self._new_slot(self._config.browser)
         await self._make_ready(first)
@@ -64,8 +62,22 @@ class Pool:
         self.browser, self.sandbox = first.process.version, first.sandbox
         self._free.put_nowait(first)
         self._keep(self.memory.run())
+        self._keep(self._go_on_sweeping())
         for _ in range(self._config.slots - 1):
             self._in_background(self._new_slot(self._config.browser))
+
+    async def _sweep(self) -> None:
+        swept = await asyncio.to_thread(self._profiles.sweep)
+        if swept:
+            log.warning("removed what %d dead server(s) left behind", len(swept))
+
+    async def _go_on_sweeping(self) -> None:
+        while True:
+            await asyncio.sleep(self._config.sweep_seconds)
+            try:
+                await self._sweep()
+            except OSError as error:
+                log.error("what dead servers left cannot be removed: %s", error)
 
     def _browsers(self) -> list[BrowserProcess]:
         processes = (slot.process for slot in self._slots)

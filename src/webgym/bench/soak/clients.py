@@ -1,0 +1,124 @@
+"""Programs that use browsers as agents do, on calm pages and on hostile ones."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import Counter
+from collections.abc import Awaitable, Callable
+from random import Random
+from typing import TypeVar
+
+from webgym.bench.hostile import PAGES
+from webgym.bench.soak.books import Books
+from webgym.bench.soak.plan import SoakPlan
+from webgym.browser.document import ReadRequest
+from webgym.core.action import BrowserAction, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
+from webgym.core.observation import Notice
+from webgym.server import BrowserClient, Session, SessionOptions
+
+T = TypeVar("T")
+
+_HOSTILE = (*sorted(PAGES), "/dom/endless")
+_MOST_STEPS = 12
+_THINK_SECONDS = 0.6
+_REFUSED_SECONDS = 0.3
+"""Pause after no session was to be had: a gateway that is down refuses at once."""
+_TTL_SECONDS = 10.0
+
+
+class Agent:
+    """Opens one session after the other, and does something with each.
+
+    Args:
+        client: its way to the server.
+        site: base URL of the hostile pages; what is none of them is calm.
+        seed: of its choices.
+    """
+
+    def __init__(self, plan: SoakPlan, books: Books, client: BrowserClient, site: str, seed: str) -> None:
+        self._plan = plan
+        self._books = books
+        self._client = client
+        self._site = site
+        self._random = Random(seed)
+
+    async def run(self, over: asyncio.Event) -> None:
+        """Go on until it is over; the session that is open then is closed in order."""
+        while not over.is_set():
+            options = SessionOptions(
+                mode=self._random.choice(("coordinates", "marks")),
+                text=self._random.random() < 0.3,
+                jpeg_quality=self._random.choice((None, None, 80)),
+                ttl_seconds=_TTL_SECONDS,
+            )
+            try:
+                session = await self._timed("open", self._client.open(options))
+            except Exception as error:  # every type of error is what is counted here
+                self._books.refuse(error)
+                await asyncio.sleep(_REFUSED_SECONDS)
+                continue
+            self._books.opened += 1
+            await self._episode(session, over)
+
+    async def _episode(self, session: Session, over: asyncio.Event) -> None:
+        try:
+            for _ in range(self._random.randint(1, _MOST_STEPS)):
+                await self._step(session)
+                self._books.steps += 1
+                if over.is_set():
+                    break
+                await asyncio.sleep(self._random.uniform(0, _THINK_SECONDS))
+            await self._timed("heartbeat", session.heartbeat())  # says whether it has lived to its end
+        except Exception as error:
+            self._books.lose(error)
+        else:
+            self._books.closed += 1
+        finally:
+            await session.close()
+
+    async def _step(self, session: Session) -> None:
+        pick = self._random.random()
+        if pick < 0.05:
+            await self._timed("screenshot", session.screenshot())
+        elif pick < 0.10:
+            await self._timed("metadata", session.metadata())
+        elif pick < 0.13:
+            await self._timed("read", session.read(ReadRequest()))
+        else:
+            action = self._action()
+            view = await self._timed(f"step {action}"[:200], session.step(action))
+            self._note(view.observation.notices)
+
+    def _note(self, notices: tuple[Notice, ...]) -> None:
+        self._books.notices += Counter(notice.kind for notice in notices)
+
+    def _action(self) -> BrowserAction | None:
+        where = Target(coordinate=(self._random.randint(0, 1000), self._random.randint(0, 1000)))
+        choices: list[Callable[[], BrowserAction | None]] = [
+            self._page,
+            self._page,
+            self._page,
+            lambda: LeftClick(where),
+            lambda: LeftClick(where),
+            lambda: Type(where, "a text"),
+            lambda: Scroll(self._random.choice(("up", "down"))),
+            lambda: Wait(self._random.uniform(0, 1)),
+            GoBack,
+            lambda: None,
+        ]
+        return self._random.choice(choices)()
+
+    def _page(self) -> Navigate:
+        path = f"/calm/{self._random.randint(0, 99)}"
+        if self._random.random() < self._plan.hostile:
+            path = self._random.choice(_HOSTILE)
+        self._books.pages[path.split("/")[1]] += 1
+        return Navigate(self._site + path)
+
+    async def _timed(self, what: str, call: Awaitable[T]) -> T:
+        clock = asyncio.get_running_loop().time
+        began = clock()
+        try:
+            return await call
+        finally:
+            self._books.took(clock() - began, what)

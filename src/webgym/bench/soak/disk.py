@@ -1,0 +1,75 @@
+"""A small disk that can be filled without harm to anybody else."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_CHUNK = bytes(1024 * 1024)
+_MOUNT_SECONDS = 10.0
+
+
+class Disk:
+    """A folder, if possible on a file system of its own.
+
+    Attributes:
+        why_not: why it has none; empty if it has.
+    """
+
+    def __init__(self, path: Path, why_not: str) -> None:
+        self.path = path
+        self.why_not = why_not
+        self._ballast = path / "ballast"
+
+    @property
+    def can_be_filled(self) -> bool:
+        """Whether it is nobody else's."""
+        return not self.why_not
+
+    def fill(self) -> None:
+        """Leave no byte free. Blocks for a moment."""
+        assert self.can_be_filled
+        # Not buffered: what does not fit any more is refused at once.
+        with self._ballast.open("ab", buffering=0) as file:
+            chunk = memoryview(_CHUNK)
+            while chunk:
+                try:
+                    file.write(chunk)
+                except OSError:  # no room for it: less, then
+                    chunk = chunk[: len(chunk) // 2]
+
+    def clear(self) -> None:
+        """Give the room back."""
+        self._ballast.unlink(missing_ok=True)
+
+
+def _mount(path: Path, size: int) -> str:
+    """Put a file system in memory there. Why it is not possible, or nothing."""
+    if os.geteuid() != 0:
+        return "only root may mount a disk to fill"
+    command = ["mount", "-t", "tmpfs", "-o", f"size={size},mode=700", "webgym-soak", str(path)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=_MOUNT_SECONDS, check=False)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return f"no disk to fill: {error}"
+    return f"no disk to fill: {done.stderr.strip()}" if done.returncode else ""
+
+
+@contextmanager
+def small_disk(size: int) -> Iterator[Disk]:
+    """A folder for the length of the block; on a disk of so many bytes where we may mount one."""
+    path = Path(tempfile.mkdtemp(prefix="webgym-soak-"))
+    why_not = _mount(path, size)
+    try:
+        yield Disk(path, why_not)
+    finally:
+        if not why_not:
+            subprocess.run(["umount", "--lazy", str(path)], timeout=_MOUNT_SECONDS, check=False)
+        with contextlib.suppress(OSError):
+            shutil.rmtree(path)

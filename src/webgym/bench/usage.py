@@ -25,7 +25,7 @@ class CpuTimes:
     def __init__(self, root: int) -> None:
         self._root = root
         self._seen: dict[tuple[int, float], tuple[str, float]] = {}
-        self._look()
+        self._seen = self._look()
 
     def _look(self) -> dict[tuple[int, float], tuple[str, float]]:
         top = psutil.Process(self._root)

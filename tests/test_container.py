@@ -346,3 +346,21 @@ def test_a_server_with_its_sandbox_works_behind_the_filter(confined: tuple[Path,
         [renderer] = [one for one in said["processes"].values() if one["kind"] == "renderer"]
         assert int(renderer["Seccomp_filters"]) > int(said["own"]["Seccomp_filters"])
         assert renderer["user"] != said["own"]["user"]
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+def test_a_node_of_a_ray_cluster_works_behind_the_filter(confined: tuple[Path, list[str]]) -> None:
+    """Ray, the gateway and a browser, as the pods of ``deploy/kuberay.yaml`` confine them."""
+    pytest.importorskip("ray")
+    folder, command = confined
+    node = Path(__file__).with_name("server") / "confined.py"
+    answer = unprivileged.python(folder, *command, "-c", node.read_text(), str(find_browser().path))
+    assert answer.returncode == 0, answer.stderr
+    said = json.loads(answer.stdout.splitlines()[-1])
+    assert said["picture"] == "\x89PNG"
+    assert {"raylet", "ray::NodeActor", "webgym.server.child"} <= said["filters"].keys()
+    assert set(said["filters"].values()) == {"2"}
+    assert {int(each, 16) for each in said["capabilities"].values()} == {0}
+    if unprivileged.can_make_namespaces(folder):
+        assert said["info"] == {"sandboxed": True, "reason": ""}

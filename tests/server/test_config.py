@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import typer.main
 from pydantic import BaseModel, ValidationError
 
 import webgym.browser
 import webgym.server
+from webgym import cli
 from webgym.browser import EgressConfig
 from webgym.server import BrowserConfig, ClientLimits, GatewayConfig, RayConfig, ServerConfig
 from webgym.server.compat import CompatConfig
@@ -48,6 +50,16 @@ def test_every_key_is_read(config: type[BaseModel]) -> None:
 def test_what_makes_no_sense_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         ServerConfig.model_validate(wrong)
+
+
+def test_the_door_is_shut_unless_it_is_opened() -> None:
+    """Nothing but this machine, and no token that anybody knows."""
+    group: Any = typer.main.get_command(cli.build("serve"))
+    told = group.commands["serve"].make_context("serve", []).params
+    for host in (ServerConfig().host, GatewayConfig().worker_host, told["host"], told["worker_host"]):
+        assert host == "127.0.0.1"
+    assert ServerConfig().token is None
+    assert told["token_file"] is None
 
 
 def test_the_document_names_the_settings_and_their_defaults() -> None:

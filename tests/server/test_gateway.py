@@ -46,7 +46,7 @@ from webgym.server.messages import (
     StepRequest,
     Watched,
 )
-from webgym.server.operations import OPERATIONS, STEP
+from webgym.server.operations import METADATA, OPERATIONS, STEP
 from webgym.server.ways import Way
 
 from .conftest import LOCAL, TOKEN, Site, quick
@@ -274,6 +274,35 @@ async def test_nothing_but_health_is_open(gateway: RunningGateway, operation: ob
     async with httpx.AsyncClient(base_url=gateway.url, trust_env=False) as http:
         response = await http.request(operation.method, operation.path.replace("{id}", "w1-ab"))
     assert response.status_code == (200 if operation.is_open else 401)
+
+
+async def test_every_call_of_a_session_is_fenced_at_both_doors(
+    gateway: RunningGateway, client: BrowserClient
+) -> None:
+    session = await client.open()
+    grant = session._grant
+    right = {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
+    forged: list[tuple[str, dict[str, str]]] = [
+        (grant.session_id, {}),
+        (grant.session_id, {**right, SECRET_HEADER: "x" * len(grant.secret)}),
+        (grant.session_id, {**right, SECRET_HEADER: ""}),
+        (grant.session_id, {**right, GENERATION_HEADER: str(grant.generation + 1)}),
+        (grant.session_id, {**right, GENERATION_HEADER: f"0{grant.generation}"}),
+        (grant.session_id + "0", right),
+        (grant.session_id.upper(), right),
+    ]
+    authorized = {"authorization": f"Bearer {TOKEN}"}
+    for door in (gateway.url, grant.endpoint):
+        async with httpx.AsyncClient(base_url=door, headers=authorized, trust_env=False) as http:
+            for operation in OPERATIONS:
+                if operation.has_lease:
+                    for name, headers in forged:
+                        path = operation.path.replace("{id}", name)
+                        answer = await http.request(operation.method, path, headers=headers)
+                        assert answer.status_code == 410, (door, operation.name, name, headers)
+                        assert answer.json()["error"]["code"] == "lease_lost"
+            path = METADATA.path.replace("{id}", grant.session_id)
+            assert (await http.request(METADATA.method, path, headers=right)).status_code == 200
 
 
 async def test_bad_calls_do_not_reach_a_worker(gateway: RunningGateway, client: BrowserClient) -> None:

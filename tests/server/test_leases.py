@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import asyncio
+import hmac
 from pathlib import Path
 
 import pytest
+from prometheus_client import CollectorRegistry
+from starlette.requests import Request
 
 from webgym.browser import BrowserConfig, Egress, ProfileRoot, Slot
-from webgym.core.errors import LeaseLost
+from webgym.core.errors import LeaseLost, Unauthorized
+from webgym.server.front import Front
 from webgym.server.leases import Leases
+from webgym.server.metrics import CallMetrics
+from webgym.server.operations import INFO
 
 
 def idle_slot() -> Slot:
@@ -128,6 +134,29 @@ async def test_what_goes_wrong_with_taking_back_is_said(caplog: pytest.LogCaptur
     await leases.end(leases.grant(idle_slot(), 60, 60))
     await leases.stop()
     assert "no such thing" in caplog.text
+
+
+async def test_secrets_are_compared_in_constant_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And there is no other comparison that they meet first."""
+    compared: list[object] = []
+
+    def never(one: bytes, other: bytes) -> bool:
+        compared.append((one, other))
+        return False
+
+    leases = Leases(Taken())
+    lease = leases.grant(idle_slot(), 60, 60)
+    front = Front("a-token-for-tests-only", 100, "", CallMetrics(CollectorRegistry()))
+    header = [(b"authorization", b"Bearer a-token-for-tests-only")]
+    request = Request({"type": "http", "headers": header})
+    front.admit(INFO, request)
+    monkeypatch.setattr(hmac, "compare_digest", never)
+    with pytest.raises(LeaseLost):
+        leases.check(lease.id, lease.secret, "1")
+    with pytest.raises(Unauthorized):
+        front.admit(INFO, request)
+    assert compared == [(lease.secret.encode(), lease.secret.encode()), (header[0][1], header[0][1])]
+    await leases.stop()
 
 
 async def test_a_renewal_does_not_outlast_the_session() -> None:

@@ -12,7 +12,15 @@ import pytest
 
 from webgym.core.action import GoBack, LeftClick, Navigate, Scroll, Target, Type
 from webgym.core.errors import BrowserCrashed, LeaseLost, NoCapacity, ProtocolError
-from webgym.server import BrowserClient, RunningServer, ServerConfig, Session, SessionOptions, running_server
+from webgym.server import (
+    BrowserClient,
+    BrowserConfig,
+    RunningServer,
+    ServerConfig,
+    Session,
+    SessionOptions,
+    running_server,
+)
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepReply, StepRequest
 from webgym.server.operations import STEP
 
@@ -159,6 +167,24 @@ async def test_a_client_gone_without_goodbye_loses_its_lease(site: Site, client:
             await asyncio.sleep(0.02)
     with pytest.raises(LeaseLost):
         await session.metadata()
+
+
+async def test_an_endless_address_is_not_opened(site: Site, client: BrowserClient) -> None:
+    session = await client.open()
+    most = BrowserConfig().url_length
+    longest = site.url() + "?" + "x" * (most - len(site.url()) - 1)
+    assert (await session.navigate(longest)).url == longest
+    refused = await session.navigate(longest + "x")
+    assert refused.url == longest
+    [notice] = refused.notices
+    assert f"{most + 1} characters" in notice.text
+    await session.close()
+
+
+async def test_nobody_holds_a_lease_for_longer_than_he_may(client: BrowserClient) -> None:
+    session = await client.open(SessionOptions(ttl_seconds=1e9))
+    assert session._grant.ttl_seconds == ServerConfig().longest_ttl_seconds
+    await session.close()
 
 
 async def test_a_thinking_model_keeps_its_lease(site: Site, client: BrowserClient) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hashlib
 import os
 import signal
@@ -266,7 +267,8 @@ async def test_a_session_does_not_live_for_ever(site: Site) -> None:
         BrowserClient(server.url, token=TOKEN, limits=quick()) as client,
     ):
         session = await client.open()
-        await session.navigate(site.url())
+        with contextlib.suppress(LeaseLost):  # on a busy machine its life is over here
+            await session.navigate(site.url())
         async with asyncio.timeout(5):
             while True:
                 try:

@@ -30,6 +30,8 @@ Say = Callable[[str], None]
 _CLICK = LeftClick(Target(coordinate=(31, 521)))
 _READY_SECONDS = 900.0
 _POLL_SECONDS = 0.01
+_CALM_SECONDS = 3.0
+"""Between the last call and the look at idle processors, and length of that look."""
 
 
 class BenchPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -61,12 +63,14 @@ class Paced(msgspec.Struct, frozen=True):
     """Steps of one round.
 
     Attributes:
-        latencies: seconds, one per step.
-        cpu: seconds by kind of process.
+        latencies: seconds, one per step that ended in the time that counts.
+        steps: all of them.
+        cpu: seconds by kind of process, for all of them.
     """
 
     seconds: float
     latencies: list[float]
+    steps: int
     cpu: dict[str, float] = {}
 
     @property
@@ -84,26 +88,33 @@ def quantile(values: Sequence[float], share: float) -> float:
 async def paced(
     steppers: Sequence[Callable[[int], Awaitable[object]]], seconds: float, think: float = 0.0
 ) -> Paced:
-    """Let all step at once, each one step after the other with a pause between, for so long."""
+    """Let all step at once, each one step after the other with a pause between, for so long.
+
+    What ends within ``seconds`` counts; they begin when all have begun.
+    """
     start = time.perf_counter()
     latencies: list[float] = []
+    steps = 0
 
     async def loop(index: int, step: Callable[[int], Awaitable[object]]) -> None:
+        nonlocal steps
         # a model's replies do not come in lock step
         await asyncio.sleep(think * index / len(steppers))
         number = index
-        while time.perf_counter() - start < seconds:
-            began = time.perf_counter()
+        while (began := time.perf_counter()) - start < think + seconds:
             await step(number)
-            latencies.append(time.perf_counter() - began)
+            ended = time.perf_counter()
+            if think < ended - start < think + seconds:
+                latencies.append(ended - began)
             number += 1
+            steps += 1
             if think:
                 await asyncio.sleep(think)
 
     async with asyncio.TaskGroup() as group:
         for index, step in enumerate(steppers):
             group.create_task(loop(index, step))
-    return Paced(time.perf_counter() - start, latencies)
+    return Paced(seconds, latencies, steps)
 
 
 def stepper(session: Session) -> Callable[[int], Awaitable[object]]:
@@ -212,12 +223,17 @@ async def against_ceiling(plan: BenchPlan, executable: Path, pages: PageServer, 
 
 
 class Thinking(msgspec.Struct, frozen=True):
-    """Busy pages and a model that thinks, with slots stopped between calls and not."""
+    """Busy pages and a model that thinks, with slots stopped between calls and not.
+
+    Attributes:
+        idle: processors that the browsers use while nobody steps: frozen, and not.
+    """
 
     sessions: int
     think_seconds: float
     frozen: Paced
     unfrozen: Paced
+    idle: tuple[float, float]
 
     @property
     def allowed(self) -> float:
@@ -227,15 +243,19 @@ class Thinking(msgspec.Struct, frozen=True):
 
 async def thinking(plan: BenchPlan, pages: PageServer, say: Say) -> Thinking:
     """Step latency and throughput with many sessions on busy pages."""
-    runs = []
+    runs, idle = [], []
     for freeze in (True, False):
         say(f"{plan.thinkers} busy sessions, {'frozen' if freeze else 'running'} while the model thinks")
         async with measured_server(config_for(plan.thinkers, pages, freeze=freeze)) as (address, client):
             sessions = await sessions_on(client, plan.thinkers, pages.url("busy"))
+            await asyncio.sleep(_CALM_SECONDS)
             cpu = CpuTimes(address.pid)
+            await asyncio.sleep(_CALM_SECONDS)
+            used = cpu.since_last()
+            idle.append((sum(used.values()) - used.get("server", 0.0)) / _CALM_SECONDS)
             run = await paced([stepper(s) for s in sessions], plan.thinking_seconds, plan.think_seconds)
             runs.append(msgspec.structs.replace(run, cpu=cpu.since_last()))
-    return Thinking(plan.thinkers, plan.think_seconds, *runs)
+    return Thinking(plan.thinkers, plan.think_seconds, runs[0], runs[1], (idle[0], idle[1]))
 
 
 # --- what each operation costs --------------------------------------------------------------------------

@@ -97,7 +97,7 @@ def _per_step(found: list[Ceiling]) -> Table:
     rows = []
     for one in found:
         for name, runs in (("bare CDP loop", one.bare), ("server", one.server)):
-            steps = len(_latencies(runs))
+            steps = sum(run.steps for run in runs)
             kinds = {kind for run in runs for kind in run.cpu}
             cpu = {kind: sum(run.cpu.get(kind, 0.0) for run in runs) * 1000 / steps for kind in kinds}
             rows.append((f"{one.page}, {name}", *_kinds(cpu)))
@@ -124,10 +124,12 @@ def _costs(found: list[Cost]) -> Table:
 
 def _thinking(found: Thinking) -> Table:
     rows = []
-    for name, run in (("frozen between steps", found.frozen), ("not frozen", found.unfrozen)):
+    slots = (("frozen between steps", found.frozen), ("not frozen", found.unfrozen))
+    for (name, run), idle in zip(slots, found.idle, strict=True):
         rows.append(
             (
                 name,
+                f"{idle:.2f}",
                 _ms(quantile(run.latencies, 0.5)),
                 _ms(quantile(run.latencies, 0.95)),
                 f"{run.rate:.1f}",
@@ -135,11 +137,11 @@ def _thinking(found: Thinking) -> Table:
             )
         )
     slower = quantile(found.unfrozen.latencies, 0.5) / quantile(found.frozen.latencies, 0.5)
-    rows.append(("ratio", f"{slower:.1f}x", "", f"{found.frozen.rate / found.unfrozen.rate:.1f}x", ""))
+    rows.append(("ratio", "", f"{slower:.1f}x", "", f"{found.frozen.rate / found.unfrozen.rate:.1f}x", ""))
     return Table(
         f"{found.sessions} sessions on busy pages, {found.think_seconds:g} s of thinking per step "
         f"(which allows {found.allowed:.1f} steps/s)",
-        ("slots", "step p50, ms", "p95, ms", "steps/s", "of what thinking allows"),
+        ("slots", "processors, idle", "step p50, ms", "p95, ms", "steps/s", "of what thinking allows"),
         rows,
     )
 

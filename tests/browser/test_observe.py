@@ -115,12 +115,10 @@ async def test_elements_have_roles_names_and_values(site: Site, tab: Tab) -> Non
     assert tab.find("Olives").value == "true"
 
 
-async def test_a_hidden_box_is_clicked_by_its_label(site: Site, tab: Tab) -> None:
+@pytest.mark.parametrize("hidden", ["position: absolute; opacity: 0; width: 0; height: 0", "display: none"])
+async def test_a_hidden_box_is_clicked_by_its_label(site: Site, tab: Tab, hidden: str) -> None:
     await tab.goto(
-        site.page(
-            "<style>input { position: absolute; opacity: 0; width: 0; height: 0 }</style>"
-            "<label><input type=checkbox> Gift wrap</label>"
-        )
+        site.page(f"<style>input {{ {hidden} }}</style><label><input type=checkbox> Gift wrap</label>")
     )
     assert tab.find("Gift wrap").value == "false"
     await tab.step(LeftClick(tab.at("Gift wrap")))

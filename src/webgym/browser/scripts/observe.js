@@ -97,6 +97,9 @@
   // Controls that pages hide to draw their own.
   const isTick = (element) => element.localName === 'input' && (element.type === 'checkbox' || element.type === 'radio');
 
+  // Even where they are not displayed at all.
+  const answersItsLabel = (element) => isTick(element) || (element.localName === 'input' && element.type === 'file');
+
   // What is clicked instead of a control that is not seen itself: its label, or what is drawn over a box
   // to tick.
   const standIn = (element, place, most) => {
@@ -234,7 +237,10 @@
     const isInView = hasBox && touches(moved(rect, place.map), place.clip);
     let style = null;
     const styled = () => style || (style = getComputedStyle(element));
-    if (!hasBox && styled().display === 'none') return;
+    if (!hasBox && styled().display === 'none') {
+      if (sink.wantsElements && answersItsLabel(element)) describe(element, place, null, sink);
+      return;
+    }
     if (PICTURES.has(name)) {
       if (isInView) walkPicture(element, place, sink);
       return;

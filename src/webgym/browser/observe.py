@@ -197,8 +197,9 @@ async def capture(page: Page) -> bytes:
                         reply=Screenshot,
                         seconds=config.screenshot_try_seconds,
                     )
-                except BrowserTimeout:
-                    continue  # a frame that was swapped away took the request with it
+                except BrowserTimeout:  # a frame that was swapped away took the request with it,
+                    await page.complete()  # or there is nothing to draw
+                    continue
                 except CommandFailed as error:
                     if not any(words in error.message for words in _NO_FRAME_YET):
                         raise

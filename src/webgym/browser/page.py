@@ -25,11 +25,13 @@ from webgym.browser.wire import (
     NavigatedWithinDocument,
     NavigationStarted,
     Nothing,
+    RequestedNavigation,
     RequestFailed,
     ResponseReceived,
+    ScheduledNavigation,
 )
 from webgym.browser.workers import AUTO_ATTACH, Workers
-from webgym.browser.worlds import Worlds
+from webgym.browser.worlds import DocumentGone, Worlds
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.observation import Notice, NoticeKind
 
@@ -57,11 +59,18 @@ document.execCommand('copy');
 """A browser has one clipboard for all its contexts: what an episode copied, the next one must not paste."""
 
 _SCHEMES = ("http://", "https://")
+_WITHIN_REACH = frozenset({"http", "https", "about", "blob", "javascript"})
+"""Schemes that a page may lead to; Chromium leaves the page as it is for any other."""
+
 _PROXY_SAID_NO = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS_UNREACHABLE"})
 """All that Chromium says when the proxy has no connection for it, whatever the reason."""
 
 _FORM_RESULT = "net::ERR_CACHE_MISS"
 """What Chromium says of a page in the history that it would have to send a form for."""
+
+
+def _not_opened(url: str) -> str:
+    return f'"{url[:_SAID_LENGTH]}" was not opened: only http and https addresses are'
 
 
 class Returned(msgspec.Struct, frozen=True):
@@ -122,12 +131,16 @@ class Page:
         self.returned: Returned | None = None
         """Where this action has gone back to."""
         self._told_failure = ""
+        self._told_unopened = ""
+        """Where this action wanted to lead, and was said not to."""
         self._leaving_for = ""
         """Loader of the navigation that was begun last."""
         self.worlds = Worlds(session, target_id, config)
         self.popups = Popups(self)
         self.workers = Workers(self)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
+        session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_wanted)
+        session.on("Page.frameRequestedNavigation", RequestedNavigation, self._on_wanted)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.navigatedWithinDocument", NavigatedWithinDocument, self._on_within_document)
         session.on("Page.javascriptDialogOpening", DialogOpening, self._on_dialog)
@@ -202,6 +215,7 @@ class Page:
         self._happened.clear()
         self._dialogs = 0
         self.returned = None
+        self._told_unopened = ""
         self.popups.begin_action()
         self.acted = time.monotonic()
         self.traffic.started.clear()
@@ -259,6 +273,16 @@ class Page:
         """End the script that keeps the page from answering."""
         self.session.send("Runtime.terminateExecution")
 
+    async def complete(self) -> None:
+        """Give a document that ended before its body an empty one: Chromium never draws it otherwise.
+
+        A script in its head has led to another program, say for mail, and the rest was not read any more.
+        """
+        with contextlib.suppress(DocumentGone, CommandFailed, BrowserTimeout):
+            if await self.run("isCutOff", reply=bool):
+                content = {"frameId": self.target_id, "html": ""}
+                await self.session.do("Page.setDocumentContent", content, seconds=self.config.execute_seconds)
+
     # --- navigation ---------------------------------------------------------------------------------
 
     async def navigate(self, url: str, referrer: str = "") -> None:
@@ -271,7 +295,7 @@ class Page:
         params = {"url": url, "referrer": referrer} if referrer else {"url": url}
         said = url[:_SAID_LENGTH]
         if not url.lower().startswith(_SCHEMES):
-            raise NavigationFailed(f'"{said}" was not opened: only http and https addresses are')
+            raise NavigationFailed(_not_opened(url))
         self._leaving_for = ""
         loop = asyncio.get_running_loop()
         hold_up = loop.call_later(self.config.execute_seconds, self._end_hold_up)
@@ -336,6 +360,15 @@ class Page:
             self.note("navigation_failed", error.message)
 
     # --- what the browser tells ---------------------------------------------------------------------
+
+    def _on_wanted(self, event: ScheduledNavigation | RequestedNavigation) -> None:
+        """The page wants to go somewhere. Of one wish there may be an event of each kind."""
+        if event.frame_id != self.target_id or event.url.split(":")[0] in _WITHIN_REACH:
+            return
+        self.traffic.end(self.target_id)  # a document that was still being read is never said to be complete
+        if event.url != self._told_unopened:
+            self._told_unopened = event.url
+            self.note("navigation_failed", _not_opened(event.url))
 
     def _on_navigated(self, event: FrameNavigated) -> None:
         frame = event.frame

@@ -116,7 +116,15 @@ class ScheduledNavigation(Wire, frozen=True):
     """``Page.frameScheduledNavigation``; the delay in seconds."""
 
     frame_id: str
+    url: str
     delay: float
+
+
+class RequestedNavigation(Wire, frozen=True):
+    """``Page.frameRequestedNavigation``."""
+
+    frame_id: str
+    url: str
 
 
 class Navigated(Wire, frozen=True):

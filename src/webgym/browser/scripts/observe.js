@@ -269,6 +269,8 @@
     }
   };
 
+  webgym.isCutOff = () => document.readyState === 'complete' && !document.body;
+
   // --- what a walk finds --------------------------------------------------------------------------
 
   const GAP = 1; // CSS pixels between two pieces that a reader takes for a space

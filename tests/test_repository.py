@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -298,3 +299,13 @@ def test_make_help_names_every_target() -> None:
     told = subprocess.run(["make", "help"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     for target in phony.split()[1:]:
         assert f"make {target} " in told
+
+
+# --- the documents ------------------------------------------------------------------------------------
+
+
+def test_tests_that_a_document_names_are_there() -> None:
+    tests = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
+    for document in (ROOT / "docs").glob("*.md"):
+        for name in re.findall(r"`(test_\w+)`", document.read_text()):
+            assert f"def {name}(" in tests, f"{document.name} names {name}"

@@ -192,7 +192,7 @@ def written(scheme: str, secret: Path, site: Site) -> str:
 
 
 async def test_the_agent_opens_nothing_but_the_web(told: Told, secret: Path) -> None:
-    told.site.page("<title>Home</title>", "/home")
+    told.site.page("<title>Home</title><p>home</p>", "/home")
     await told.goto(f"{WEB}/home")
     told.site.hits.clear()
     for scheme in SCHEMES:

@@ -181,8 +181,8 @@ async def test_a_refresh_and_a_chain_of_redirects(site: Site, tab: Tab) -> None:
         return RedirectResponse(f"/hop?left={left - 1}" if left else "/end")
 
     site.on("/hop", hop)
-    site.page("<title>End</title>", "/end")
-    home = site.page("<title>Home</title>")
+    site.page("<title>End</title><p>here</p>", "/end")
+    home = site.page("<title>Home</title><p>here</p>")
     await tab.goto(home)
     look = await tab.goto(site.url("/hop?left=5"))
     assert (look.observation.url, look.observation.status) == (site.url("/end"), 200)
@@ -263,7 +263,7 @@ async def test_certificates_that_are_not_to_be_trusted(
 
 
 async def test_offline(site: Site, tab: Tab) -> None:
-    home = site.page("<title>Home</title>")
+    home = site.page("<title>Home</title><p>here</p>")
     page = tab.slot._page
     assert page is not None
     offline = {"offline": True, "latency": 0, "downloadThroughput": -1, "uploadThroughput": -1}
@@ -343,7 +343,7 @@ async def test_back_after_a_form_was_sent(site: Site, tab: Tab, kept: str) -> No
         return HTMLResponse(page, headers={"cache-control": kept})
 
     site.on("/take", take)
-    site.page("<title>Next</title>", "/next")
+    site.page("<title>Next</title><p>here</p>", "/next")
     home = site.page(
         "<title>Form</title><form action=/take method=post><input name=q value=7><button>Go</button></form>"
     )
@@ -376,7 +376,7 @@ TRAPS = {
 
 @pytest.mark.parametrize("trap", TRAPS.values(), ids=TRAPS.keys())
 async def test_back_out_of_a_page_that_leads_on_at_once(site: Site, tab: Tab, trap: str) -> None:
-    site.page("<title>End</title>", "/end")
+    site.page("<title>End</title><p>here</p>", "/end")
     site.page("<script>location.href = '/end'</script>", "/trap2")
     home = site.page("<title>Home</title><a href=/trap>Go</a>")
     site.page(f"<title>Trap</title>{trap}", "/trap")
@@ -389,7 +389,7 @@ async def test_back_out_of_a_page_that_leads_on_at_once(site: Site, tab: Tab, tr
 
 
 async def test_back_to_a_first_page_that_leads_on(site: Site, tab: Tab) -> None:
-    site.page("<title>End</title>", "/end")
+    site.page("<title>End</title><p>here</p>", "/end")
     await tab.goto(site.page("<script>setTimeout(() => { location = '/end' }, 60)</script>"))
     look = await tab.step(GoBack())
     assert look.observation.title == "End"
@@ -406,7 +406,7 @@ async def test_back_in_histories_that_scripts_write(site: Site, tab: Tab) -> Non
         "onpopstate = show; onhashchange = show; show()"
         "</script>"
     )
-    before = site.page("<title>Before</title>")
+    before = site.page("<title>Before</title><p>here</p>")
     await tab.goto(before)
     await tab.goto(home)
     for name in ("One", "Two", "Three", "Four"):

@@ -13,13 +13,15 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
-from webgym.browser.wire import AttachedToTarget, Request, RequestPaused
+from webgym.browser.wire import AttachedToTarget, Request, RequestPaused, WindowOpen
 from webgym.core.errors import BrowserError, NavigationFailed
 
 if TYPE_CHECKING:
     from webgym.browser.page import Page
 
 _SAID_LENGTH = 300
+_REQUESTED = frozenset({"http", "https", "about"})
+"""Schemes of windows that ask for a document, at once or when their page says what for."""
 
 
 class Popups:
@@ -29,12 +31,22 @@ class Popups:
         self._page = page
         self._open: dict[str, str] = {}
         """Session by target, of windows that have not yet said where they go."""
+        self._elsewhere: list[str] = []
+        """Where windows of this action lead that a request will never be seen of."""
         self._has_followed = False
         self._tasks: set[asyncio.Task[None]] = set()
+        page.session.on("Page.windowOpen", WindowOpen, self._on_wanted)
 
     def begin_action(self) -> None:
         """Each action may lead to one window."""
         self._has_followed = False
+        self._elsewhere.clear()
+
+    def _on_wanted(self, event: WindowOpen) -> None:
+        if event.url and event.url.split(":")[0] not in _REQUESTED:
+            self._elsewhere.append(event.url)
+            for target_id in self._open:
+                self._page.traffic.end(target_id)
 
     def adopt(self, attached: AttachedToTarget) -> None:
         """A new window is attached to and waits for us."""
@@ -44,7 +56,8 @@ class Popups:
             connection.send("Target.closeTarget", {"targetId": target_id})
             return
         self._open[target_id] = session_id
-        self._page.traffic.begin(target_id, self._page.config.long_poll_seconds)
+        if not self._elsewhere:
+            self._page.traffic.begin(target_id, self._page.config.minor_seconds)
 
         def on_request(paused: RequestPaused) -> None:
             self._shut(target_id)
@@ -66,7 +79,8 @@ class Popups:
         for target_id in tuple(self._open):
             self._shut(target_id)
             self._page.traffic.end(target_id)
-            self._page.note("popup", "the page opened an empty window; it was closed")
+            where = f"for {self._elsewhere.pop(0)[:_SAID_LENGTH]}" if self._elsewhere else "that is empty"
+            self._page.note("popup", f"the page opened a window {where}; it was closed")
 
     async def close(self) -> None:
         """Stop following."""

@@ -127,6 +127,12 @@ class RequestedNavigation(Wire, frozen=True):
     url: str
 
 
+class WindowOpen(Wire, frozen=True):
+    """``Page.windowOpen``."""
+
+    url: str
+
+
 class Navigated(Wire, frozen=True):
     """``Page.navigate``."""
 

@@ -134,7 +134,8 @@ class BrowserConfig(BaseModel):
 
     minor_seconds: float = Field(default=1.5, gt=0)
     """The same for what matters less: pictures out of view, frames of other sites and all that they load,
-    workers that compute. Adverts are slow, and must not hold up every step."""
+    workers that compute, windows that do not say where they lead. Adverts are slow, and must not hold up
+    every step."""
 
     reply_seconds: float = Field(default=1.0, gt=0)
     """How long a WebSocket or an event stream that was opened or spoken to is given to say something."""

@@ -95,6 +95,7 @@ def command(
     """
     import logging
     import os
+    import sys
 
     import uvloop
     from pydantic import ValidationError
@@ -139,6 +140,11 @@ def command(
     key = _token_in(compat_key_file) if compat_key_file else None
     open_as_many_files_as_may_be()
     uvloop.run(_serve(config, fleet, cluster, where, beside, key))
+    if cluster is not None:
+        # All is done. Where the cluster's head is gone, Ray would hang or crash with the interpreter.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 async def _serve(

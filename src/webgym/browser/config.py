@@ -187,6 +187,9 @@ class BrowserConfig(BaseModel):
     document_elements: int = Field(default=5_000, gt=0)
     """Most elements in an answer to a reading of a whole document."""
 
+    passed_over: int = Field(default=8, ge=0)
+    """Pages that lead on by themselves and that one ``go_back`` goes past."""
+
     dialogs_per_action: int = Field(default=20, gt=0)
     """Dialogs that are answered within one action; then the script that opens them is ended."""
 

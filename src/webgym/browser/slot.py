@@ -348,11 +348,18 @@ class Slot:
             await self._perform(page, action)
             self._milliseconds[operation] = (time.perf_counter() - start) * 1000
             self._settled = await settle_timed(page, self._milliseconds)
-            while isinstance(action, GoBack) and await is_led_on(page):
-                await self._perform(page, action)
-                self._settled = await settle_timed(page, self._milliseconds)
+            if isinstance(action, GoBack):
+                await self._go_past(page, action)
         except TargetGone:
             await self._bring_back(page)
+
+    async def _go_past(self, page: Page, action: GoBack) -> None:
+        """Go further back where the page that was gone back to leads on by itself."""
+        for _ in range(self.config.passed_over):
+            if not await is_led_on(page):
+                return
+            await self._perform(page, action)
+            self._settled = await settle_timed(page, self._milliseconds)
 
     async def _perform(self, page: Page, action: AnyAction) -> None:
         try:

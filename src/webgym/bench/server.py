@@ -31,7 +31,7 @@ _CLICK = LeftClick(Target(coordinate=(31, 521)))
 _READY_SECONDS = 900.0
 _POLL_SECONDS = 0.01
 _CALM_SECONDS = 3.0
-"""Between the last call and the look at idle processors, and length of that look."""
+"""Between the last call and the look at idle processors, and length of that look, at most."""
 
 
 class BenchPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -244,15 +244,16 @@ class Thinking(msgspec.Struct, frozen=True):
 async def thinking(plan: BenchPlan, pages: PageServer, say: Say) -> Thinking:
     """Step latency and throughput with many sessions on busy pages."""
     runs, idle = [], []
+    calm = min(_CALM_SECONDS, plan.thinking_seconds)
     for freeze in (True, False):
         say(f"{plan.thinkers} busy sessions, {'frozen' if freeze else 'running'} while the model thinks")
         async with measured_server(config_for(plan.thinkers, pages, freeze=freeze)) as (address, client):
             sessions = await sessions_on(client, plan.thinkers, pages.url("busy"))
-            await asyncio.sleep(_CALM_SECONDS)
+            await asyncio.sleep(calm)
             cpu = CpuTimes(address.pid)
-            await asyncio.sleep(_CALM_SECONDS)
+            await asyncio.sleep(calm)
             used = cpu.since_last()
-            idle.append((sum(used.values()) - used.get("server", 0.0)) / _CALM_SECONDS)
+            idle.append((sum(used.values()) - used.get("server", 0.0)) / calm)
             run = await paced([stepper(s) for s in sessions], plan.thinking_seconds, plan.think_seconds)
             runs.append(msgspec.structs.replace(run, cpu=cpu.since_last()))
     return Thinking(plan.thinkers, plan.think_seconds, runs[0], runs[1], (idle[0], idle[1]))

@@ -7,12 +7,12 @@ import contextlib
 import socket
 import ssl
 import struct
-import subprocess
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
-from pathlib import Path
+from datetime import UTC, datetime
 
 import pytest
+import trustme
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
@@ -41,41 +41,16 @@ async def raw(peer: Peer, context: ssl.SSLContext | None = None) -> AsyncIterato
         yield f"127.0.0.1:{server.sockets[0].getsockname()[1]}"
 
 
-AUTHORITY = """
-[ca]
-default_ca = own
-[own]
-database = index.txt
-new_certs_dir = .
-rand_serial = yes
-default_md = sha256
-policy = any
-copy_extensions = copy
-[any]
-commonName = supplied
-"""
-
-
-def certified(folder: Path, name: str, until: str) -> ssl.SSLContext:
-    """For a server with a key of its own, certified by nobody but itself.
+def certified(host: str, until: datetime | None = None) -> ssl.SSLContext:
+    """For a server certified by an authority that no browser knows.
 
     Args:
-        name: the host that the certificate is for, as a certificate writes it.
-        until: the end of its time, as ``openssl ca`` reads it.
+        host: that the certificate is for.
+        until: the end of its time; far away if not given.
     """
-    (folder / "index.txt").touch()
-    (folder / "openssl.cnf").write_text(AUTHORITY)
-    key = "req -new -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -keyout key.pem -out asked.pem"
-    certificate = (
-        "ca -batch -notext -config openssl.cnf -selfsign -keyfile key.pem -in asked.pem -out own.pem"
-    )
-    for command in (
-        [*key.split(), "-subj", "/CN=test", "-addext", f"subjectAltName={name}"],
-        [*certificate.split(), "-startdate", "200101000000Z", "-enddate", until],
-    ):
-        subprocess.run(["openssl", *command], cwd=folder, check=True, capture_output=True)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(folder / "own.pem", folder / "key.pem")
+    begin = datetime(2020, 1, 1, tzinfo=UTC)
+    trustme.CA().issue_cert(host, not_before=begin, not_after=until).configure_cert(context)
     return context
 
 
@@ -241,17 +216,14 @@ async def test_names_that_do_not_exist(site: Site, tab: Tab) -> None:
 
 
 CERTIFICATES = {
-    "self-signed": ("IP:127.0.0.1", "20991231235959Z"),
-    "expired": ("IP:127.0.0.1", "20200201000000Z"),
-    "of another host": ("DNS:other.example", "20991231235959Z"),
+    "of no known authority": certified("127.0.0.1"),
+    "expired": certified("127.0.0.1", until=datetime(2020, 2, 1, tzinfo=UTC)),
+    "of another host": certified("other.example"),
 }
 
 
-@pytest.mark.parametrize(("name", "until"), CERTIFICATES.values(), ids=CERTIFICATES.keys())
-async def test_certificates_that_are_not_to_be_trusted(
-    site: Site, tab: Tab, tmp_path: Path, name: str, until: str
-) -> None:
-    context = certified(tmp_path, name, until)
+@pytest.mark.parametrize("context", CERTIFICATES.values(), ids=CERTIFICATES.keys())
+async def test_certificates_that_are_not_to_be_trusted(site: Site, tab: Tab, context: ssl.SSLContext) -> None:
     async with raw(says(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\nhi"), context) as place:
         async for _ in both_ways(site, tab, f"https://{place}/"):
             assert tab.last is not None

@@ -24,37 +24,6 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 
 OPTIONS = PageOptions(text=True)
 
-REMEMBERS = """<script>
-  const said = [localStorage.mark, sessionStorage.mark, document.cookie].join(',');
-  localStorage.mark = sessionStorage.mark = 'seen'; document.cookie = 'mark=seen';
-  navigator.serviceWorker.getRegistrations().then((found) => {
-    document.title = `${said}|${found.length}|${history.length}`;
-    navigator.serviceWorker.register('/worker.js');
-  });
-</script>"""
-
-
-async def test_no_state_passes_from_one_episode_to_the_next(site: Site, shared_slot: Slot) -> None:
-    async def worker(_: Request) -> Response:
-        return Response("onfetch = () => {}", media_type="text/javascript")
-
-    async def cached(_: Request) -> Response:
-        cached.count += 1  # type: ignore[attr-defined]
-        return Response("1", headers={"cache-control": "max-age=3600"})
-
-    cached.count = 0  # type: ignore[attr-defined]
-    site.on("/worker.js", worker)
-    site.on("/cached", cached)
-    url = site.page(REMEMBERS + "<script src=/cached></script>")
-    titles = []
-    for _ in range(2):
-        await shared_slot.open(OPTIONS)
-        titles.append((await shared_slot.step(Navigate(url))).observation.title)
-        await shared_slot.close()
-    assert titles[0] == titles[1]
-    assert titles[0].startswith(",,|0|")
-    assert cached.count == 2  # type: ignore[attr-defined]
-
 
 async def test_cookies_are_set_before_the_first_page(site: Site, shared_slot: Slot) -> None:
     async def show(request: Request) -> Response:

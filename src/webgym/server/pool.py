@@ -109,14 +109,14 @@ class Pool:
             NoCapacity: none became free within ``allocate_seconds``.
             BrowserLaunchFailed: none can become free, because no browser comes up.
         """
-        if len(self._failing) == len(self._slots):
-            raise next(iter(self._failing.values()))
+        self._check_health()
         self._waiting += 1
         self.on_change()
         try:
             async with asyncio.timeout(self._config.allocate_seconds):
                 slot = await self._free.get()
         except TimeoutError:
+            self._check_health()
             raise NoCapacity(
                 f"all {len(self._slots)} slots stayed taken for {self._config.allocate_seconds:g} s",
                 hint="close sessions, or start the server with more slots",
@@ -126,6 +126,10 @@ class Pool:
             self.on_change()
         self._leased.add(slot)
         return slot
+
+    def _check_health(self) -> None:
+        if not self.is_healthy:
+            raise next(iter(self._failing.values()))
 
     async def clean(self, slot: Slot) -> None:
         """Throw the slot's episode away, and have a fresh page ready for the next."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import shutil
 import subprocess
@@ -13,6 +14,8 @@ from pathlib import Path
 
 _CHUNK = bytes(1024 * 1024)
 _MOUNT_SECONDS = 10.0
+_FILES = 8192
+"""That the disk can hold. Few, so that filling it up takes no time; a browser has a hundred."""
 
 
 class Disk:
@@ -33,27 +36,27 @@ class Disk:
         return not self.why_not
 
     def fill(self) -> None:
-        """Leave no byte free. Blocks for a moment."""
+        """Leave no byte free, and no room for another file. Blocks for a moment."""
         assert self.can_be_filled
-        # Not buffered: what does not fit any more is refused at once.
-        with self._ballast.open("ab", buffering=0) as file:
-            chunk = memoryview(_CHUNK)
-            while chunk:
-                try:
-                    file.write(chunk)
-                except OSError:  # no room for it: less, then
-                    chunk = chunk[: len(chunk) // 2]
+        self._ballast.mkdir(exist_ok=True)
+        with contextlib.suppress(OSError), (self._ballast / "bytes").open("ab", buffering=0) as file:
+            while file.write(_CHUNK) == len(_CHUNK):
+                pass
+        with contextlib.suppress(OSError):
+            for number in itertools.count():
+                (self._ballast / str(number)).touch()
 
     def clear(self) -> None:
         """Give the room back."""
-        self._ballast.unlink(missing_ok=True)
+        shutil.rmtree(self._ballast, ignore_errors=True)
 
 
 def _mount(path: Path, size: int) -> str:
     """Put a file system in memory there. Why it is not possible, or nothing."""
     if os.geteuid() != 0:
         return "only root may mount a disk to fill"
-    command = ["mount", "-t", "tmpfs", "-o", f"size={size},mode=700", "webgym-soak", str(path)]
+    options = f"size={size},nr_inodes={_FILES},mode=700"
+    command = ["mount", "-t", "tmpfs", "-o", options, "webgym-soak", str(path)]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_MOUNT_SECONDS, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:

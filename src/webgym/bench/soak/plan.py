@@ -24,6 +24,7 @@ class SoakPlan(msgspec.Struct, frozen=True, kw_only=True):
         faults: per minute, on average.
         hostile: share of the pages that mean harm.
         disk_bytes: of the browsers' own disk, where one can be mounted.
+        episodes: that one browser serves.
     """
 
     seconds: float = 300.0
@@ -34,6 +35,7 @@ class SoakPlan(msgspec.Struct, frozen=True, kw_only=True):
     faults: float = 20.0
     hostile: float = 0.25
     disk_bytes: int = 768 * _MIB
+    episodes: int = 20
 
     def server(self, temporary_root: Path, executable: Path | None) -> ServerConfig:
         """Limits so tight that every fault runs into one soon."""
@@ -47,7 +49,7 @@ class SoakPlan(msgspec.Struct, frozen=True, kw_only=True):
             close_seconds=3,
             slot_bytes=500 * _MIB,
             memory_look_seconds=0.1,
-            recycle_episodes=20,
+            recycle_episodes=self.episodes,
         )
         return ServerConfig(
             slots=self.slots,

@@ -366,6 +366,8 @@ class Slot:
             await carry_out(page, action)
         except (ActionFailed, NavigationFailed) as error:
             page.note(_NOTICE_OF[type(error)], error.message)
+        except CommandFailed as error:  # a page that comes or goes takes no input
+            page.note("action_failed", f"the browser did not take it ({error.message})")
         except BrowserTimeout as error:
             page.end_script()
             page.note("still_loading", f"the page did not react, its script was ended ({error.message})")
@@ -397,7 +399,10 @@ class Slot:
         """
         page = self._living_page()
         milliseconds, self._milliseconds = self._milliseconds, {}
-        return await self._look_at(page, lambda: look(page, self._settled, milliseconds))
+        try:
+            return await self._look_at(page, lambda: look(page, self._settled, milliseconds))
+        except CommandFailed as error:
+            raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
 
     async def _look_at(self, page: Page, ask: Callable[[], Awaitable[T]]) -> T:
         """Look at the page; one that has crashed is brought back first."""

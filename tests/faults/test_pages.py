@@ -28,7 +28,7 @@ async def told(session: Session, url: str) -> set[str]:
     ("path", "kind"),
     [
         ("/loop/load", "still_loading"),
-        ("/loop/click", "still_loading"),
+        pytest.param("/loop/click", "still_loading", marks=slow),
         pytest.param("/loop/frame", "still_loading", marks=slow),
         ("/loop/worker", None),
         ("/loop/beforeunload", None),

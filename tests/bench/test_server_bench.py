@@ -31,7 +31,7 @@ def test_every_part_runs(tmp_path: Path) -> None:
     for title in ("Against the ceiling", "CPU milliseconds per call", "of thinking", "burst", "Density"):
         assert title in done.stdout
     figures = json.loads((tmp_path / "figures.json").read_text())
-    assert figures["density"]["failures"] == 0
+    assert figures["density"]["steps"]["failures"] == 0
     assert all(run["latencies"] for page in figures["ceiling"] for run in page["server"])
     costs = {cost["operation"]: cost for cost in figures["costs"]}
     assert costs["navigate"]["cpu"]["renderer"] > 0

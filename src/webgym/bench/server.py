@@ -9,7 +9,7 @@ import asyncio
 import os
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -20,7 +20,8 @@ from webgym.bench.pages import PageServer, serving_pages
 from webgym.bench.usage import CpuTimes, browser_bytes
 from webgym.browser.config import BrowserConfig
 from webgym.browser.find import find_browser
-from webgym.core.action import LeftClick, Navigate, Scroll, Target
+from webgym.core.action import BrowserAction, LeftClick, Navigate, Scroll, Target
+from webgym.core.errors import WebGymError
 from webgym.server import BrowserClient, ClientLimits, ServerConfig, Session, SessionOptions
 from webgym.server.config import Admission
 from webgym.server.messages import Pressure
@@ -29,6 +30,7 @@ Say = Callable[[str], None]
 
 _CLICK = LeftClick(Target(coordinate=(31, 521)))
 _READY_SECONDS = 900.0
+_ARRIVAL_SECONDS = 120.0
 _POLL_SECONDS = 0.01
 _CALM_SECONDS = 3.0
 """Between the last call and the look at idle processors, and length of that look, at most."""
@@ -63,14 +65,16 @@ class Paced(msgspec.Struct, frozen=True):
     """Steps of one round.
 
     Attributes:
-        latencies: seconds, one per step that ended in the time that counts.
+        latencies: seconds, one per step that ended well in the time that counts.
         steps: all of them.
+        failures: those of them that failed.
         cpu: seconds by kind of process, for all of them.
     """
 
     seconds: float
     latencies: list[float]
     steps: int
+    failures: int = 0
     cpu: dict[str, float] = {}
 
     @property
@@ -94,18 +98,22 @@ async def paced(
     """
     start = time.perf_counter()
     latencies: list[float] = []
-    steps = 0
+    steps = failures = 0
 
     async def loop(index: int, step: Callable[[int], Awaitable[object]]) -> None:
-        nonlocal steps
+        nonlocal steps, failures
         # a model's replies do not come in lock step
         await asyncio.sleep(think * index / len(steppers))
         number = index
         while (began := time.perf_counter()) - start < think + seconds:
-            await step(number)
-            ended = time.perf_counter()
-            if think < ended - start < think + seconds:
-                latencies.append(ended - began)
+            try:
+                await step(number)
+            except WebGymError:
+                failures += 1
+            else:
+                ended = time.perf_counter()
+                if think < ended - start < think + seconds:
+                    latencies.append(ended - began)
             number += 1
             steps += 1
             if think:
@@ -114,18 +122,60 @@ async def paced(
     async with asyncio.TaskGroup() as group:
         for index, step in enumerate(steppers):
             group.create_task(loop(index, step))
-    return Paced(seconds, latencies, steps)
+    return Paced(seconds, latencies, steps, failures)
+
+
+def deed(number: int) -> BrowserAction:
+    """Click or scroll in turn, as the bare loop does."""
+    return _CLICK if number % 2 else Scroll("down" if number % 4 else "up")
 
 
 def stepper(session: Session) -> Callable[[int], Awaitable[object]]:
-    """Click or scroll in turn, as the bare loop does."""
+    """Steps of a session."""
+    return lambda number: session.step(deed(number))
 
-    async def step(number: int) -> object:
-        if number % 2:
-            return await session.step(_CLICK)
-        return await session.step(Scroll("down" if number % 4 else "up"))
 
-    return step
+class Visitor:
+    """Someone who steps on a page, and comes back in a new session when one is lost."""
+
+    def __init__(self, client: BrowserClient, url: str) -> None:
+        self._client = client
+        self._url = url
+        self._session: Session | None = None
+
+    async def arrive(self) -> None:
+        """See the page, however often it takes; whoever has not in good time begins with his first step."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_ARRIVAL_SECONDS):
+                while self._session is None:
+                    with suppress(WebGymError):
+                        await self._enter()
+
+    async def step(self, number: int) -> None:
+        """One step.
+
+        Raises:
+            WebGymError: it failed.
+        """
+        session = self._session or await self._enter()
+        try:
+            await session.step(deed(number))
+        except WebGymError:
+            self._session = None
+            with suppress(WebGymError):
+                await session.close()
+            raise
+
+    async def _enter(self) -> Session:
+        session = await self._client.open(SessionOptions())
+        try:
+            await session.step(Navigate(self._url))
+        except WebGymError:
+            with suppress(WebGymError):
+                await session.close()
+            raise
+        self._session = session
+        return session
 
 
 # --- a server with sessions -----------------------------------------------------------------------------
@@ -248,13 +298,14 @@ async def thinking(plan: BenchPlan, pages: PageServer, say: Say) -> Thinking:
     for freeze in (True, False):
         say(f"{plan.thinkers} busy sessions, {'frozen' if freeze else 'running'} while the model thinks")
         async with measured_server(config_for(plan.thinkers, pages, freeze=freeze)) as (address, client):
-            sessions = await sessions_on(client, plan.thinkers, pages.url("busy"))
+            visitors = [Visitor(client, pages.url("busy")) for _ in range(plan.thinkers)]
+            await asyncio.gather(*(visitor.arrive() for visitor in visitors))
             await asyncio.sleep(calm)
             cpu = CpuTimes(address.pid)
             await asyncio.sleep(calm)
             used = cpu.since_last()
             idle.append((sum(used.values()) - used.get("server", 0.0)) / calm)
-            run = await paced([stepper(s) for s in sessions], plan.thinking_seconds, plan.think_seconds)
+            run = await paced([v.step for v in visitors], plan.thinking_seconds, plan.think_seconds)
             runs.append(msgspec.structs.replace(run, cpu=cpu.since_last()))
     return Thinking(plan.thinkers, plan.think_seconds, runs[0], runs[1], (idle[0], idle[1]))
 
@@ -384,14 +435,12 @@ class Density(msgspec.Struct, frozen=True):
 
     Attributes:
         bytes: PSS of all browsers, by number of sessions that show a page.
-        failures: calls that failed.
     """
 
     sessions: int
     ready_seconds: float
     bytes: dict[int, int]
     steps: Paced
-    failures: int
 
     @property
     def marginal(self) -> float:
@@ -403,7 +452,6 @@ class Density(msgspec.Struct, frozen=True):
 async def density(plan: BenchPlan, pages: PageServer, say: Say) -> Density:
     """All sessions live at once, on static and busy pages in turn, each stepped several times."""
     sizes: dict[int, int] = {}
-    failures = 0
     began = time.perf_counter()
     few = max(1, plan.dense // 8)
     for slots in (few, plan.dense):
@@ -419,21 +467,8 @@ async def density(plan: BenchPlan, pages: PageServer, say: Say) -> Density:
             say(f"{slots} sessions step, half of them on busy pages")
             await asyncio.gather(*(s.step(Navigate(pages.url("busy"))) for s in sessions[::2]))
 
-            def counted(session: Session) -> Callable[[int], Awaitable[object]]:
-                step = stepper(session)
-
-                async def run(number: int) -> None:
-                    nonlocal failures
-                    try:
-                        await step(number)
-                    except Exception:
-                        failures += 1
-                        raise
-
-                return run
-
-            steps = await paced([counted(s) for s in sessions], plan.thinking_seconds, plan.think_seconds)
-    return Density(plan.dense, ready, sizes, steps, failures)
+            steps = await paced([stepper(s) for s in sessions], plan.thinking_seconds, plan.think_seconds)
+    return Density(plan.dense, ready, sizes, steps)
 
 
 # --- all of it ------------------------------------------------------------------------------------------
@@ -455,8 +490,10 @@ class ServerFigures(msgspec.Struct, frozen=True, omit_defaults=True):
 PARTS = ("ceiling", "costs", "thinking", "burst", "density")
 
 
-async def measure(plan: BenchPlan, parts: Sequence[str], browser: Path | None, say: Say) -> ServerFigures:
-    """Measure these parts, one after the other."""
+async def measure(
+    plan: BenchPlan, parts: Sequence[str], browser: Path | None, say: Say
+) -> AsyncIterator[ServerFigures]:
+    """Measure these parts, one after the other. After each comes all that is known by then."""
     found = await asyncio.to_thread(find_browser, browser)
     figures = ServerFigures(plan, found.version, len(os.sched_getaffinity(0)))
     async with serving_pages() as pages:
@@ -470,4 +507,4 @@ async def measure(plan: BenchPlan, parts: Sequence[str], browser: Path | None, s
         for part in PARTS:
             if part in parts:
                 figures = msgspec.structs.replace(figures, **{part: await runs[part]()})
-    return figures
+                yield figures

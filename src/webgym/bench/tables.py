@@ -134,14 +134,25 @@ def _thinking(found: Thinking) -> Table:
                 _ms(quantile(run.latencies, 0.95)),
                 f"{run.rate:.1f}",
                 f"{run.rate / found.allowed:.2f}",
+                str(run.failures),
             )
         )
-    slower = quantile(found.unfrozen.latencies, 0.5) / quantile(found.frozen.latencies, 0.5)
-    rows.append(("ratio", "", f"{slower:.1f}x", "", f"{found.frozen.rate / found.unfrozen.rate:.1f}x", ""))
+    if found.frozen.latencies and found.unfrozen.latencies:
+        slower = quantile(found.unfrozen.latencies, 0.5) / quantile(found.frozen.latencies, 0.5)
+        faster = found.frozen.rate / found.unfrozen.rate
+        rows.append(("ratio", "", f"{slower:.1f}x", "", f"{faster:.1f}x", "", ""))
     return Table(
         f"{found.sessions} sessions on busy pages, {found.think_seconds:g} s of thinking per step "
         f"(which allows {found.allowed:.1f} steps/s)",
-        ("slots", "processors, idle", "step p50, ms", "p95, ms", "steps/s", "of what thinking allows"),
+        (
+            "slots",
+            "processors, idle",
+            "step p50, ms",
+            "p95, ms",
+            "steps/s",
+            "of what thinking allows",
+            "failed",
+        ),
         rows,
     )
 
@@ -162,7 +173,7 @@ def _density(found: Density) -> Table:
     run = found.steps
     rows = [
         ("live sessions", str(found.sessions)),
-        ("failed calls", str(found.failures)),
+        ("failed steps", f"{run.failures} of {run.steps}"),
         ("until all were ready, s", f"{found.ready_seconds:.0f}"),
         ("memory per further session (PSS), MB", f"{found.marginal / MEGABYTE:.0f}"),
         ("memory of all browsers, GB", f"{max(found.bytes.values()) / MEGABYTE / 1024:.1f}"),

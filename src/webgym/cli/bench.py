@@ -46,7 +46,7 @@ def server(
     import uvloop
     from rich.console import Console
 
-    from webgym.bench.server import PARTS, BenchPlan, measure
+    from webgym.bench.server import PARTS, BenchPlan, ServerFigures, measure
     from webgym.bench.tables import markdown, server_tables, show
 
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
@@ -65,18 +65,28 @@ def server(
         burst=burst,
     )
     said = Console(stderr=True)
-    figures = uvloop.run(
-        measure(plan, only or PARTS, browser, lambda line: said.print(line, style="dim", highlight=False))
-    )
-    if json is not None:
-        json.write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
-    out = Console()
-    title = f"Chromium {figures.browser}, {figures.processors} processors"
-    if as_markdown:
-        print(f"{title}\n\n{markdown(server_tables(figures))}", end="")
-    else:
-        out.print(title, highlight=False)
-        show(server_tables(figures), out)
+
+    def say(line: str) -> None:
+        said.print(line, style="dim", highlight=False)
+
+    def keep(figures: ServerFigures) -> None:
+        if json is not None:
+            json.write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
+
+    async def run() -> None:
+        shown = 0
+        async for figures in measure(plan, only or PARTS, browser, say):
+            keep(figures)  # what is found stays, whatever happens to the rest
+            tables = list(server_tables(figures))
+            if not shown:
+                print(f"Chromium {figures.browser}, {figures.processors} processors\n", flush=True)
+            if as_markdown:
+                print(markdown(tables[shown:]), flush=True)
+            else:
+                show(tables[shown:], Console())
+            shown = len(tables)
+
+    uvloop.run(run())
 
 
 @app.command()

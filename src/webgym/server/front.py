@@ -88,6 +88,9 @@ class Front:
                 return error_response(error)
             except ClientDisconnect:
                 return Response(status_code=499)
+            except asyncio.CancelledError:  # what outlasts the time for an orderly end is cut off
+                errors.labels(operation.name, ServerUnreachable.code).inc()
+                return error_response(ServerUnreachable("the server stopped before the call had ended"))
             except Exception as error:
                 log.exception("%s failed by our own mistake", operation.name)
                 errors.labels(operation.name, "internal").inc()

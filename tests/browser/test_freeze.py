@@ -24,7 +24,6 @@ from .conftest import Open, Site, Tab
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 
-AT_ONCE = BrowserConfig(freeze_after_seconds=0)
 NAP_SECONDS = 1.0
 LONG_SECONDS = 150.0
 
@@ -68,7 +67,7 @@ def cpu_seconds(slot: Slot) -> float:
     return sum(time.user + time.system for time in times)
 
 
-async def opened(open_tab: Open, url: str, config: BrowserConfig = AT_ONCE) -> Tab:
+async def opened(open_tab: Open, url: str, config: BrowserConfig | None = None) -> Tab:
     tab = await open_tab(config=config)
     with tab.slot.awake():
         await tab.goto(url)
@@ -90,18 +89,6 @@ async def test_a_stopped_slot_uses_no_processor(open_tab: Open, site: Site) -> N
         assert psutil.STATUS_STOPPED not in states(tab.slot)
         await tab.step(Wait(0.3))
     assert cpu_seconds(tab.slot) > before
-
-
-async def test_a_quiet_page_is_stopped_a_little_later_and_runs_on_for_whoever_acts_at_once(
-    open_tab: Open, site: Site
-) -> None:
-    config = BrowserConfig(freeze_after_seconds=0.5)
-    tab = await opened(open_tab, site.page("<h1>Quiet</h1>"), config)
-    for _ in range(3):
-        assert not tab.slot.is_frozen
-        await step(tab)
-    await asleep(tab, 0)
-    assert "Quiet" in await step(tab)
 
 
 async def test_not_stopped_where_that_is_off(open_tab: Open, site: Site) -> None:
@@ -178,7 +165,7 @@ async def test_a_download_of_megabytes_waits_for_the_reader(open_tab: Open, site
     url = site.on("/megabytes", stream)
     script = f"fetch('{url}').then(r => r.arrayBuffer()).then(b => o.textContent = b.byteLength)"
     tab = await opened(open_tab, site.page(f'<button onclick="{script}">Get</button><p id=o>'))
-    tab.slot.config = AT_ONCE.model_copy(update={"long_poll_seconds": 0.05})
+    tab.slot.config = BrowserConfig(long_poll_seconds=0.05)
     with tab.slot.awake():
         await tab.slot.act(LeftClick(tab.at("Get")))
     await asleep(tab)

@@ -25,7 +25,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 NOWHERE = LeftClick(Target(coordinate=(990, 990)))
 BUTTON = LeftClick(Target(coordinate=(100, 50)))
 PACE = 0.6
-SHORT = BrowserConfig(long_poll_seconds=0.6, silent_timer_seconds=0.2, freeze_after_seconds=0)
+SHORT = BrowserConfig(long_poll_seconds=0.6, silent_timer_seconds=0.2)
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")

@@ -71,10 +71,6 @@ class BrowserConfig(BaseModel):
     burns a quarter of a core while nobody looks; stopped, it uses nothing. It sees a clock that jumped,
     as after a laptop's sleep."""
 
-    freeze_after_seconds: float = Field(default=0.2, ge=0)
-    """How much later a page is stopped that was quiet when it was last looked at: whoever acts again at
-    once finds it running. To stop and wake a browser costs 2 ms of CPU; a quiet page uses less."""
-
     # --- deadlines, seconds -----------------------------------------------------------------------
 
     launch_seconds: float = Field(default=30.0, gt=0)

@@ -55,9 +55,6 @@ _NOTICE_OF: dict[type[PageError], NoticeKind] = {
     ActionFailed: "action_failed",
 }
 
-_CALM = ("unchanged", "quiet")
-"""Reasons to call a page settled after which it has nothing to do."""
-
 T = TypeVar("T")
 
 _PAGES_ONLY = [{"type": "page", "exclude": False}, {"exclude": True}]
@@ -97,7 +94,6 @@ class Slot:
         self._was_revived = False
         """Whether the page was brought back since the last action: twice would be in vain."""
         self._frozen_at: float | None = None
-        self._freezing: asyncio.TimerHandle | None = None
         self._timers: Timers | None = None
         self._attached: asyncio.Future[AttachedToTarget] | None = None
         self._episodes = 0
@@ -149,7 +145,7 @@ class Slot:
 
     @contextlib.contextmanager
     def awake(self) -> Iterator[None]:
-        """Let the slot's processes run for the block; they are stopped after it, a quiet page a little later.
+        """Let the slot's processes run for the block; they are stopped after it.
 
         For whoever holds many slots: every other method may be called outside of it only if no such block
         was left before. With ``freeze`` off it does nothing.
@@ -159,11 +155,7 @@ class Slot:
             yield
         finally:
             if self.config.freeze:
-                if self._settled in _CALM:
-                    loop = asyncio.get_running_loop()
-                    self._freezing = loop.call_later(self.config.freeze_after_seconds, self._freeze)
-                else:
-                    self._freeze()
+                self._freeze()
 
     @property
     def is_frozen(self) -> bool:
@@ -176,8 +168,6 @@ class Slot:
             self._frozen_at = asyncio.get_running_loop().time()
 
     def _thaw(self) -> None:
-        if self._freezing is not None:
-            self._freezing.cancel()
         frozen_at, self._frozen_at = self._frozen_at, None
         if frozen_at is None or self._process is None:
             return
@@ -215,8 +205,6 @@ class Slot:
         process, self._process = self._process, None
         page, self._page = self._page, None
         self._is_open, self._frozen_at = False, None
-        if self._freezing is not None:
-            self._freezing.cancel()
         if page is not None:
             await page.close()
         if process is not None:

@@ -31,7 +31,7 @@ class Admission(BaseModel):
     """``per_operation``: each type of operation has its own queue, and they take turns (paper, section 4).
     ``global``: first come, first served, whatever it is."""
 
-    fewest: int = Field(default_factory=lambda: 3 * usable_cores(), gt=0)
+    fewest: int = Field(default_factory=lambda: 2 * usable_cores(), gt=0)
     """Slots that may run at once on saturated processors."""
 
     most: int = Field(default_factory=lambda: 24 * usable_cores(), gt=0)
@@ -46,7 +46,7 @@ class Admission(BaseModel):
     spare_below: float = Field(default=0.9, gt=0, le=1)
     """Busy share of the processors below which more slots may run."""
 
-    saturated_above: float = Field(default=0.98, gt=0, le=1)
+    saturated_above: float = Field(default=0.96, gt=0, le=1)
     """Busy share above which fewer may."""
 
 

@@ -4,7 +4,7 @@
 (() => {
   if (globalThis.webgym) return;
   const state = {
-    changedAt: 0, changes: 0, ours: new WeakSet(), roots: new WeakMap(), list: null, shadowedFrames: [],
+    changedAt: 0, changes: 0, reactions: 0, ours: new WeakSet(), roots: new WeakMap(), list: null, shadowedFrames: [],
   };
   const webgym = (globalThis.webgym = { state });
 
@@ -70,13 +70,15 @@
     }
     return true;
   };
-  const changed = () => {
+  // To scroll is a change, but it is the agent's own; what the page makes of it is a reaction.
+  const changed = (isReaction = true) => {
     state.changedAt = Date.now();
     state.changes += 1;
+    if (isReaction) state.reactions += 1;
   };
   const onEvent = (event) => {
     batch += 1;
-    if (isNews(event.target, event.type)) changed();
+    if (isNews(event.target, event.type)) changed(event.type !== 'scroll');
   };
   const isOurs = (record) =>
     record.type === 'childList' &&

@@ -39,6 +39,7 @@
   state.planned = null;
   state.idles = 0;
   state.asked = 0; // frames and idle moments
+  state.settled = -1; // reactions when it was last quiet
   state.isTireless = false; // draws frame after frame, for ever
   for (const name of ['pointermove', 'pointerdown', 'keydown', 'wheel'])
     webgym.listen([name, onInput, { capture: true, passive: true }]);
@@ -157,7 +158,7 @@
 
   // Resolves once the page showed no change for a while. Times in milliseconds:
   //   since     number of changes before the action; a page that has not changed since is given
-  //   reaction  to do so, and one that has must be still for
+  //   reaction  to do so (and to react, if it has only been scrolled), and one that has must be still for
   //   quiet     and is not waited for any longer after
   //   busy;
   //   linger    how long what shows that the page is loading is waited for to vanish.
@@ -174,6 +175,7 @@
     let found = null;
     const verdict = (reason) => {
       webgym.census(false);
+      state.settled = state.reactions;
       return {
         reason, changes: state.changes, loading: Boolean(found),
         planned, early, timers: timers.asked(), handles: timers.given(),
@@ -198,7 +200,8 @@
         webgym.attach();
       } else still += tick;
       const isSame = state.changes === since;
-      const needed = isSame ? reaction : quiet;
+      const isCalm = isSame || (since >= 0 && state.reactions === state.settled);
+      const needed = isCalm ? reaction : quiet;
       if (still >= needed) {
         if (await isDone()) {
           found = isSame ? null : sign();

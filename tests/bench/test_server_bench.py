@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -24,15 +25,31 @@ def bench(*arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.browser
-def test_every_part_runs(tmp_path: Path) -> None:
-    done = bench(*SMALL, "--markdown", "--json", str(tmp_path / "figures.json"))
+def figures_of(folder: Path, *parts: str) -> tuple[str, dict[str, Any]]:
+    """What a small run prints and writes."""
+    file = folder / "figures.json"
+    chosen = [word for part in parts for word in ("--only", part)]
+    done = bench(*SMALL, *chosen, "--markdown", "--json", str(file))
     assert done.returncode == 0, done.stderr
-    for title in ("Against the ceiling", "CPU milliseconds per call", "of thinking", "burst", "Density"):
-        assert title in done.stdout
-    figures = json.loads((tmp_path / "figures.json").read_text())
+    return done.stdout, json.loads(file.read_text())
+
+
+@pytest.mark.browser
+def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path) -> None:
+    said, figures = figures_of(tmp_path, "ceiling", "density")
+    assert "Against the ceiling" in said
+    assert "Density" in said
+    assert "thinking" not in figures
     assert figures["density"]["steps"]["failures"] == 0
     assert all(run["latencies"] for page in figures["ceiling"] for run in page["server"])
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_every_part_runs(tmp_path: Path) -> None:
+    said, figures = figures_of(tmp_path)
+    for title in ("Against the ceiling", "CPU milliseconds per call", "of thinking", "burst", "Density"):
+        assert title in said
     costs = {cost["operation"]: cost for cost in figures["costs"]}
     assert costs["navigate"]["cpu"]["renderer"] > 0
 

@@ -30,7 +30,7 @@ Say = Callable[[str], None]
 
 _CLICK = LeftClick(Target(coordinate=(31, 521)))
 _READY_SECONDS = 900.0
-_ARRIVAL_SECONDS = 120.0
+_ARRIVAL_SECONDS = 60.0
 _POLL_SECONDS = 0.01
 _CALM_SECONDS = 3.0
 """Between the last call and the look at idle processors, and length of that look, at most."""
@@ -94,7 +94,8 @@ async def paced(
 ) -> Paced:
     """Let all step at once, each one step after the other with a pause between, for so long.
 
-    What ends within ``seconds`` counts; they begin when all have begun.
+    What ends within ``seconds`` counts; they begin when all have begun. Those that think between their steps
+    are not waited for when time is up.
     """
     start = time.perf_counter()
     latencies: list[float] = []
@@ -119,9 +120,10 @@ async def paced(
             if think:
                 await asyncio.sleep(think)
 
-    async with asyncio.TaskGroup() as group:
-        for index, step in enumerate(steppers):
-            group.create_task(loop(index, step))
+    with suppress(TimeoutError):
+        async with asyncio.timeout(think + seconds if think else None), asyncio.TaskGroup() as group:
+            for index, step in enumerate(steppers):
+                group.create_task(loop(index, step))
     return Paced(seconds, latencies, steps, failures)
 
 

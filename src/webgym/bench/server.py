@@ -303,10 +303,10 @@ async def thinking(plan: BenchPlan, pages: PageServer, say: Say) -> Thinking:
             visitors = [Visitor(client, pages.url("busy")) for _ in range(plan.thinkers)]
             await asyncio.gather(*(visitor.arrive() for visitor in visitors))
             await asyncio.sleep(calm)
-            cpu = CpuTimes(address.pid)
+            cpu, began = CpuTimes(address.pid), time.perf_counter()
             await asyncio.sleep(calm)
             used = cpu.since_last()
-            idle.append((sum(used.values()) - used.get("server", 0.0)) / calm)
+            idle.append((sum(used.values()) - used.get("server", 0.0)) / (time.perf_counter() - began))
             run = await paced([v.step for v in visitors], plan.thinking_seconds, plan.think_seconds)
             runs.append(msgspec.structs.replace(run, cpu=cpu.since_last()))
     return Thinking(plan.thinkers, plan.think_seconds, runs[0], runs[1], (idle[0], idle[1]))

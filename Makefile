@@ -1,7 +1,8 @@
 # Two commands on a fresh machine with Python >= 3.11, git and make: `make demo` and `make test`.
 SHELL := bash
 BIN := .venv/bin
-WORKERS ?= 2
+# The tests wait for browsers more than they compute.
+WORKERS ?= 4
 # Anything to add to a command: make test ARGS="tests/judge -k answer", make demo ARGS="--tasks 20".
 ARGS ?=
 

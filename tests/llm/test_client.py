@@ -139,10 +139,10 @@ async def test_pauses_grow_and_are_spread(endpoint: Endpoint, monkeypatch: pytes
     own = asyncio.current_task()
 
     async def note(seconds: float) -> None:
-        if asyncio.current_task() is not own:  # the endpoint's server sleeps too
-            return await sleep(seconds)
-        pauses.append(seconds)
-        return await sleep(0)
+        is_own = asyncio.current_task() is own  # the endpoint's server sleeps too
+        if is_own:
+            pauses.append(seconds)
+        await sleep(0 if is_own else seconds)
 
     monkeypatch.setattr("webgym.llm.client.asyncio.sleep", note)
     retry = Retry(tries=5, first_seconds=1, longest_seconds=4)

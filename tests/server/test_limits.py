@@ -306,3 +306,13 @@ async def test_an_answer_that_nobody_reads_is_given_up() -> None:
 def test_deep_nesting_is_a_broken_request(body: bytes) -> None:
     with pytest.raises(ProtocolError):
         decode(body, StepRequest)
+
+
+async def test_a_call_that_outlasts_the_servers_end_is_told_so(caplog: pytest.LogCaptureFixture) -> None:
+    async with served(shutdown_seconds=1) as server:
+        request = b"GET /hold HTTP/1.1\r\nhost: x\r\nconnection: close\r\n" + AUTHORIZED + b"\r\n"
+        answer = asyncio.create_task(server.answer(request))
+        await until(lambda: server.in_flight == 1)
+        server.release = asyncio.Event()  # the one that the call waits for is never set
+    assert b'"server_unreachable"' in await answer
+    assert "Exception in ASGI application" not in caplog.text

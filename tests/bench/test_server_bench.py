@@ -58,3 +58,10 @@ def test_a_part_that_is_not_there_is_named() -> None:
     done = bench("--only", "everything")
     assert done.returncode == 2
     assert "everything" in done.stderr
+
+
+def test_a_place_where_nothing_can_be_written_is_told_at_once(tmp_path: Path) -> None:
+    done = bench("--json", str(tmp_path / "none" / "figures.json"))
+    assert done.returncode == 2
+    assert "cannot be written" in done.stderr
+    assert "starting" not in done.stderr

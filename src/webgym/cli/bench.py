@@ -16,6 +16,16 @@ def _bench() -> None:
     pass
 
 
+def _expect_to_write(file: Path | None) -> None:
+    """Say now, not after the measurement, that there is no place for its figures.
+
+    Raises:
+        ConfigError: the file's folder is not there.
+    """
+    if file is not None and (file.is_dir() or not file.parent.is_dir()):
+        raise ConfigError(f"{file} cannot be written", hint="give a file in a folder that exists")
+
+
 @app.command()
 def server(
     only: list[str] = typer.Option(
@@ -49,6 +59,7 @@ def server(
     from webgym.bench.server import PARTS, BenchPlan, ServerFigures, measure
     from webgym.bench.tables import markdown, server_tables, show
 
+    _expect_to_write(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     unknown = [part for part in only if part not in PARTS]
     if unknown:
@@ -115,6 +126,7 @@ def settle(
     from webgym.bench.settle import WAYS, SettleBench, as_json, chosen, misses, run, settle_tables
     from webgym.bench.tables import markdown, show
 
+    _expect_to_write(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     unknown = [one for one in way if one not in WAYS]
     if unknown:
@@ -173,6 +185,8 @@ def soak(
     from webgym.bench.soak.progress import progress
     from webgym.bench.tables import markdown, show
 
+    _expect_to_write(json)
+    _expect_to_write(log)
     logging.basicConfig(level=logging.CRITICAL, format="%(levelname)s %(message)s")
     plan = SoakPlan(
         seconds=minutes * 60,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import msgspec
 
@@ -11,6 +11,8 @@ from webgym.core.truth import Truth
 
 Level: TypeAlias = Literal["easy", "medium", "hard"]
 LEVELS: tuple[Level, ...] = ("easy", "medium", "hard")
+
+WebsiteFrom: TypeAlias = Literal["given", "derived", "inferred"]
 
 EASY_AT_MOST = 3
 MEDIUM_AT_MOST = 6
@@ -96,8 +98,13 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True):
         rubric: what a trajectory must show.
         source: the benchmark it comes from; ``"offline"`` for the offline web.
         reference_answer: overrides the judge where there is one (paper §3.4).
+        example_answer: one of several good answers; never overrides the judge.
         parent_id: the task it was decomposed from.
         split: ``"train"`` or ``"test"`` once split.
+        website_from: whether the source gave the website, it was taken from something else in the record,
+            or a model inferred it.
+        flags: what a user may want to choose or leave out by, such as ``"dated"``.
+        extra: columns of the published set that are not used here, kept so that it can be written again.
         truth: what an offline judge and a scripted policy know; never shown to a model.
     """
 
@@ -109,8 +116,12 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True):
     rubric: Rubric
     source: str
     reference_answer: str | None = None
+    example_answer: str | None = None
     parent_id: str | None = None
     split: Literal["train", "test"] | None = None
+    website_from: WebsiteFrom = "given"
+    flags: tuple[str, ...] = ()
+    extra: dict[str, Any] = {}
     truth: Truth | None = None
 
     @property

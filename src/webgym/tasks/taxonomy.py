@@ -1,0 +1,40 @@
+"""The domains that tasks are sorted into: the taxonomy of Mind2Web-2, 6 domains and 24 subdomains."""
+
+from __future__ import annotations
+
+from typing import Final
+
+DOMAINS: Final[dict[str, tuple[str, ...]]] = {
+    "Lifestyle & Leisure": (
+        "Shopping",
+        "Food & Cooking",
+        "Sports & Fitness",
+        "Health & Medicine",
+        "Pets & Animal Welfare",
+        "Fashion & Beauty",
+        "Hobbies & DIY",
+    ),
+    "Entertainment": (
+        "Films & TV Shows",
+        "Gaming & Virtual Worlds",
+        "Live Shows & Performances",
+        "Music",
+        "Books & Reading",
+    ),
+    "Misc.": (
+        "General Info.",
+        "News",
+        "Legal & Government Services",
+        "Real Estate",
+        "Finance & Investment",
+    ),
+    "Science & Research": ("Research & Academia", "Technology & Science"),
+    "Career & Education": ("Education & Learning", "Jobs & Career"),
+    "Travel & Transportation": ("Travel & Accommodation", "Outdoor & Recreation", "Ticketed Activities"),
+}
+"""Subdomains by domain. The dots belong to the names."""
+
+DOMAIN_OF: Final[dict[str, str]] = {
+    subdomain: domain for domain, subdomains in DOMAINS.items() for subdomain in subdomains
+}
+"""The domain of a subdomain; no two domains share one."""

@@ -1,0 +1,89 @@
+"""Which website a URL belongs to. The split, the duplicates and the statistics all ask here.
+
+A website is a *registrable domain*: ``shop.example.co.uk`` and ``www.example.co.uk`` are the same one,
+``example.co.uk``. The host alone would let a test website into training under another name of its own
+(``m.``, ``en.``, ``shop.``). Where a suffix is shared by strangers (``github.io``, ``blogspot.com``), the
+label before it decides; the Public Suffix List says which these are.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from functools import cache
+from typing import Final
+
+import idna
+from publicsuffixlist import PublicSuffixList
+
+_SHARED: Final = ".webgym.test"
+"""Each host under it is an offline website of its own; no public list knows it."""
+
+
+def host_of(website: str) -> str:
+    """The host in a bare host or a URL: lower case, in ASCII, without ``www.``, port and trailing dot.
+
+    Raises:
+        ValueError: there is none.
+    """
+    rest = website.strip()
+    scheme, separator, after = rest.partition("://")
+    if separator and scheme.replace("+", "").replace("-", "").replace(".", "").isalnum():
+        rest = after
+    for mark in "/?#\\":
+        rest = rest.partition(mark)[0]
+    rest = rest.rpartition("@")[2]
+    if rest.startswith("["):
+        address, bracket, _ = rest[1:].partition("]")
+        if bracket and _is_address(address):
+            return f"[{ipaddress.ip_address(address).compressed}]"
+        raise ValueError(f"{website!r} names no website")
+    host = rest.partition(":")[0].rstrip(".").lower()
+    if not host.isascii():
+        try:
+            host = idna.encode(host, uts46=True).decode("ascii")
+        except idna.IDNAError as error:
+            raise ValueError(f"{website!r} names no website: {error}") from error
+    while host.startswith("www.") and host.count(".") >= 2:
+        host = host[4:]
+    if not _is_name(host):
+        raise ValueError(f"{website!r} names no website")
+    return host
+
+
+def site_of(website: str) -> str:
+    """The website that a bare host or a URL belongs to, as one name to compare by.
+
+    Returns:
+        The registrable domain; the host itself where that is an address, a public suffix or has no dot.
+
+    Raises:
+        ValueError: there is no host.
+    """
+    host = host_of(website)
+    if host.endswith(_SHARED):
+        return host.rsplit(".", 3)[-3] + _SHARED
+    if _is_address(host.strip("[]")):
+        return host
+    return _suffixes().privatesuffix(host) or host
+
+
+@cache
+def _suffixes() -> PublicSuffixList:
+    return PublicSuffixList()
+
+
+def _is_address(host: str) -> bool:
+    if not (host[-1:].isdigit() or ":" in host):
+        return False
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_name(host: str) -> bool:
+    labels = host.split(".")
+    return len(host) <= 253 and all(
+        0 < len(label) <= 63 and label.replace("-", "").replace("_", "").isalnum() for label in labels
+    )

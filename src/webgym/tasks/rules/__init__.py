@@ -1,0 +1,69 @@
+"""What can be seen of the rubric's rules without a model (SYSTEM.md 1.4).
+
+A finding of severity ``error`` is refused, and the writer asked again with the finding as the reason; a
+``warning`` is reported. Errors are rules that a reader would hardly argue with; where a rule sees only that
+something is likely, it warns. ``tests/tasks/test_rules.py`` holds how often they are wrong on good rubrics.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from webgym.tasks.rules import against, form, wording
+from webgym.tasks.rules.case import Asked, Case, Draft, DraftGroup, Finding, Rule
+
+__all__ = ["RULES", "Asked", "Draft", "DraftGroup", "Finding", "Rule", "check_rubric"]
+
+RULES: Final[tuple[Rule, ...]] = (
+    Rule("empty-group", "error", "at least one group, and a fact in every group", form.no_groups),
+    Rule("empty-fact", "error", "no blank fact, no None", form.empty_facts),
+    Rule("no-description", "error", "every group is described", form.no_description),
+    Rule("difficulty", "error", "the difficulty is the number of facts", form.difficulty),
+    Rule("group-ids", "error", "groups are numbered 1 to n", form.ids),
+    Rule("duplicate", "error", "no fact twice", form.duplicates),
+    Rule("restated-task", "error", "no fact is the whole task beside its parts", form.restated_task),
+    Rule("too-many-facts", "error", "not more facts than tasks ask for", form.too_many),
+    Rule("or-in-capitals", "error", "OR in capitals, inside one fact", wording.lower_case_or),
+    Rule("split-alternatives", "error", "alternatives are one fact", against.split_alternatives),
+    Rule("several-things", "error", "one thing per fact", wording.several_things),
+    Rule("step", "error", "what must hold, not what to do on the way", wording.steps),
+    Rule("examples", "error", "no such as, no e.g.", wording.examples),
+    Rule("example-as-fact", "error", "the task's examples are not asked for", against.examples_as_facts),
+    Rule("unstated-number", "error", "no number that the task does not state", against.unstated_numbers),
+    Rule("leaked-answer", "error", "nothing that only the answer or the hints say", against.leaked_answers),
+    Rule("how-to", "error", "instructions are one fact", against.steps_of_instructions),
+    Rule("computation", "error", "a computation is one fact", against.steps_of_computation),
+    Rule("enumerated", "error", "what the task leaves open is one fact", against.enumerated),
+    Rule("hollow", "error", "a fact names what must hold", wording.hollow),
+    Rule("no-subject", "error", "a fact says what it is about", against.stop_words_only),
+    Rule("markup", "error", "one line of plain text", wording.markup),
+    Rule("endless", "error", "no fact is a paragraph", wording.endless_facts),
+    Rule("repetition", "warning", "facts of several groups say which they are about", form.repetitions),
+    Rule("several-clauses", "warning", "one statement per fact", wording.several_clauses),
+    Rule("several-sentences", "warning", "one sentence per fact", wording.several_sentences),
+    Rule("operands", "warning", "operands only where they are asked for", against.operands),
+    Rule("unstated-name", "warning", "no name that the task does not state", against.unstated_names),
+    Rule(
+        "unstated-quotation",
+        "warning",
+        "no quotation that the task does not say",
+        against.unstated_quotations,
+    ),
+    Rule("off-task", "warning", "a word in common with the task", form.off_task),
+    Rule("agent", "warning", "the world, not the agent", wording.agent),
+    Rule("question", "warning", "a statement", wording.question),
+    Rule("long", "warning", "a short fact", wording.long_facts),
+    Rule("many-groups", "warning", "few groups", form.many_groups),
+)
+"""Every rule, errors first."""
+
+
+def check_rubric(draft: Draft, asked: Asked) -> list[Finding]:
+    """Every place where a rubric breaks a rule that can be seen, errors first.
+
+    Args:
+        draft: as the model wrote it; :meth:`Draft.of` takes a finished rubric.
+        asked: the task that it is for.
+    """
+    case = Case(draft, asked)
+    return [Finding(rule.id, rule.severity, message) for rule in RULES for message in rule.look(case)]

@@ -1,0 +1,157 @@
+"""What the rules see of a text: its words, numbers, names and quotations. No model, no dictionary."""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property, lru_cache
+from typing import Final
+
+from webgym.core.text import fold
+
+STOP_WORDS: Final = frozenset(
+    """
+    a about all also an and any are as at be been being both but by can could did do does each either
+    every find found for from give given had has have he her him his how i if in including into is it its
+    least list listed made make many may me more most must my name named need no not of off on one only
+    or other our out over per please provide provided report reported said same say says see she should
+    show shown so some state stated such than that the their them then there these they this those to
+    under up us was we were what when where whether which while who whom whose why will with within would
+    you your identified identify return returned tell told look search locate determine check
+    """.split()
+)
+"""Words that say nothing about which thing is meant, and the verbs that tasks and facts report with."""
+
+_UNITS: Final = (
+    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen \
+sixteen seventeen eighteen nineteen twenty".split()
+)
+_TENS: Final = "thirty forty fifty sixty seventy eighty ninety hundred".split()
+_ORDINALS: Final = "first second third fourth fifth sixth seventh eighth ninth tenth".split()
+_MONTHS: Final = (
+    "january february march april may june july august september october november december".split()
+)
+WEEKDAYS: Final = "monday tuesday wednesday thursday friday saturday sunday".split()
+_NUMBER_WORDS: Final[dict[str, str]] = (
+    {word: str(value) for value, word in enumerate(_UNITS)}
+    | {word: str(value) for value, word in zip(range(30, 101, 10), _TENS, strict=True)}
+    | {word: str(value) for value, word in enumerate(_ORDINALS, start=1)}
+    | {word: str(value) for value, word in enumerate(_MONTHS, start=1)}
+    | {word[:3]: str(value) for value, word in enumerate(_MONTHS, start=1)}
+    | {"both": "2", "couple": "2", "pair": "2", "twice": "2", "double": "2", "dozen": "12", "week": "7"}
+)
+_SCALES: Final = {"k": 10**3, "thousand": 10**3, "m": 10**6, "million": 10**6, "billion": 10**9}
+_NO_NAMES: Final = (
+    frozenset(
+        "or and not i am pm usd eur gbp url urls id ids ok yes no faq tv pdf gb tb mb ghz km kg hd".split()
+    )
+    | set(_MONTHS + WEEKDAYS)
+    | {word[:3] for word in _MONTHS + WEEKDAYS}
+)
+
+_TITLE_CASE: Final = 0.6
+"""A text with a larger share of capitalised words is a title, in which capitals mark no names."""
+
+_WORD: Final = re.compile(r"[^\W_]+(?:'[^\W_]+)?")
+_NUMBER: Final = re.compile(r"(?<![A-Za-z\d.,])\d+(?:[.,]\d+)*")
+_SCALED: Final = re.compile(
+    r"(?<![A-Za-z\d.,])(\d+(?:[.,]\d+)*)\s?(k|m|thousand|million|billion)\b", re.IGNORECASE
+)
+_QUOTED: Final = re.compile(
+    r"“([^”]*)”|\"([^\"]*)\"|«([^»]*)»|(?<![\w’'])[‘']([^’']{2,}(?:[’']s [^’']*)?)[’'](?!\w)"
+)
+
+
+class Text:
+    """A text and what can be seen in it, worked out when it is asked for."""
+
+    def __init__(self, raw: str) -> None:
+        self.raw = raw
+
+    @cached_property
+    def folded(self) -> str:
+        """The text with case, quotes and white space made one."""
+        return fold(self.raw)
+
+    @cached_property
+    def words(self) -> tuple[str, ...]:
+        """Its words, in order, in lower case."""
+        return tuple(_WORD.findall(self.folded))
+
+    @cached_property
+    def stems(self) -> frozenset[str]:
+        """What its words have in common with their other forms."""
+        return frozenset(stem(word) for word in self.words)
+
+    @cached_property
+    def content(self) -> frozenset[str]:
+        """The stems of the words that say which thing is meant."""
+        return frozenset(stem(word) for word in self.words if word not in STOP_WORDS)
+
+    @cached_property
+    def numbers(self) -> frozenset[str]:
+        """The numbers in digits, without separators of thousands and idle zeros."""
+        return frozenset(plain(number) for number in _NUMBER.findall(self.raw)) - {""}
+
+    @cached_property
+    def counts(self) -> frozenset[str]:
+        """Every number that the text states in digits or in words, months as their numbers among them."""
+        words = {_NUMBER_WORDS[word] for word in self.words if word in _NUMBER_WORDS}
+        scaled = {
+            plain(f"{float(plain(number)) * _SCALES[scale.lower()]:.6f}")
+            for number, scale in _SCALED.findall(self.raw)
+            if plain(number).count(".") <= 1
+        }
+        return self.numbers | words | scaled | {"1"}
+
+    @cached_property
+    def quotations(self) -> tuple[str, ...]:
+        """What stands in quotation marks."""
+        found = ("".join(groups) for groups in _QUOTED.findall(self.raw))
+        return tuple(quoted.strip() for quoted in found if quoted.strip())
+
+    @cached_property
+    def unquoted(self) -> str:
+        """The text with every quotation made one word."""
+        return _QUOTED.sub("quoted", self.raw)
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Capitalised words that do not begin a sentence; none where nearly every word is capitalised."""
+        text = self.unquoted
+        words = _WORD.findall(text)
+        if len(words) > 3 and sum(word[0].isupper() for word in words) > _TITLE_CASE * len(words):
+            return ()
+        return tuple(
+            match.group()
+            for match in _WORD.finditer(text)
+            if match.group().lower() != match.group()
+            and match.group().lower() not in _NO_NAMES
+            and not _begins(text, match.start())
+        )
+
+
+def _begins(text: str, place: int) -> bool:
+    before = text[:place].rstrip(" \"“'‘([")
+    return not before or before[-1] in ".!?:;*-\n"
+
+
+def plain(number: str) -> str:
+    """``1,400.50`` as ``1400.5``: one form of a number to compare by; empty for ``0``."""
+    number = re.sub(r",(?=\d{3}(?:\D|$))", "", number).replace(",", ".")
+    if number.count(".") == 1:
+        number = number.rstrip("0").rstrip(".")
+    return number.lstrip("0") or ""
+
+
+@lru_cache(maxsize=50_000)
+def stem(word: str) -> str:
+    """A word without the endings of plurals and verbs: crude, and the same for all forms of most words."""
+    word = word.removesuffix("'s").replace("'", "")
+    if len(word) > 4 and word.endswith("ies"):
+        return word[:-3] + "i"
+    for ending in ("ings", "ing", "ed", "es", "ly", "s", "e", "y"):
+        if word.endswith(ending) and len(word) - len(ending) >= 3 and not word.endswith("ss"):
+            base = word[: -len(ending)]
+            base = base[:-1] if base[-1] == base[-2] and base[-1] not in "sle" else base
+            return base + "i" if ending == "y" else base
+    return word

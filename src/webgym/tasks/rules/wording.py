@@ -1,0 +1,205 @@
+"""Rules about the words of a single fact."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Final
+
+from webgym.tasks.rules.case import Case, Fact, at
+from webgym.tasks.rules.reading import stem
+
+LONG_FACT_WORDS: Final = 40
+"""A fact of more words is rarely one thing."""
+
+LONGEST_FACT_WORDS: Final = 90
+"""A fact of more words is a paragraph."""
+
+_OR: Final = re.compile(r"(?<![\w-])(either\b[^.;]*?)?\bor\b(?!-)\s*(\S*)")
+_BOUND: Final = frozenset(
+    """
+    more less higher lower above below over under fewer greater better worse later earlier older newer longer
+    shorter larger bigger smaller cheaper faster equal so not at up after before beyond within further wider
+    thinner lighter heavier closer nearer no exactly
+    """.split()
+)
+"""After *or* these only widen a bound ("4 or more", "at or below"); nobody has to choose."""
+
+_AND_OR: Final = re.compile(r"\band\s?/\s?or\b", re.I)
+
+_ATTRIBUTES: Final = (
+    r"(?:titles?|names?|prices?|costs?|ratings?|address(?:es)?|phones?|(?:tele)?phone numbers?|e-?mails?"
+    r"|e-?mail addresses|websites?|links?|urls?|dates?|times?|durations?|lengths?|sizes?|colou?rs?|weights?"
+    r"|heights?|widths?|authors?|directors?|artists?|publishers?|years?|genres?|locations?|venues?|summar(?:y|ies)"
+    r"|descriptions?|abstracts?|salar(?:y|ies)|distances?|populations?|areas?|calories|reviews?|ranks?|ingredients"
+    r"|hours|deadlines?|fees?|fares?|discounts?|materials?|versions?|licen[cs]es?|isbn|availability|warrant(?:y|ies)"
+    r"|capacit(?:y|ies)|temperatures?|humidity|speeds?|steps)"
+)
+_BETWEEN: Final = r"(?:(?!by\b|from\b)[\w'’-]+ ){0,3}?"
+_PAIR: Final = re.compile(
+    rf"(?<!by )(?<!by the )\b({_ATTRIBUTES}),? (?:and|as well as|along with|plus) "
+    rf"(?:{_BETWEEN})({_ATTRIBUTES})\b",
+    re.I,
+)
+_FIXED_PAIRS: Final = frozenset(
+    {("date", "time"), ("dates", "times"), ("day", "time"), ("time", "date"), ("time", "location")}
+)
+_TOGETHER: Final = re.compile(
+    r"\b(?:differences?|differ|sums?|totals? of|ratios?|between|combined|compar\w+|match\w*|together"
+    r"|whether|sorted|filter\w*|relation\w*|correspond\w*|same)\b",
+    re.I,
+)
+_CLAUSES: Final = re.compile(
+    r"\b(?:is|are|was|were|has|have|had|costs?|contains?|includes?|says?|shows?)\b[^,;:]*?,? and "
+    r"(?:it |they |also )?"
+    r"(?:is|are|was|were|has|have|costs?|contains?|includes?|says?|shows?|gives?|states?|offers?)\b",
+    re.I,
+)
+_PLURAL: Final = re.compile(
+    r"^(?!.*\b(?:dates? and times?|terms and conditions|pros and cons)\b)"
+    r"(?:the |its |their |an? )?(?:[\w'’-]+ ){0,5}?[\w'’-]+ and "
+    r"(?:the |its |their |an? )?[^,;:]{1,80}? (?:are|were|have been)(?: \w+ly| both)? "
+    r"(?:found|reported|given|stated|provided|listed|identified|named|shown|returned)\b",
+    re.I,
+)
+_SENTENCES: Final = re.compile(r"[^\W\d_]{4,}[.!?]\s+[A-Z]|;\s+\w+\s+\w+")
+
+_STEP_LABEL: Final = re.compile(r"^\s*(?:step\s*\d+|\d+\s*[.)](?!\d)|[-*•]\s)", re.I)
+_ACTS: Final = re.compile(
+    r"\b(click(?:s|ed|ing)?|navigat(?:e|es|ed|ing)|scroll(?:s|ed|ing)?|hover(?:s|ed|ing)?|tap(?:s|ped)? on"
+    r"|press(?:es|ed)? (?:the )?(?:enter|button|key)|typ(?:e|es|ed|ing)\b[^.;]{0,60}\binto?\b"
+    r"|enter(?:s|ed)?\b[^.;]{0,60}\b(?:in|into) the (?:search|field|box|form)|go(?:es)? to the"
+    r"|visit(?:s|ed) the"
+    r"|us(?:e|es|ed|ing) the (?:search|filter|menu|navigation|dropdown)|search (?:bar|box)"
+    r"|home ?page is (?:open|reached|loaded))",
+    re.I,
+)
+_ACTING: Final = frozenset(
+    stem(word)
+    for word in "click navigate scroll hover tap press type enter go goes visit use used using search home "
+    "homepage".split()
+)
+"""A fact without any of these tells no step: looked at first, for it is quick."""
+
+_EXAMPLES: Final = re.compile(
+    r"\bsuch as\b|\be\.\s?g\b\.?|\bfor (?:example|instance)\b|\bincluding but not limited\b", re.I
+)
+_HOLLOW: Final = re.compile(
+    r"^(?:the |all (?:the )?|every )?(?:whole |entire |final |user'?s |required |requested |given |other )*"
+    r"(?:tasks?|requests?|answers?|information|requirements?|conditions?|constraints?|details|results?|facts"
+    r"|instructions?) (?:is|are|was|were|has been|have been) (?:\w+ly )?(?:complete[d]?|correct|accurate|met"
+    r"|satisfied|done|fulfilled"
+    r"|successful|finished|right|valid|followed)\W*$",
+    re.I,
+)
+_AGENT: Final = re.compile(r"\bthe (?:web )?(?:agent|assistant|model|bot|ai)\b", re.I)
+_MARKUP: Final = re.compile(r"```|\*\*|[{}]|</?\w+>|\n")
+
+
+def lower_case_or(case: Case) -> Iterator[str]:
+    """Alternatives stand in one fact, joined by OR in capitals (SYSTEM.md 1.1)."""
+    for fact in case.facts:
+        text = fact.text.unquoted
+        if _AND_OR.search(text):
+            yield at(fact, 'says "and/or"; write OR, or two facts')
+            continue
+        for match in _OR.finditer(text):
+            if match.group(2).strip(".,;:)").lower() not in _BOUND:
+                yield at(fact, 'has an "or" that is not in capitals; write OR')
+                break
+
+
+def several_things(case: Case) -> Iterator[str]:
+    """One fact is one verifiable piece of information: not a price and a rating."""
+    for fact in _joining(case):
+        for match in _PAIR.finditer(fact.text.unquoted):
+            first, second = match.group(1).lower(), match.group(2).lower()
+            if (first, second) not in _FIXED_PAIRS:
+                yield at(fact, f'holds two things, "{first}" and "{second}"; write one fact for each')
+                break
+
+
+def several_clauses(case: Case) -> Iterator[str]:
+    """One fact makes one statement."""
+    for fact in _joining(case):
+        text = fact.text.unquoted
+        if _CLAUSES.search(text) or _PLURAL.search(text):
+            yield at(fact, "seems to make several statements")
+
+
+def several_sentences(case: Case) -> Iterator[str]:
+    """A fact is one sentence at most."""
+    for fact in case.facts:
+        if _SENTENCES.search(fact.text.unquoted):
+            yield at(fact, "seems to be several sentences")
+
+
+def _joining(case: Case) -> Iterator[Fact]:
+    """The facts that join things, unless it is to compare or to combine them."""
+    for fact in case.facts:
+        text = fact.text.folded
+        joins = " and " in text or " as well as " in text or " along with " in text or " plus " in text
+        if joins and not _TOGETHER.search(fact.text.unquoted):
+            yield fact
+
+
+def steps(case: Case) -> Iterator[str]:
+    """A fact is something that holds, not a step on the way, unless the task itself asks for the step."""
+    for fact in case.facts:
+        if _STEP_LABEL.match(fact.text.raw):
+            yield at(fact, "is numbered like a step")
+            continue
+        act = _ACTS.search(fact.text.unquoted) if not fact.text.stems.isdisjoint(_ACTING) else None
+        if act is not None and stem(act.group().split()[0].casefold()) not in case.task.stems:
+            yield at(fact, f'tells a step ("{act.group()}") instead of what must hold')
+
+
+def examples(case: Case) -> Iterator[str]:
+    """Examples are not part of a fact."""
+    for fact in case.facts:
+        found = _EXAMPLES.search(fact.text.unquoted)
+        if found is not None:
+            yield at(fact, f'gives examples ("{found.group()}"); leave them out')
+
+
+def hollow(case: Case) -> Iterator[str]:
+    """A fact names what must hold; that all is well is no fact."""
+    for fact in case.facts:
+        if _HOLLOW.match(fact.text.raw.strip()):
+            yield at(fact, "names nothing that could be verified")
+
+
+def agent(case: Case) -> Iterator[str]:
+    """A fact speaks of the world, not of the agent."""
+    for fact in case.facts:
+        found = _AGENT.search(fact.text.unquoted)
+        if found is not None and not case.says(found.group().casefold()):
+            yield at(fact, f'speaks of "{found.group().lower()}" instead of what must hold')
+
+
+def question(case: Case) -> Iterator[str]:
+    """A fact is a statement."""
+    for fact in case.facts:
+        if fact.text.unquoted.rstrip().endswith("?"):
+            yield at(fact, "is a question; state what must hold")
+
+
+def markup(case: Case) -> Iterator[str]:
+    """A fact is one line of plain text."""
+    for fact in case.facts:
+        if _MARKUP.search(fact.text.raw):
+            yield at(fact, "holds markup or line breaks; write one line of plain text")
+
+
+def long_facts(case: Case) -> Iterator[str]:
+    """A fact is short."""
+    for fact in case.facts:
+        if LONG_FACT_WORDS < len(fact.text.words) <= LONGEST_FACT_WORDS:
+            yield at(fact, f"has {len(fact.text.words)} words")
+
+
+def endless_facts(case: Case) -> Iterator[str]:
+    """No fact is a paragraph."""
+    for fact in case.facts:
+        if len(fact.text.words) > LONGEST_FACT_WORDS:
+            yield at(fact, f"has {len(fact.text.words)} words; {LONGEST_FACT_WORDS} is the limit")

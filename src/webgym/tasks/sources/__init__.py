@@ -2,6 +2,64 @@
 
 from __future__ import annotations
 
-from webgym.tasks.sources.base import Skipped, Source, SourceTask
+from datetime import date
+from pathlib import Path
 
-__all__ = ["Skipped", "Source", "SourceTask"]
+from webgym.core.errors import UsageError
+from webgym.tasks.sources import (
+    agentsynth,
+    browsecomp,
+    deepshop,
+    gaia,
+    insta,
+    mind2web_2,
+    mind2web_live,
+    online_mind2web,
+    travelplanner,
+    webvoyager,
+)
+from webgym.tasks.sources.base import PassedOver, Read, Skipped, Source, SourceTask
+from webgym.tasks.sources.hub import HUB
+from webgym.tasks.sources.importing import read_with
+
+SOURCES: dict[str, Source] = {
+    source.name: source
+    for source in (
+        insta.SOURCE,
+        webvoyager.SOURCE,
+        agentsynth.SOURCE,
+        browsecomp.SOURCE,
+        travelplanner.SOURCE,
+        mind2web_live.SOURCE,
+        online_mind2web.SOURCE,
+        deepshop.SOURCE,
+        mind2web_2.SOURCE,
+        gaia.SOURCE,
+    )
+}
+"""By name, in the order of the paper's Table 1; the published set comes last."""
+
+__all__ = ["HUB", "SOURCES", "PassedOver", "Read", "Skipped", "Source", "SourceTask", "read_source"]
+
+
+def read_source(name: str, where: str | Path, *, today: date | None = None) -> Read:
+    """Read a source's native files as they are.
+
+    A broken record is skipped and counted, with its file, place and reason; the rest loads. Everything is
+    read again on every call, and the same files give the same tasks under the same ids.
+
+    Args:
+        name: of the source, a key of :data:`SOURCES`.
+        where: a file (JSON lines, JSON, CSV, TSV, Parquet, compressed or not), a folder of them, or
+            ``"hub:<datasets id>[:[<configuration>/]<split>]"``, which needs the library ``datasets``.
+        today: what lies before it has passed; the day of the call if not given.
+
+    Raises:
+        UsageError: there is no such source.
+        TaskFileError: nothing is there, it cannot be read, or no record is in it.
+        ConfigError: ``datasets`` is not installed, or gives no such dataset.
+    """
+    source = SOURCES.get(name)
+    if source is None:
+        raise UsageError(f"there is no source {name!r}", hint=f"the sources are {', '.join(SOURCES)}")
+    return read_with(source, where, date.today() if today is None else today)

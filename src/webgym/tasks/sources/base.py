@@ -2,13 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Protocol
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from webgym.core.task import Rubric, WebsiteFrom
+from webgym.tasks.websites import site_of
+
+if TYPE_CHECKING:
+    from webgym.tasks.sources.beside import Beside
+    from webgym.tasks.sources.fields import Fields
+
+DATED = "dated"
+"""The instruction names a day, a month or a year that has passed. It is never rewritten here."""
+ENCRYPTED_SOURCE = "encrypted-source"
+"""The source is published encrypted so that no crawler reads it (BrowseComp). Whoever writes tasks to a file
+must leave these out, unless the user has asked for their plain text by the source's name."""
+PLACEHOLDER_WEBSITE = "placeholder-website"
+"""The record names a website that stands for "the web" (GAIA); the task's own is to be inferred."""
+BAD_WEBSITE = "bad-website"
+"""What the record gives as a website names none; it is to be inferred."""
+GARBLED = "garbled"
+"""A value beside the instruction cannot be read, and was left out."""
+NEEDS_FILE = "needs-file"
+"""The task comes with a file that is not part of it here."""
 
 
 class SourceTask(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -20,12 +40,13 @@ class SourceTask(msgspec.Struct, frozen=True, omit_defaults=True):
         instruction: what the agent reads, unchanged but for surrounding white space.
         website: URL where the attempt starts; ``None`` where one has to be inferred.
         website_from: where ``website`` comes from; ``"inferred"`` while there is none.
-        domain, subdomain: as the source names them; empty if it does not.
+        domain, subdomain: of the taxonomy, where the source's own category leaves no doubt; else empty, and
+            to be inferred. The published set's are kept as they are.
         reference_answer: overrides the judge.
         example_answer: one of several good answers; never overrides the judge.
         hints: steps and criteria of the source, for whoever writes the rubric. May hold the answer.
         rubric: where the source has one of our shape.
-        flags: such as ``"dated"``: it names a date that has passed.
+        flags: what to know about it, such as :data:`DATED`; the names are in this module.
         extra: columns of the published set that are not used here.
     """
 
@@ -50,7 +71,7 @@ class Skipped(msgspec.Struct, frozen=True):
     Attributes:
         file: as it was given.
         place: line, row or key in it.
-        reason: what is wrong with it.
+        reason: what is wrong with it. Never quotes what the record says.
     """
 
     file: str
@@ -58,24 +79,111 @@ class Skipped(msgspec.Struct, frozen=True):
     reason: str
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.place}: {self.reason}"
+        return f"{self.file}, {self.place}: {self.reason}"
 
 
-class Source(Protocol):
+class PassedOver(msgspec.Struct, frozen=True):
+    """A file that was not read as tasks.
+
+    Attributes:
+        file: as it was found.
+        reason: what it is instead, or what is wrong with it.
+    """
+
+    file: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.reason}"
+
+
+@dataclass
+class Draft:
+    """What a record says, before it is checked: the work of one source's file.
+
+    Attributes:
+        instruction: as :class:`SourceTask`'s.
+        native_id: the source's own; ``None`` where it has none.
+        website: as the record gives it, a bare host or a URL; ``None`` if it gives none.
+        website_from: where from, if there is one.
+        dates: texts beside the instruction that say when it is about.
+    """
+
+    instruction: str
+    native_id: str | None = None
+    website: str | None = None
+    website_from: WebsiteFrom = "given"
+    domain: str = ""
+    subdomain: str = ""
+    reference_answer: str | None = None
+    example_answer: str | None = None
+    hints: tuple[str, ...] = ()
+    rubric: Rubric | None = None
+    flags: list[str] = field(default_factory=list)
+    dates: tuple[str, ...] = ()
+    extra: dict[str, object] = field(default_factory=dict)
+
+
+class Unusable(ValueError):
+    """A record gives no task; the message is the reason and quotes nothing."""
+
+
+@dataclass(frozen=True)
+class Source:
     """One benchmark.
 
     Attributes:
-        name: of the source, as in ids.
+        name: as in ids and on the command line.
         paper_tasks, paper_websites: as the paper's Table 1 counts them.
+        licence: of the data, where its publisher states one.
+        instruction: names of the field that holds the instruction; a record is known by it.
+        draft: what a record says.
+        synthetic: the tasks were made by a model, so that near-duplicates are to be expected (paper §3.2).
+        beside: patterns of files that belong to the tasks' file and hold no tasks themselves.
     """
 
     name: str
     paper_tasks: int
     paper_websites: int
+    licence: str
+    instruction: tuple[str, ...]
+    draft: Callable[[Fields, Beside], Draft]
+    synthetic: bool = False
+    beside: tuple[str, ...] = ()
 
-    def read(self, path: Path) -> Iterator[SourceTask | Skipped]:
-        """Every record of a file or a folder of files, in order: a task, or why there is none.
 
-        Raises:
-            TaskFileError: there is nothing of this source there.
-        """
+@dataclass(frozen=True)
+class Read:
+    """What a source held. ``records == len(tasks) + len(skipped)``, always.
+
+    Attributes:
+        name: of the source.
+        tasks: in the order of the files.
+        skipped: the records that gave no task, and why.
+        records: how many there were.
+        passed_over: files of a folder that hold no tasks, and companions that could not be read.
+    """
+
+    name: str
+    tasks: list[SourceTask]
+    skipped: list[Skipped]
+    records: int
+    passed_over: tuple[PassedOver, ...] = ()
+
+    def flags(self) -> Counter[str]:
+        """How many tasks carry each flag."""
+        return Counter(flag for task in self.tasks for flag in task.flags)
+
+    def websites(self) -> int:
+        """How many websites there are, by registrable domain; those to be inferred do not count."""
+        return len(sites(self.tasks))
+
+    def websites_from(self) -> Counter[WebsiteFrom]:
+        """How many tasks have their website from where."""
+        return Counter(task.website_from for task in self.tasks)
+
+
+def sites(tasks: Iterable[SourceTask]) -> set[str]:
+    """The websites of tasks, as :func:`webgym.tasks.websites.site_of` names them."""
+    urls = {task.website for task in tasks}
+    return {site_of(url) for url in urls if url is not None}

@@ -1,0 +1,56 @@
+"""AgentSynth's web tasks: made by a model that tried them, with what it did.
+
+``action_sequence`` holds strings of JSON in the full file and objects in the summarised one; now and then a
+string is plain words. A final ``stop`` carries the answer that the model gave: an example, not the truth.
+"""
+
+from __future__ import annotations
+
+from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.fields import Fields, as_text, is_absent, unpacked
+
+_INSTRUCTION = ("task", "instruction")
+
+
+def _draft(fields: Fields, _: Beside) -> Draft:
+    draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
+    draft.website = fields.text("website")
+    try:
+        draft.example_answer = _final_answer(fields.packed("action_sequence"))
+    except Unusable:
+        draft.flags.append(GARBLED)
+    return draft
+
+
+def _final_answer(actions: object) -> str | None:
+    """What the last action says, if it is a ``stop`` with an answer.
+
+    Raises:
+        Unusable: the last action cannot be read.
+    """
+    if not isinstance(actions, list) or not actions:
+        return None
+    last = actions[-1]
+    if isinstance(last, str):
+        last = unpacked(last, "action_sequence")
+    if not isinstance(last, dict):
+        raise Unusable("the last action is no object")
+    if last.get("action_key") != "stop":
+        return None
+    given = last.get("action_kwargs")
+    if isinstance(given, str):
+        given = unpacked(given, "action_kwargs")
+    answer = given.get("answer") if isinstance(given, dict) else None
+    return None if is_absent(answer) else as_text(answer, "answer")
+
+
+SOURCE = Source(
+    name="agentsynth-web",
+    paper_tasks=2_086,
+    paper_websites=328,
+    licence="Apache-2.0",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+    synthetic=True,
+)

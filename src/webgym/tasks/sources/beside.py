@@ -1,0 +1,64 @@
+"""Files that belong to a file of tasks: answers, rubric trees."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path, PurePosixPath
+from typing import TypeVar
+
+import msgspec
+
+from webgym.tasks.sources.base import PassedOver
+
+T = TypeVar("T")
+
+
+class Beside:
+    """The companions of a file of tasks, in its folder. Each is read once.
+
+    Args:
+        folder: of the tasks' file; ``None`` where there is none (the hub).
+
+    Attributes:
+        broken: companions that could not be read.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        self._folder = folder
+        self._loaded: dict[str, object] = {}
+        self.broken: list[PassedOver] = []
+
+    def load(self, name: str, build: Callable[[object], T]) -> T | None:
+        """What ``build`` makes of a companion's JSON; ``None`` if there is no such file, or it is broken.
+
+        Args:
+            name: of the file, relative to the folder. The folder is never left.
+        """
+        if name not in self._loaded:
+            self._loaded[name] = self._read(name, build)
+        return self._loaded[name]  # type: ignore[return-value]
+
+    def _read(self, name: str, build: Callable[[object], T]) -> T | None:
+        path = self._find(name)
+        if path is None:
+            return None
+        try:
+            return build(msgspec.json.decode(path.read_bytes()))
+        except OSError as error:
+            self.broken.append(PassedOver(str(path), f"cannot be read: {error.strerror}"))
+        except (ValueError, RecursionError) as error:
+            self.broken.append(PassedOver(str(path), f"is no companion of the tasks: {error}"))
+        return None
+
+    def _find(self, name: str) -> Path | None:
+        parts = PurePosixPath(name.replace("\\", "/")).parts
+        if self._folder is None or not parts or ".." in parts or "\0" in name:
+            return None
+        whole = self._folder.joinpath(*(part for part in parts if part not in ("/", ".")))
+        for path in (whole, self._folder / parts[-1]):
+            try:
+                if path.is_file():
+                    return path
+            except OSError:  # a name that is too long for a file
+                return None
+        return None

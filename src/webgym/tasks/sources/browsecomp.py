@@ -1,0 +1,81 @@
+"""BrowseComp: short answers that are hard to find. Published encrypted, so that no crawler reads them.
+
+Every task carries :data:`~webgym.tasks.sources.base.ENCRYPTED_SOURCE`: whoever writes tasks to a file leaves
+these out unless the user asks for them by name. No message quotes them.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import hashlib
+import unicodedata
+
+from webgym.tasks.sources.base import ENCRYPTED_SOURCE, Draft, Source, Unusable
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.categories import UNKNOWN, Place, named, subdomain
+from webgym.tasks.sources.fields import Fields
+
+_INSTRUCTION = ("problem", "question")
+_PLACES: dict[str, Place] = {
+    "tv shows & movies": subdomain("Films & TV Shows"),
+    "music": subdomain("Music"),
+    "video games": subdomain("Gaming & Virtual Worlds"),
+    "sports": subdomain("Sports & Fitness"),
+    "science & technology": subdomain("Technology & Science"),
+}
+"""By ``problem_topic``. Its others (art, geography, history, politics, other) have no one place."""
+
+
+def decrypt(cipher: str, canary: str) -> str:
+    """The plain text of a field: XOR with the canary's SHA-256, repeated.
+
+    Raises:
+        Unusable: it does not decrypt; the canary is another row's, or the field is damaged or plain.
+    """
+    try:
+        data = base64.b64decode("".join(cipher.split()), validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise Unusable("it is not encrypted as BrowseComp is, for it is no base64") from error
+    digest = hashlib.sha256(canary.encode()).digest()
+    key = digest * (len(data) // len(digest) + 1)
+    try:
+        plain = bytes(a ^ b for a, b in zip(data, key, strict=False)).decode()
+    except UnicodeDecodeError as error:
+        raise Unusable("it does not decrypt with its canary") from error
+    if any(unicodedata.category(letter) == "Cc" and letter not in "\t\r\n" for letter in plain):
+        raise Unusable("it does not decrypt with its canary")
+    return plain.strip()
+
+
+def _draft(fields: Fields, _: Beside) -> Draft:
+    cipher = fields.instruction(*_INSTRUCTION)
+    # Not stripped: the key is the hash of exactly these characters.
+    canary = fields.value("canary")
+    if not isinstance(canary, str):
+        raise Unusable("no 'canary' to decrypt with")
+    question = decrypt(cipher, canary)
+    if not question:
+        raise Unusable("'problem' is empty")
+    draft = Draft(question, fields.native_id("id"), flags=[ENCRYPTED_SOURCE])
+    answer = fields.text("answer")
+    draft.reference_answer = (decrypt(answer, canary) or None) if answer else None
+    topic = fields.value("problem_topic")
+    draft.domain, draft.subdomain = _place(topic)
+    return draft
+
+
+def _place(topic: object) -> Place:
+    if not isinstance(topic, str):
+        return UNKNOWN
+    return _PLACES.get(topic.strip().casefold().replace(" and ", " & "), named(topic))
+
+
+SOURCE = Source(
+    name="browsecomp",
+    paper_tasks=1_266,
+    paper_websites=7,
+    licence="MIT (code)",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+)

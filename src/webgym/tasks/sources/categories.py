@@ -1,0 +1,40 @@
+"""From a source's own category to the taxonomy, where it leaves no doubt."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Final, TypeAlias
+
+from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
+
+Place: TypeAlias = tuple[str, str]
+"""Domain and subdomain; empty where they have to be inferred."""
+
+UNKNOWN: Final[Place] = ("", "")
+
+
+def subdomain(name: str) -> Place:
+    """A subdomain of the taxonomy with its domain."""
+    return DOMAIN_OF[name], name
+
+
+def named(*names: object) -> Place:
+    """The taxonomy's place that one of a record's own words names, however it is spelled; else unknown.
+
+    Args:
+        names: the record's domain, subdomain or category, the most telling first.
+    """
+    for name in names:
+        if isinstance(name, str) and (place := _places().get(_folded(name))):
+            return place
+    return UNKNOWN
+
+
+@cache
+def _places() -> dict[str, Place]:
+    domains = {_folded(domain): (domain, "") for domain in DOMAINS}
+    return domains | {_folded(name): (domain, name) for name, domain in DOMAIN_OF.items()}
+
+
+def _folded(name: str) -> str:
+    return "".join(letter for letter in name.casefold().replace("&", "and") if letter.isalnum())

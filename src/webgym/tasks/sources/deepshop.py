@@ -1,0 +1,56 @@
+"""DeepShop: shopping on Amazon. Attribute, filter and sort say what to look for; some of them are garbled."""
+
+from __future__ import annotations
+
+import re
+
+from webgym.tasks.sources.base import GARBLED, Draft, Source
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.categories import subdomain
+from webgym.tasks.sources.fields import Fields
+
+_INSTRUCTION = ("ques", "question", "task")
+_TWICE = re.compile(r"\b(\w{2,})\s+\1\b", re.IGNORECASE)
+
+
+def _draft(fields: Fields, _: Beside) -> Draft:
+    draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("id", "task_id"))
+    draft.website = fields.text("web", "website", "url")
+    # Its own categories (Electronics, Fashion, Books, ...) are departments of one shop.
+    draft.domain, draft.subdomain = subdomain("Shopping")
+    hints = []
+    for name in ("attribute", "filter", "sort"):
+        value = fields.value(name)
+        if value is None:
+            continue
+        text = _mended(value) if isinstance(value, str) else None
+        if text:
+            hints.append(f"{name}: {text}")
+        elif GARBLED not in draft.flags:
+            draft.flags.append(GARBLED)
+    draft.hints = tuple(hints)
+    return draft
+
+
+def _mended(text: str) -> str | None:
+    """The text without the marks of bold type; ``None`` if two texts were mixed up in it.
+
+    Where values were garbled, fragments of two stand in each other with their marks: an odd number of marks,
+    marks in the middle, or words said twice.
+    """
+    marks = text.count("**")
+    if not marks:
+        return text.strip()
+    if marks != 2 or not text.lstrip().startswith("**") or _TWICE.search(text):
+        return None
+    return text.replace("**", "").strip()
+
+
+SOURCE = Source(
+    name="deepshop",
+    paper_tasks=150,
+    paper_websites=1,
+    licence="CC BY 4.0",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+)

@@ -1,0 +1,33 @@
+"""InSTA: tasks that a model proposed for the hosts of a web crawl. v3 has steps and criteria, v1 neither."""
+
+from __future__ import annotations
+
+from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.fields import Fields, texts
+
+_INSTRUCTION = ("instruction", "task")
+
+
+def _draft(fields: Fields, _: Beside) -> Draft:
+    # In v1 the host stands under "domain"; v3 calls it "website".
+    draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
+    draft.website = fields.text("website", "domain")
+    hints: list[str] = []
+    for name, word in (("steps", "step"), ("criteria", "criterion")):
+        try:
+            hints += (f"{word}: {text}" for text in texts(fields.packed(name)))
+        except Unusable:
+            draft.flags.append(GARBLED)
+    draft.hints = tuple(hints)
+    return draft
+
+
+SOURCE = Source(
+    name="insta-v3",
+    paper_tasks=146_441,
+    paper_websites=146_348,
+    licence="MIT",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+)

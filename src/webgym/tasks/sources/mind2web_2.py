@@ -1,0 +1,65 @@
+"""Mind2Web-2: long searches over many websites, by task id, some with a tree of what is verified."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from webgym.tasks.sources.base import Draft, Source
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.categories import named
+from webgym.tasks.sources.fields import Fields, texts
+
+_INSTRUCTION = ("task_description", "confirmed_task", "task", "query")
+_DEEPEST = 64
+"""Levels of a tree that are looked at; the published ones have about six."""
+
+
+def _draft(fields: Fields, beside: Beside) -> Draft:
+    native_id = fields.native_id("task_id", "id")
+    draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.text("website"))
+    draft.domain, draft.subdomain = named(
+        fields.value("subdomain"), fields.value("category"), fields.value("domain")
+    )
+    path = fields.value("rubric_path")
+    if isinstance(path, str):
+        draft.hints = beside.load(path, _leaves) or ()
+    elif native_id:
+        draft.hints = beside.load(f"{native_id}_rubric.json", _leaves) or ()
+    return draft
+
+
+def _leaves(data: object) -> tuple[str, ...]:
+    """What the leaves of a verification tree say.
+
+    Raises:
+        ValueError: there is no tree in it.
+    """
+    breakdown = data.get("eval_breakdown") if isinstance(data, dict) else None
+    first = breakdown[0] if isinstance(breakdown, list) and breakdown else data
+    root = first.get("verification_tree", first) if isinstance(first, dict) else None
+    if not isinstance(root, dict) or "children" not in root:
+        raise ValueError("no verification tree")
+    return tuple(dict.fromkeys(_walk(root, 0)))
+
+
+def _walk(node: dict[object, object], depth: int) -> Iterator[str]:
+    children = node.get("children")
+    inner = [child for child in children if isinstance(child, dict)] if isinstance(children, list) else []
+    if depth == _DEEPEST or not inner:
+        word = "must hold" if node.get("critical") is True else "counts"
+        # Older trees say "claim" where newer ones say "desc".
+        yield from (f"{word}: {text}" for text in texts(node.get("desc") or node.get("claim")))
+        return
+    for child in inner:
+        yield from _walk(child, depth + 1)
+
+
+SOURCE = Source(
+    name="mind2web-2",
+    paper_tasks=130,
+    paper_websites=44,
+    licence="MIT",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+    beside=("*_rubric.json", "taxonomy.json"),
+)

@@ -1,0 +1,72 @@
+"""Mind2Web-Live: tasks with key nodes, which say what a trajectory passes through.
+
+There is no website: the host of the first key node's URL is where the task starts.
+"""
+
+from __future__ import annotations
+
+from urllib.parse import urlsplit
+
+from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.categories import named
+from webgym.tasks.sources.fields import Fields, texts
+
+_INSTRUCTION = ("task", "confirmed_task")
+
+
+def _draft(fields: Fields, _: Beside) -> Draft:
+    draft = Draft(
+        fields.instruction(*_INSTRUCTION), fields.native_id("index", "task_id", "annotation_id", "id")
+    )
+    draft.domain, draft.subdomain = named(fields.value("subdomain"), fields.value("domain"))
+    try:
+        nodes = fields.packed("evaluation")
+    except Unusable:
+        nodes = None
+        draft.flags.append(GARBLED)
+    contents = [
+        (node.get("match_function_name"), node["content"])
+        for node in (nodes if isinstance(nodes, list) else [])
+        if isinstance(node, dict) and isinstance(node.get("content"), dict)
+    ]
+    given = fields.text("website")
+    if given:
+        draft.website = given
+    else:
+        draft.website = next(filter(None, (_origin(content.get("url")) for _, content in contents)), None)
+        draft.website_from = "derived"
+    draft.hints = tuple(_hints(contents))
+    return draft
+
+
+def _origin(url: object) -> str | None:
+    """Scheme and host of a URL."""
+    if not isinstance(url, str):
+        return None
+    try:
+        parts = urlsplit(url.strip())
+    except ValueError:
+        return None
+    return f"{parts.scheme}://{parts.netloc}/" if parts.scheme in ("http", "https") and parts.netloc else None
+
+
+def _hints(contents: list[tuple[object, dict[str, object]]]) -> list[str]:
+    """Key nodes in words; those that are paths of elements say nothing about the task."""
+    found = []
+    for match, content in contents:
+        if isinstance(match, str) and not match.startswith("element_path"):
+            for answer in texts(content.get("reference_answer")):
+                key = "".join(texts(content.get("key")))
+                found.append(f"{match.replace('_', ' ')}: {f'{key}={answer}' if key else answer}")
+    return found
+
+
+SOURCE = Source(
+    name="mind2web-live",
+    paper_tasks=542,
+    paper_websites=76,
+    licence="MIT",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+)

@@ -1,0 +1,28 @@
+"""Online-Mind2Web: 300 tasks on live websites. People's verdicts lie beside them in ``human_label.json``."""
+
+from __future__ import annotations
+
+from webgym.tasks.sources.base import Draft, Source
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.categories import named
+from webgym.tasks.sources.fields import Fields
+
+_INSTRUCTION = ("confirmed_task", "task", "task_description")
+
+
+def _draft(fields: Fields, _: Beside) -> Draft:
+    draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "annotation_id", "id"))
+    draft.website = fields.text("website", "url", "web")
+    draft.domain, draft.subdomain = named(fields.value("subdomain"), fields.value("domain"))
+    return draft
+
+
+SOURCE = Source(
+    name="online-mind2web",
+    paper_tasks=300,
+    paper_websites=139,
+    licence="CC BY 4.0",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+    beside=("human_label*.json",),
+)

@@ -1,0 +1,283 @@
+"""Records out of files as they come: JSON lines, JSON, CSV, TSV or Parquet, compressed or not.
+
+A broken record costs itself and no other: it comes out as :class:`Skipped`, with its place and what is wrong
+with it. Files are told apart by their content first, by their suffix where the content leaves it open.
+"""
+
+from __future__ import annotations
+
+import bz2
+import codecs
+import gzip
+import io
+import json
+import lzma
+import zlib
+from collections.abc import Callable, Iterator
+from itertools import chain
+from pathlib import Path
+from typing import IO, NamedTuple, TypeAlias
+
+import msgspec
+
+from webgym.core.errors import TaskFileError
+from webgym.tasks.sources.base import Skipped
+from webgym.tasks.sources.csv_text import csv_rows
+from webgym.tasks.sources.fields import Fields, kind
+from webgym.tasks.sources.json_text import Broken, json_values
+
+SUFFIXES = (".jsonl", ".ndjson", ".json", ".csv", ".tsv", ".parquet")
+COMPRESSIONS = (".gz", ".bz2", ".xz", ".zst")
+_ROWS_AT_ONCE = 512
+"""Parquet rows in memory at a time: a TravelPlanner row may take 100 kB."""
+
+_DAMAGE = (OSError, EOFError, zlib.error, lzma.LZMAError)
+"""What reading a damaged compressed file raises."""
+
+
+class Record(NamedTuple):
+    """A record and where it stands.
+
+    Attributes:
+        file: as it was given.
+        place: line, row or key.
+        fields: what it says.
+    """
+
+    file: str
+    place: str
+    fields: Fields
+
+
+Found: TypeAlias = "Record | Skipped"
+IsRecord: TypeAlias = Callable[[Fields], bool]
+
+
+def read_records(path: Path, is_record: IsRecord) -> Iterator[Found]:
+    """Every record of a file, in order, or why it is none.
+
+    Args:
+        is_record: whether an object by itself is a record; else it is taken for a mapping of records, or for
+            an object with lists of records in it.
+
+    Raises:
+        TaskFileError: the file cannot be opened, or is of no format known here.
+    """
+    try:
+        with path.open("rb") as file:
+            magic = file.read(6)
+            file.seek(0)
+            if magic[:4] == b"PAR1":
+                yield from _parquet_records(path)
+                return
+            with _decompressed(path, file, magic) as stream:
+                yield from _text_records(path, stream, is_record)
+    except OSError as error:
+        raise TaskFileError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def _decompressed(path: Path, file: IO[bytes], magic: bytes) -> IO[bytes]:
+    if magic[:2] == b"\x1f\x8b":
+        return gzip.open(file)  # type: ignore[return-value]
+    if magic[:3] == b"BZh":
+        return bz2.open(file)
+    if magic == b"\xfd7zXZ\0":
+        return lzma.open(file)
+    if magic[:4] == b"\x28\xb5\x2f\xfd":
+        import pyarrow as pa
+
+        return io.BufferedReader(pa.CompressedInputStream(file, "zstd"))
+    if magic[:4] == b"PK\x03\x04":
+        raise TaskFileError(f"{path} is a zip archive", hint="unpack it and give the folder")
+    return file
+
+
+# --- text ---------------------------------------------------------------------------------------------
+
+
+def _text_records(path: Path, stream: IO[bytes], is_record: IsRecord) -> Iterator[Found]:
+    name = str(path)
+    suffix = next((each.lower() for each in reversed(path.suffixes) if each.lower() not in COMPRESSIONS), "")
+    lines = _lines(name, stream)
+    first = next((line for line in lines if isinstance(line, Skipped) or line[1]), None)
+    if first is None:
+        return
+    if isinstance(first, Skipped):
+        yield from (first, *(line for line in lines if isinstance(line, Skipped)))
+        return
+    lines = chain([first], lines)
+    start = first[1][:1]
+    if suffix in (".csv", ".tsv") or (start not in b"[{" and suffix not in (".json", ".jsonl", ".ndjson")):
+        yield from _csv_records(name, lines)
+    elif start == b"[" or (start == b"{" and not _is_object(first[1])):
+        yield from _json_records(name, lines, is_record)
+    else:
+        yield from _json_lines(name, lines, is_record)
+
+
+Line: TypeAlias = "tuple[int, bytes] | Skipped"
+
+
+def _lines(name: str, stream: IO[bytes]) -> Iterator[Line]:
+    """The lines of a text with their numbers, from 1, without line ends and byte-order mark.
+
+    A line ends with ``\\n``, ``\\r\\n`` or ``\\r``. Where the data are damaged, :class:`Skipped` is the last.
+    """
+    number = 0
+    try:
+        head = stream.read(4)
+        rest: IO[bytes] = stream
+        for mark, encoding in _MARKS:
+            if head.startswith(mark):
+                text = (head + stream.read()).decode(encoding, "replace")
+                head, rest = b"", io.BytesIO(text.removeprefix("\ufeff").encode("utf-8", "surrogatepass"))
+                break
+        head = head.removeprefix(codecs.BOM_UTF8)
+        # The head may hold whole lines by itself.
+        for chunk in chain(_with_rest(head, rest), rest):
+            for line in chunk.splitlines():
+                number += 1
+                yield number, line
+    except _DAMAGE as error:
+        yield Skipped(name, f"after line {number}", f"the rest of the file is damaged: {error}")
+
+
+_MARKS = (
+    (codecs.BOM_UTF32_LE, "utf-32"),
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+
+
+def _with_rest(head: bytes, stream: IO[bytes]) -> Iterator[bytes]:
+    if head:
+        yield head + stream.readline() if not head.endswith(b"\n") else head
+
+
+def _is_object(line: bytes) -> bool:
+    return isinstance(_decoded(line), dict)
+
+
+def _decoded(line: bytes) -> object | ValueError:
+    """The value of a line, or what is wrong with it.
+
+    A byte that is no UTF-8 becomes half a surrogate pair: it spoils the field that it is in, if that matters.
+    """
+    try:
+        return msgspec.json.decode(line)  # type: ignore[no-any-return]
+    except (ValueError, RecursionError):
+        pass  # the lenient reader knows more numbers and says what is wrong
+    try:
+        return json.loads(line.decode("utf-8", "surrogateescape"))  # type: ignore[no-any-return]
+    except ValueError as error:
+        return error
+    except RecursionError:
+        return ValueError("it is nested too deeply")
+
+
+def _json_lines(name: str, lines: Iterator[Line], is_record: IsRecord) -> Iterator[Found]:
+    only: tuple[int, bytes] | None = None
+    many = False
+    for line in lines:
+        if isinstance(line, Skipped):
+            if only is not None:
+                yield from _json_line(name, *only, is_record)
+            yield line
+            return
+        if not line[1].strip():
+            continue
+        if only is not None:
+            many = True
+            yield from _json_line(name, *only, None)
+        only = line
+    if only is not None:
+        yield from _json_line(name, *only, None if many else is_record)
+
+
+def _json_line(name: str, number: int, line: bytes, is_record: IsRecord | None) -> Iterator[Found]:
+    value = _decoded(line)
+    if isinstance(value, ValueError):
+        yield Skipped(name, f"line {number}", f"no JSON: {value}")
+    elif is_record is None:
+        yield _found(name, f"line {number}", value)
+    else:  # a file of one line may be one object with all records in it
+        yield from _top_level(name, f"line {number}", value, is_record)
+
+
+def _json_records(name: str, lines: Iterator[Line], is_record: IsRecord) -> Iterator[Found]:
+    damage: list[Skipped] = []
+    parts: list[bytes] = []
+    offset = 1
+    for line in lines:
+        if isinstance(line, Skipped):
+            damage.append(line)
+        else:
+            offset = offset if parts else line[0]
+            parts.append(line[1])
+    text = b"\n".join(parts).decode("utf-8", "surrogateescape")
+    del parts
+    for found in json_values(text, first_line=offset):
+        if isinstance(found, Broken):
+            yield Skipped(name, found.place, f"no JSON: {found.reason}")
+        elif found.in_array:
+            yield _found(name, found.place, found.value)
+        else:
+            yield from _top_level(name, found.place, found.value, is_record)
+    yield from damage
+
+
+def _top_level(name: str, place: str, value: object, is_record: IsRecord) -> Iterator[Found]:
+    """The records of an object that stands by itself: itself, or what is in it."""
+    if not isinstance(value, dict) or not value or is_record(Fields(value)):
+        yield _found(name, place, value)
+        return
+    lists = {key: each for key, each in value.items() if isinstance(each, list) and each}
+    if lists and any(isinstance(each, dict) for each in next(iter(lists.values()))):
+        # {"data": [...]}, {"train": [...], "test": [...]}; what stands beside the lists describes them
+        for key, each in lists.items():
+            for index, record in enumerate(each):
+                yield _found(name, f"{key}[{index}]", record)
+        return
+    for key, record in value.items():
+        yield _found(name, f"key {key!r}", record, key)
+
+
+def _found(name: str, place: str, value: object, key: str | None = None) -> Found:
+    if not isinstance(value, dict):
+        return Skipped(name, place, f"{kind(value)}, not an object")
+    return Record(name, place, Fields(value, key))
+
+
+def _csv_records(name: str, lines: Iterator[Line]) -> Iterator[Found]:
+    damage: list[Skipped] = []
+
+    def texts() -> Iterator[tuple[int, str]]:
+        for line in lines:
+            if isinstance(line, Skipped):
+                damage.append(line)
+            else:
+                yield line[0], line[1].decode("utf-8", "surrogateescape")
+
+    for place, row in csv_rows(texts()):
+        yield Skipped(name, place, row) if isinstance(row, str) else Record(name, place, Fields(row))
+    yield from damage
+
+
+# --- Parquet ------------------------------------------------------------------------------------------
+
+
+def _parquet_records(path: Path) -> Iterator[Found]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    row = 0
+    try:
+        with pq.ParquetFile(path) as file:
+            for batch in file.iter_batches(batch_size=_ROWS_AT_ONCE):
+                for value in batch.to_pylist():
+                    row += 1
+                    yield Record(str(path), f"row {row}", Fields(value))
+    except (pa.ArrowException, *_DAMAGE, ValueError) as error:
+        reason = str(error).strip().partition("\n")[0]
+        yield Skipped(str(path), f"after row {row}", f"the rest of the Parquet file is damaged: {reason}")

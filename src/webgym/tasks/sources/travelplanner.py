@@ -1,0 +1,65 @@
+"""TravelPlanner: trips to plan within constraints. Its nested columns are Python literals, not JSON.
+
+``reference_information`` (the tables that a planner without a browser is given) is not read: an agent here
+finds them on the web. ``plan`` of the JSON lines is some model's, so no example of a good answer;
+``annotated_plan`` of the CSV is a person's.
+"""
+
+from __future__ import annotations
+
+import json
+
+from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.categories import subdomain
+from webgym.tasks.sources.fields import Fields, is_absent, texts
+
+_INSTRUCTION = ("query",)
+_CONSTRAINTS = (
+    ("org", "from"),
+    ("dest", "to"),
+    ("days", "days"),
+    ("visiting_city_number", "cities to visit"),
+    ("people_number", "people"),
+    ("budget", "budget in dollars"),
+)
+
+
+def _draft(fields: Fields, _: Beside) -> Draft:
+    draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("idx"))
+    draft.domain, draft.subdomain = subdomain("Travel & Accommodation")
+    hints = [f"{word}: {value}" for name, word in _CONSTRAINTS for value in texts(fields.value(name))]
+    dates = _literal(fields, "date", draft)
+    draft.dates = texts(dates)
+    hints += (f"date: {date}" for date in draft.dates)
+    wishes = _literal(fields, "local_constraint", draft)
+    if isinstance(wishes, dict):
+        hints += (
+            f"{name}: {value}"
+            for name, wish in wishes.items()
+            if not is_absent(wish)
+            for value in texts(wish)
+        )
+    draft.hints = tuple(hints)
+    plan = fields.value("annotated_plan")
+    if isinstance(plan, (str, list)):
+        draft.example_answer = plan if isinstance(plan, str) else json.dumps(plan, ensure_ascii=False)
+    return draft
+
+
+def _literal(fields: Fields, name: str, draft: Draft) -> object:
+    try:
+        return fields.packed(name)
+    except Unusable:
+        draft.flags.append(GARBLED)
+        return None
+
+
+SOURCE = Source(
+    name="travelplanner",
+    paper_tasks=1_225,
+    paper_websites=1,
+    licence="CC BY 4.0",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+)

@@ -1,0 +1,84 @@
+"""PAE's tasks, made by a model for the websites of WebVoyager, and WebVoyager's own, which have that shape.
+
+WebVoyager's answers lie beside the tasks in ``reference_answer.json``. A ``golden`` one is the answer; a
+``possible`` one is an example, and must not override the judge.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from webgym.tasks.sources.base import Draft, Source, Unusable
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.categories import UNKNOWN, Place, subdomain
+from webgym.tasks.sources.fields import Fields, as_text, is_absent
+
+ANSWERS = "reference_answer.json"
+
+_INSTRUCTION = ("ques", "question")
+_PLACES: dict[str, Place] = {
+    "Allrecipes": subdomain("Food & Cooking"),
+    "Amazon": subdomain("Shopping"),
+    "ArXiv": subdomain("Research & Academia"),
+    "BBC News": subdomain("News"),
+    "Booking": subdomain("Travel & Accommodation"),
+    "Coursera": subdomain("Education & Learning"),
+    "ESPN": subdomain("Sports & Fitness"),
+    "GitHub": subdomain("Technology & Science"),
+    "Google Flights": subdomain("Travel & Accommodation"),
+    "Huggingface": subdomain("Technology & Science"),
+}
+"""By ``web_name``. Of the others (a search engine, a map, a dictionary, ...) the task decides."""
+
+
+class _Answer(NamedTuple):
+    text: str
+    golden: bool
+
+
+def _answers(data: object) -> dict[str, _Answer]:
+    """The answers by task, ``"<site>--<id>"``.
+
+    Raises:
+        ValueError: the file is no mapping of websites to answers.
+    """
+    if not isinstance(data, dict):
+        raise ValueError("no object of websites")
+    found: dict[str, _Answer] = {}
+    for site, entry in data.items():
+        answers = entry.get("answers") if isinstance(entry, dict) else None
+        for each in answers if isinstance(answers, list) else []:
+            if not isinstance(each, dict) or is_absent(each.get("ans")):
+                continue
+            try:
+                text = as_text(each["ans"], "ans")
+            except Unusable:
+                continue
+            golden = str(each.get("type")).strip().casefold() == "golden"
+            found.setdefault(f"{site}--{each.get('id')}", _Answer(text, golden))
+    return found
+
+
+def _draft(fields: Fields, beside: Beside) -> Draft:
+    name = fields.text("web_name")
+    native_id = fields.native_id("id", "task_id")
+    draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.text("web", "website", "url"))
+    draft.domain, draft.subdomain = _PLACES.get(name or "", UNKNOWN)
+    answer = (beside.load(ANSWERS, _answers) or {}).get(native_id or "")
+    if answer and answer.golden:
+        draft.reference_answer = answer.text
+    elif answer:
+        draft.example_answer = answer.text
+    return draft
+
+
+SOURCE = Source(
+    name="pae-webvoyager",
+    paper_tasks=128_499,
+    paper_websites=13,
+    licence="CC BY-NC 4.0",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+    synthetic=True,
+    beside=(ANSWERS,),
+)

@@ -4,6 +4,8 @@
     ├── UsageError             what the user gave cannot be used; nothing was started
     │   ├── ConfigError        a setting is missing or out of range
     │   ├── TaskFileError      a task file is missing or a record in it is broken
+    │   ├── TooFewWebsites     more test tasks are asked for than there are websites
+    │   ├── NothingToDraw      a sampler is asked for tasks of a kind that there is none of
     │   └── RunFolderError     the folder is not a run, or not the run that was asked for
     ├── PageError              the web did it; the agent is told and the attempt goes on
     │   ├── NavigationFailed   DNS, TLS, refused connection, reset, deadline
@@ -84,6 +86,18 @@ class TaskFileError(UsageError):
     """A task file is missing, or holds no usable record."""
 
     code = "task_file_error"
+
+
+class TooFewWebsites(UsageError):
+    """More test tasks are asked for than there are websites to take them from."""
+
+    code = "too_few_websites"
+
+
+class NothingToDraw(UsageError):
+    """A sampler is asked for tasks of a kind that there is none of."""
+
+    code = "nothing_to_draw"
 
 
 class RunFolderError(UsageError):

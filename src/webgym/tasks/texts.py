@@ -1,0 +1,80 @@
+"""Texts in one form, for telling whether two say the same."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from typing import Final
+
+LITTLE: Final = frozenset(
+    "a an the this that these those it its is are was be been of on in at for and as with which who please "
+    "me my i you your we our can could would should will do does by so then there here about".split()
+)
+"""Words that come and go without changing what is asked for. Not "to", "from", "or", "not", "under"."""
+
+_VALUES: Final = {
+    word: str(value)
+    for value, word in enumerate(
+        "zero one two three four five six seven eight nine ten eleven twelve".split(),
+    )
+}
+
+
+class _Folding(dict[int, int | None]):
+    """For ``str.translate``: punctuation, separators and control characters become spaces, apostrophes go.
+
+    Signs stay ("C++" is not "C", "$" is not "€"), and so does "#", for "C#" is not "C" either.
+    """
+
+    def __missing__(self, code: int) -> int | None:
+        kind = unicodedata.category(chr(code))
+        folded = kind[0] in "PZC" or kind == "Sk"
+        self[code] = value = 32 if folded and code != ord("#") else code
+        return value
+
+
+_FOLDING: Final = _Folding(dict.fromkeys(map(ord, "'’‘ʼ`´")))
+_THOUSANDS: Final = re.compile(r"(?<=\d),(?=\d{3}(?!\d))")
+_NOT_BETWEEN_DIGITS: Final = re.compile(r"(?<!\d) | (?!\d)")
+_DIGITS: Final = re.compile(r"\d+(?: \d+)*")
+_WORD: Final = re.compile(r"(?<![\w'’])[^\W\d_][\w'’]*")
+_BEGINNING: Final = re.compile(r"(?:\A|[.!?:;\"“(]\s*)\Z")
+
+
+def fold(text: str) -> str:
+    """The words of a text in one form: Unicode's NFKC, no case, no punctuation, single spaces.
+
+    A text without any word stays as it is.
+    """
+    if not text.isascii():
+        text = unicodedata.normalize("NFKC", text)
+    if "," in text:
+        text = _THOUSANDS.sub("", text)
+    return " ".join(text.casefold().translate(_FOLDING).split()) or text.strip()
+
+
+def joined(folded: str) -> str:
+    """A folded text without white space, which sources disagree on ("Fox Sports", "foxsports")."""
+    return _NOT_BETWEEN_DIGITS.sub("", folded)
+
+
+def template(folded: str) -> str:
+    """A folded text with every number made the same."""
+    return _DIGITS.sub("0", folded)
+
+
+def number(word: str) -> str | None:
+    """The number that a folded word is or holds, if it does."""
+    return word if any(map(str.isdigit, word)) else _VALUES.get(word)
+
+
+def names(text: str) -> set[str]:
+    """The words that look like names, folded: a capital inside a sentence, or capitals throughout."""
+    text = unicodedata.normalize("NFKC", text)
+    found = set()
+    for match in _WORD.finditer(text):
+        word = match.group()
+        begins = _BEGINNING.search(text, max(0, match.start() - 8), match.start()) is not None
+        if word[0].isupper() and (not begins or (len(word) > 1 and word.isupper())):
+            found.update(fold(word).split())
+    return found - {"i"}

@@ -1,0 +1,198 @@
+"""Proof that a task set leaks nothing and says nothing that contradicts itself (SYSTEM.md 1.1, 1.3, 1.5)."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
+
+from webgym.core.task import Task
+from webgym.tasks.families import roots_of
+from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
+from webgym.tasks.websites import site_of
+
+Rule: TypeAlias = Literal[
+    "id", "instruction", "website", "domain", "difficulty", "split", "distinct", "leak", "family", "derived"
+]
+
+RULES: Final[dict[Rule, str]] = {
+    "id": "every task has an id of its own",
+    "instruction": "every task asks for something",
+    "website": "every website can be told",
+    "domain": "domain and subdomain are of the taxonomy",
+    "difficulty": "a difficulty that is given is the number of facts",
+    "split": "every task is for training or for testing",
+    "distinct": "no two test tasks share a website",
+    "leak": "no training task is on a test website",
+    "family": "no training task has an ancestor or descendant, however far, among the test tasks",
+    "derived": "a derived task asks for some of its parent's groups, a large one among them, and no more",
+}
+"""What is checked, in the order in which it is reported."""
+
+
+DIFFERS: Final = "difficulty-differs"
+"""The flag of a task whose record stated another difficulty than its facts'; nothing else states one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Offender:
+    """A task that breaks a rule.
+
+    Attributes:
+        rule: a key of :data:`RULES`.
+        id: of the task.
+        website: that it is on, as :func:`site_of` names it, or as the task does.
+        detail: what is wrong with it; ids of other tasks that it concerns.
+    """
+
+    rule: Rule
+    id: str
+    website: str
+    detail: str
+
+    def __str__(self) -> str:
+        return f"{self.rule}: {self.id} ({self.website}): {self.detail}"
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What was found.
+
+    Attributes:
+        tasks, train, test: how many tasks there are, and how many of them are for what.
+        websites, test_websites: how many websites all tasks, and the test tasks, are on.
+        offenders: by rule, then in the order of the tasks.
+        orphans: ids of derived tasks whose parent is not among the tasks, so that it cannot be said whether
+            they are part of it. No offence: a part of a set may have lost its parents.
+    """
+
+    tasks: int
+    train: int
+    test: int
+    websites: int
+    test_websites: int
+    offenders: list[Offender]
+    orphans: list[str]
+
+    @property
+    def ok(self) -> bool:
+        """Whether no task offends."""
+        return not self.offenders
+
+    def counts(self) -> dict[Rule, int]:
+        """Offenders by rule, every rule named."""
+        found = Counter(offender.rule for offender in self.offenders)
+        return {rule: found[rule] for rule in RULES}
+
+
+def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
+    """Check tasks against every one of :data:`RULES`.
+
+    Args:
+        tasks: all of a set, training and test tasks together.
+        split: whether they have been split; if not, what concerns the split is not checked.
+    """
+    sites = [_site(task) for task in tasks]
+    by_id: dict[str, Task] = {}
+    for task in tasks:
+        by_id.setdefault(task.id, task)
+    offenders = [*_each(tasks, sites), *_derived(tasks, sites, by_id)]
+    if split:
+        offenders += _between(tasks, sites)
+    order = {rule: place for place, rule in enumerate(RULES)}
+    return Report(
+        tasks=len(tasks),
+        train=sum(task.split == "train" for task in tasks),
+        test=sum(task.split == "test" for task in tasks),
+        websites=len(set(sites)),
+        test_websites=len({site for task, site in zip(tasks, sites, strict=True) if task.split == "test"}),
+        offenders=sorted(offenders, key=lambda offender: order[offender.rule]),
+        orphans=[task.id for task in tasks if task.parent_id is not None and task.parent_id not in by_id],
+    )
+
+
+def _site(task: Task) -> str:
+    try:
+        return site_of(task.website)
+    except ValueError:
+        return task.website
+
+
+def _each(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Offender]:
+    """What a task shows by itself."""
+    seen: set[str] = set()
+    for task, site in zip(tasks, sites, strict=True):
+        if task.id in seen or not task.id:
+            yield Offender("id", task.id, site, "a second task with this id" if task.id else "no id")
+        seen.add(task.id)
+        if not task.instruction or task.instruction.isspace():
+            yield Offender("instruction", task.id, site, "it is empty")
+        if site == task.website and not _names_a_website(site):
+            yield Offender("website", task.id, site, f"{task.website!r} names no website")
+        if DOMAIN_OF.get(task.subdomain) != task.domain:
+            yield Offender("domain", task.id, site, _what_domain(task))
+        if DIFFERS in task.flags:
+            yield Offender(
+                "difficulty", task.id, site, f"it has {task.difficulty} facts, and its row says else"
+            )
+
+
+def _names_a_website(website: str) -> bool:
+    try:
+        site_of(website)
+    except ValueError:
+        return False
+    return True
+
+
+def _what_domain(task: Task) -> str:
+    if task.domain not in DOMAINS:
+        return f"there is no domain {task.domain!r}"
+    if task.subdomain not in DOMAIN_OF:
+        return f"there is no subdomain {task.subdomain!r}"
+    return f"{task.subdomain!r} belongs to {DOMAIN_OF[task.subdomain]!r}, not to {task.domain!r}"
+
+
+def _between(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Offender]:
+    """What the two splits have in common."""
+    test_on: dict[str, str] = {}
+    test_of: dict[str, str] = {}
+    roots = roots_of(tasks)
+    for task, site in zip(tasks, sites, strict=True):
+        if task.split == "test":
+            if site in test_on:
+                yield Offender("distinct", task.id, site, f"the test task {test_on[site]} is on it too")
+            test_on.setdefault(site, task.id)
+            test_of.setdefault(roots.get(task.id, task.id), task.id)
+    for task, site in zip(tasks, sites, strict=True):
+        if task.split is None:
+            yield Offender("split", task.id, site, "it is for neither training nor testing")
+        elif task.split == "train":
+            if site in test_on:
+                yield Offender("leak", task.id, site, f"the test task {test_on[site]} is on it")
+            if (relative := test_of.get(roots.get(task.id, task.id))) is not None:
+                yield Offender("family", task.id, site, f"the test task {relative} is of its family")
+
+
+def _derived(tasks: Iterable[Task], sites: Iterable[str], by_id: Mapping[str, Task]) -> Iterator[Offender]:
+    for task, site in zip(tasks, sites, strict=True):
+        parent = by_id.get(task.parent_id) if task.parent_id is not None else None
+        if parent is not None and (wrong := _no_part(task, parent)):
+            yield Offender("derived", task.id, site, wrong)
+
+
+def _no_part(task: Task, parent: Task) -> str:
+    """Why a task cannot have been derived from its parent by Algorithm 1; empty if it can."""
+    whole: dict[tuple[str, ...], int] = defaultdict(int)
+    for group in parent.rubric.groups:
+        whole[group.facts] += 1
+    for group in task.rubric.groups:
+        whole[group.facts] -= 1
+        if whole[group.facts] < 0:
+            return f"its group {group.id} is none of {parent.id}"
+    if task.difficulty >= parent.difficulty:
+        return f"it is as hard as {parent.id}"
+    if not any(group.is_large for group in task.rubric.groups):
+        return "none of its groups is large"
+    return ""

@@ -25,6 +25,8 @@ from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
 from webgym.agent.factory import create_policy
 from webgym.agent.policy import Policy
+from webgym.agent.profile import Profile
+from webgym.agent.profiles import choose_profile, profile_of
 from webgym.core.errors import ConfigError, RunFolderError, Unauthorized
 from webgym.core.task import Task
 from webgym.judge import Judge, OfflineJudge
@@ -166,6 +168,7 @@ async def collect(
     """
     if policy is not None:
         config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
+    config = _resolved(config, policy, tell)
     tasks, broken = choose_tasks(config)
     for line in broken:
         _say(tell, f"skipped {line}")
@@ -222,6 +225,31 @@ async def resume(
         return await _carry_out(config, run_id, tasks, company, store, show)
 
 
+def _resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> RunConfig:
+    """The config with what the model's profile decides written out, for the run folder."""
+    profile = _profile(config, policy)
+    agent = config.agent.model_copy(update={"profile": profile.name, "mode": profile.mode})
+    config = config.model_copy(update={"agent": agent})
+    chat = config.policy.chat
+    if policy is not None or chat is None:
+        return config
+    if profile_of(chat.model) is None:
+        told = f"no profile knows the model {chat.model}: the profile {profile.name} is used"
+        _say(tell, f"{told}; --profile chooses another")
+    chat = chat.model_copy(update={"sampling": profile.sampling_of(chat.sampling)})
+    return config.model_copy(update={"policy": config.policy.model_copy(update={"chat": chat})})
+
+
+def _profile(config: RunConfig, policy: Policy | None) -> Profile:
+    """Of the policy's family of models.
+
+    Raises:
+        ConfigError: the config names a profile that is not there.
+    """
+    model = policy.name if policy else config.policy.chat.model if config.policy.chat else config.policy.name
+    return choose_profile(config.agent.profile, model, config.agent.mode)
+
+
 def read_config(reader: RunReader) -> tuple[RunConfig, str]:
     """A run's config and id, as its folder holds them.
 
@@ -253,12 +281,14 @@ class _Company:
 async def _company(
     config: RunConfig, secrets: Secrets, tasks: Sequence[Task], policy: Policy | None, tell: Tell | None
 ) -> AsyncIterator[_Company]:
-    choice = config.policy
-    policy = policy or create_policy(choice.name, mistake_rate=choice.mistakes, chat=choice.chat)
+    choice, profile = config.policy, _profile(config, policy)
+    policy = policy or create_policy(
+        choice.name, mistake_rate=choice.mistakes, chat=choice.chat, profile=profile
+    )
     async with (
         _sites(config, secrets, tasks) as (backstage, allowed),
         _browsers(config, secrets, allowed, tell) as client,
-        Agent(policy, config.agent) as agent,
+        Agent(policy, config.agent, profile) as agent,
     ):
         yield _Company(backstage, client, agent)
 

@@ -31,7 +31,7 @@ def play(png: bytes) -> Play:
         async with agent:
             conversation = agent.begin(task, seed, budget)
             for index in range(budget):
-                step = await conversation.turn(shop.observe(agent.config.mode), png, float(index))
+                step = await conversation.turn(shop.observe(agent.mode), png, float(index))
                 steps.append(step)
                 if isinstance(step.action, Answer):
                     break

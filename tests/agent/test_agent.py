@@ -13,13 +13,12 @@ from tests.agent.conftest import Play
 from tests.agent.shop import Shop, task
 
 from webgym.agent import Agent, AgentConfig, Player, RandomPolicy, ScriptedPolicy, Turn, create_policy
-from webgym.agent.memory import Revision
 from webgym.agent.prompts import render_reply
 from webgym.core.action import Answer, Scroll
 from webgym.core.errors import ConfigError, PolicyBadReply, PolicyError, PolicyUnreachable, ProtocolError
 from webgym.core.observation import Observation
 from webgym.core.task import Task
-from webgym.core.trajectory import ImageRef, Reply, Step
+from webgym.core.trajectory import ImageRef, Reply, Revision, Step
 from webgym.llm import ChatConfig
 
 SCROLL = render_reply(Scroll("down"), "memory", description="Scroll down")
@@ -91,7 +90,7 @@ async def test_only_the_pictures_of_the_window_are_kept() -> None:
     for index in range(9):
         await conversation.turn(observation(index), f"{index}".encode(), 0)
     assert policy.turns[8].images == {"picture-6": b"6", "picture-7": b"7", "picture-8": b"8"}
-    assert conversation._images.keys() == {"picture-6", "picture-7", "picture-8"}
+    assert conversation._images.keys() == {"picture-7", "picture-8"}
     assert len(conversation.steps) == 9
 
 

@@ -9,13 +9,13 @@ from msgspec.structs import replace
 from tests.agent.shop import task
 
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import Now, Round, build_messages, describe, picture_names
-from webgym.agent.memory import Revision
+from webgym.agent.context import Now, Round, build_request, describe, picture_names
 from webgym.agent.parser import parse_reply
+from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply, system_prompt, tool_declaration
 from webgym.core.action import Answer, GoBack, LeftClick, Scroll, Target
 from webgym.core.observation import Notice, NoticeKind, Observation
-from webgym.core.trajectory import ImageRef, Message, Reply, Step, TextPart
+from webgym.core.trajectory import ImageRef, Message, Reply, Revision, Step, TextPart
 
 TASK = task()
 THOUGHT = "<think>Secret thought.</think>"
@@ -39,7 +39,8 @@ def past(index: int, *, changed: bool = True, text: str | None = None, **seen: A
 
 def build(before: list[Round], /, now: Now | None = None, **config: Any) -> tuple[Message, ...]:
     now = now or Now(observation(len(before)), len(before), 15)
-    return build_messages(TASK, before, now, AgentConfig(**config))
+    settings = AgentConfig(**config)
+    return build_request(TASK, before, now, settings, choose_profile(None, "test", settings.mode)).messages
 
 
 def said(message: Message) -> str:
@@ -177,7 +178,7 @@ def test_pictures_are_told_at_the_size_at_which_they_are_sent() -> None:
 
 @pytest.mark.parametrize("mode", ["coordinates", "marks"])
 def test_the_tool_is_declared_for_its_mode(mode: Any) -> None:
-    prompt = system_prompt(AgentConfig(mode=mode))
+    prompt = system_prompt(AgentConfig(), mode)
     declared = json.loads(prompt.partition("<tools>\n")[2].partition("\n</tools>")[0])
     assert declared == tool_declaration(mode)
     assert declared["function"]["name"] == "computer_use"

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.agent.strategies import JSON_OBJECTS
 
-from webgym.agent.memory import Revision, merge
+from webgym.agent.memory import merge
+from webgym.core.trajectory import Revision
 
 
 @pytest.mark.parametrize(

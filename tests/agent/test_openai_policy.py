@@ -9,7 +9,7 @@ from tests.agent.shop import task
 from tests.llm.endpoint import Endpoint, serve
 
 from webgym.agent import Agent, AgentConfig, OpenAIPolicy
-from webgym.agent.openai_policy import DEFAULT_SAMPLING, PAPER_SAMPLING
+from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
 from webgym.agent.prompts import render_reply
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import PolicyBadReply, PolicyError, PolicyTimeout, PolicyUnreachable

@@ -6,10 +6,14 @@ from webgym.agent.factory import POLICY_NAMES, create_policy
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.parser import ParsedReply, ParseError, parse_reply
 from webgym.agent.policy import Player, Policy, Turn
+from webgym.agent.profile import Profile
+from webgym.agent.profiles import GENERIC, all_profiles, choose_profile, profile_of
 from webgym.agent.random_policy import RandomPolicy
+from webgym.agent.request import request_of
 from webgym.agent.scripted import ScriptedPolicy
 
 __all__ = [
+    "GENERIC",
     "POLICY_NAMES",
     "Agent",
     "AgentConfig",
@@ -19,10 +23,15 @@ __all__ = [
     "ParsedReply",
     "Player",
     "Policy",
+    "Profile",
     "PromptFormat",
     "RandomPolicy",
     "ScriptedPolicy",
     "Turn",
+    "all_profiles",
+    "choose_profile",
     "create_policy",
     "parse_reply",
+    "profile_of",
+    "request_of",
 ]

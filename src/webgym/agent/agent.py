@@ -11,15 +11,18 @@ from typing import Any, Self
 import msgspec
 
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import Now, Round, build_messages, picture_names
+from webgym.agent.context import Now, Round, build_request, picture_names, thinking_of
 from webgym.agent.images import fit
-from webgym.agent.memory import Revision, merge
+from webgym.agent.memory import merge
 from webgym.agent.parser import ParsedReply, ParseError, parse_reply
 from webgym.agent.policy import Policy, Turn
+from webgym.agent.profile import Profile
+from webgym.agent.profiles import choose_profile
+from webgym.core.action import Mode
 from webgym.core.errors import PolicyBadReply, PolicyError
 from webgym.core.observation import Observation
 from webgym.core.task import Task
-from webgym.core.trajectory import Reply, Step
+from webgym.core.trajectory import Reply, Revision, Step
 
 
 class Agent:
@@ -27,17 +30,29 @@ class Agent:
 
     Args:
         policy: who replies.
-        config: mode, prompt format, window, pictures.
+        config: prompt format, window, limits.
+        profile: of the policy's family of models, in place of the one that the config and the policy's name
+            lead to.
+
+    Attributes:
+        mode: how targets are named.
+
+    Raises:
+        ConfigError: the config names a profile that is not there.
     """
 
-    def __init__(self, policy: Policy, config: AgentConfig | None = None) -> None:
+    def __init__(
+        self, policy: Policy, config: AgentConfig | None = None, profile: Profile | None = None
+    ) -> None:
         self.policy = policy
         self.config = config or AgentConfig()
+        self.profile = profile or choose_profile(self.config.profile, policy.name, self.config.mode)
+        self.mode: Mode = self.profile.mode
 
     @property
     def wants_elements(self) -> bool:
         """Whether observations must carry ``elements`` and ``text``."""
-        return self.policy.wants_elements or self.config.mode == "marks"
+        return self.policy.wants_elements or self.mode == "marks"
 
     def begin(self, task: Task, seed: int, budget: int) -> Conversation:
         """A new attempt.
@@ -109,33 +124,62 @@ class Conversation:
             PolicyError: the policy gave no reply. The conversation stands as it did before the call,
                 so the same observation may be tried again.
         """
-        config = self._agent.config
+        config, profile = self._agent.config, self._agent.profile
         past = _with_effect(self._rounds, observation)
         index = len(past)
         now = Now(observation, index, self._budget, self.memory, self.revisions.get(index - 1, Revision()))
-        messages = build_messages(self._task, past, now, config)
-        if observation.screenshot not in self._images and config.image_max_side is not None:
-            image = await asyncio.to_thread(fit, image, config.image_max_side)
+        request = build_request(self._task, past, now, config, profile)
+        sent = profile.picture_size(observation.viewport, config.image_max_side)
+        if observation.screenshot not in self._images and sent != observation.viewport:
+            image = await asyncio.to_thread(fit, image, sent)
         held = {observation.screenshot: image} | self._images
-        images = {name: held[name] for name in picture_names(messages)}
         turn = Turn(
             task=self._task,
             observation=observation,
-            messages=messages,
-            images=images,
+            messages=request.messages,
+            images={name: held[name] for name in picture_names(request.messages)},
             steps=tuple(earlier.step for earlier in past),
             index=index,
             budget=self._budget,
-            mode=config.mode,
+            mode=profile.mode,
             prompt_format=config.prompt_format,
+            screen=profile.screen(sent),
         )
         reply = await self._ask(turn)
-        parsed = parse_reply(reply.text, config.mode, config.prompt_format)
-        step = Step(index, observation, messages, reply, at=at, **_meaning(parsed))
+        parsed = self._parse(reply, turn)
+        unseen = list(self.memory)[: request.cut.entries]
+        revision = self._remember(parsed, unseen)
+        if revision:
+            self.revisions[index] = revision
+        step = Step(
+            index,
+            observation,
+            request.messages,
+            reply,
+            at=at,
+            revision=revision or None,
+            **_meaning(parsed),
+        )
         self._rounds = [*past, Round(step, parsed)]
-        self._images = images
-        self._remember(index, parsed)
+        self._images = {name: held[name] for name in self._in_sight()}
         return step
+
+    def _in_sight(self) -> set[str]:
+        """The pictures that the next request may show again."""
+        first = max(0, len(self._rounds) - self._agent.config.rounds)
+        return {past.step.observation.screenshot for past in self._rounds[first:]}
+
+    def _parse(self, reply: Reply, turn: Turn) -> ParsedReply | ParseError:
+        parsed = parse_reply(
+            reply.text,
+            turn.mode,
+            turn.prompt_format,
+            screen=turn.screen,
+            thinking=thinking_of(reply, self._agent.profile),
+        )
+        if isinstance(parsed, ParseError) and reply.finish_reason == "length":
+            return ParseError(parsed.kind, f"{parsed.message}; it was too long and was cut off")
+        return parsed
 
     async def _ask(self, turn: Turn) -> Reply:
         name = self._agent.policy.name
@@ -147,16 +191,17 @@ class Conversation:
             raise PolicyBadReply(f"{name} replied with text that is no Unicode") from error
         return reply
 
-    def _remember(self, index: int, parsed: ParsedReply | ParseError) -> None:
+    def _remember(self, parsed: ParsedReply | ParseError, unseen: Sequence[str]) -> Revision:
+        """Take in a reply's memory and progress; how its memory had to be mended."""
+        revision = Revision()
         if isinstance(parsed, ParseError):
-            return
+            return revision
         if parsed.memory is not None:
             limit = self._agent.config.memory_max_chars
-            self.memory, revision = merge(self.memory, parsed.memory, max_chars=limit)
-            if revision:
-                self.revisions[index] = revision
+            self.memory, revision = merge(self.memory, parsed.memory, max_chars=limit, unseen=unseen)
         if parsed.progress is not None:
             self.progress = parsed.progress
+        return revision
 
 
 def _with_effect(rounds: list[Round], observation: Observation) -> list[Round]:

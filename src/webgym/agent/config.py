@@ -18,8 +18,13 @@ class AgentConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
-    mode: Mode = "coordinates"
-    """Points on a 0-1000 grid, or numbers of marked elements (Set-of-Marks)."""
+    profile: str | None = None
+    """The family of models that the policy's is of (``webgym.agent.profiles``): picture sizes, grid, think
+    tags, sampling. By default it is known by the model's name, and ``generic`` if it is not."""
+
+    mode: Mode | None = None
+    """Points (``coordinates``) or numbers of marked elements (``marks``, Set-of-Marks). By default what the
+    profile says: points but for GPT-class models."""
 
     prompt_format: PromptFormat = "memory"
     """What a reply consists of. The memory prompt is worth three points of success in the paper (§5)."""
@@ -33,7 +38,14 @@ class AgentConfig(BaseModel):
 
     image_max_side: int | None = Field(default=None, ge=64)
     """Longest side, in pixels, of the pictures that are sent; larger ones are scaled down. By default a
-    picture is sent as it was taken."""
+    picture goes to the profile's rule as it was taken."""
+
+    request_tokens: int | None = Field(default=None, ge=1)
+    """Longest request, in tokens by estimate; what is longer is trimmed, oldest screenshots first. By
+    default what the profile says. Set it to the context length of the endpoint less the longest reply."""
+
+    max_images: int | None = Field(default=None, ge=1)
+    """Pictures in a request at most, where an endpoint limits them. By default what the profile says."""
 
     memory_max_chars: int = Field(default=8000, ge=0)
     """How much memory, as JSON text, is carried forward. What would go beyond is not taken in, and the

@@ -4,6 +4,8 @@ A request is a system message, then the last rounds as (screenshot, reply) pairs
 screenshot. The first user message opens with the task, the actions that are older than the window, in
 words and with their effect, and the current memory. Every observation is told in words as well: the
 address, how far the page is scrolled, and whatever happened that a picture does not show.
+
+A request that would be too long is trimmed by the rule of :mod:`webgym.agent.budget`.
 """
 
 from __future__ import annotations
@@ -13,16 +15,18 @@ from typing import Any
 
 import msgspec
 
+from webgym.agent.budget import Cut, fit_request
 from webgym.agent.config import AgentConfig
-from webgym.agent.images import fitted_size
-from webgym.agent.memory import Revision, to_json
-from webgym.agent.parser import ParsedReply, ParseError, without_thinking_or_all
+from webgym.agent.memory import to_json
+from webgym.agent.parser import ParsedReply, ParseError, said_aloud
+from webgym.agent.pictures import Size
+from webgym.agent.profile import Profile, Thinking
 from webgym.agent.prompts import system_prompt
 from webgym.agent.wire import to_arguments
-from webgym.core.action import Action
+from webgym.core.action import GRID, Action
 from webgym.core.observation import Notice, NoticeKind, Observation
 from webgym.core.task import Task
-from webgym.core.trajectory import ImageRef, Message, Step, TextPart
+from webgym.core.trajectory import ImageRef, Message, Reply, Revision, Step, TextPart
 
 
 class Round(msgspec.Struct, frozen=True):
@@ -68,29 +72,72 @@ _NOTICES: dict[NoticeKind, str] = {
 }
 
 
-def build_messages(task: Task, past: Sequence[Round], now: Now, config: AgentConfig) -> tuple[Message, ...]:
-    """The request for the next reply. Pictures stand in it by name.
+class Request(msgspec.Struct, frozen=True):
+    """What a policy is asked.
+
+    Attributes:
+        messages: pictures stand in them by name.
+        cut: what was left out for length.
+    """
+
+    messages: tuple[Message, ...]
+    cut: Cut = Cut()
+
+
+def build_request(
+    task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile
+) -> Request:
+    """The request for the next reply.
 
     Args:
         task: what the agent is to do; only its instruction and website are told.
         past: all earlier rounds, oldest first.
         now: the current observation and memory.
-        config: window, mode, format.
+        config: window, format, limits.
+        profile: mode, picture sizes, grid.
+
+    Raises:
+        PolicyError: even without all that may be left out, it is too long.
     """
-    window = past[len(past) - min(config.rounds, len(past)) :]
-    older = past[: len(past) - len(window)]
-    messages = [Message("system", (TextPart(system_prompt(config)),))]
-    opening = _opening(task, older, now, config)
+    rounds = min(config.rounds, len(past))
+    messages, cut = fit_request(
+        lambda cut: _render(task, past, now, config, profile, cut),
+        profile,
+        rounds=rounds,
+        lines=len(past) - rounds,
+        entries=len(now.memory) if config.prompt_format == "memory" else 0,
+        most_tokens=config.request_tokens or profile.request_tokens,
+        most_images=config.max_images or profile.max_images,
+    )
+    return Request(messages, cut)
+
+
+def _render(
+    task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile, cut: Cut
+) -> tuple[Message, ...]:
+    rounds = min(config.rounds, len(past)) - cut.rounds
+    older, window = past[: len(past) - rounds], past[len(past) - rounds :]
+    seen = now.observation
+    screen = profile.screen(profile.picture_size(seen.viewport, config.image_max_side))
+    messages = [Message("system", (TextPart(system_prompt(config, profile.mode, screen)),))]
+    opening = _opening(task, older, now, config, screen, cut)
     before = older[-1] if older else None
-    for shown in window:
-        text = _observation_text(shown.step.observation, shown.step.index, now.budget, before)
-        messages.append(_user(opening + text, shown.step.observation, config))
-        reply = without_thinking_or_all(shown.step.reply.text)
+    blind = cut.pictures - cut.rounds
+    for number, shown in enumerate(window):
+        text = opening + _observation_text(shown.step.observation, shown.step.index, now.budget, before)
+        picture = None if number < blind else _picture(shown.step.observation, config, profile)
+        messages.append(_user(text, picture))
+        reply = said_aloud(shown.step.reply.text, thinking_of(shown.step.reply, profile))
         messages.append(Message("assistant", (TextPart(reply),)))
         opening, before = "", shown
-    text = _observation_text(now.observation, now.index, now.budget, before) + _revision_text(now.revision)
-    messages.append(_user(opening + text, now.observation, config))
+    text = opening + _observation_text(seen, now.index, now.budget, before) + _revision_text(now.revision)
+    messages.append(_user(text, _picture(seen, config, profile)))
     return tuple(messages)
+
+
+def thinking_of(reply: Reply, profile: Profile) -> Thinking:
+    """How this reply's thinking is told from it. Where the endpoint took it out, none is left open."""
+    return "tagged" if reply.reasoning else profile.thinking
 
 
 def picture_names(messages: Sequence[Message]) -> set[str]:
@@ -98,34 +145,45 @@ def picture_names(messages: Sequence[Message]) -> set[str]:
     return {part.screenshot for message in messages for part in message.content if isinstance(part, ImageRef)}
 
 
-def _user(text: str, observation: Observation, config: AgentConfig) -> Message:
-    width, height = fitted_size(observation.viewport, config.image_max_side)
-    return Message("user", (TextPart(text), ImageRef(observation.screenshot, width, height)))
+def _picture(observation: Observation, config: AgentConfig, profile: Profile) -> ImageRef:
+    width, height = profile.picture_size(observation.viewport, config.image_max_side)
+    return ImageRef(observation.screenshot, width, height, profile.detail)
 
 
-def _opening(task: Task, older: Sequence[Round], now: Now, config: AgentConfig) -> str:
+def _user(text: str, picture: ImageRef | None) -> Message:
+    if picture is None:
+        return Message("user", (TextPart(f"{text}\n(The screenshot of this step is left out.)"),))
+    return Message("user", (TextPart(text), picture))
+
+
+def _opening(
+    task: Task, older: Sequence[Round], now: Now, config: AgentConfig, screen: Size, cut: Cut
+) -> str:
     parts = [f"Task: {task.instruction}", f"It starts on: {task.website}"]
     if older:
-        lines = [_summary_line(past, config.summary_line_max_chars) for past in older]
+        lines = [f"(The first {cut.lines} are left out.)"] if cut.lines else []
+        lines += [_summary_line(past, screen, config.summary_line_max_chars) for past in older[cut.lines :]]
         parts.append("Earlier actions:\n" + "\n".join(lines))
     if config.prompt_format == "memory":
-        parts.append(f"Memory so far: {to_json(now.memory)}")
+        shown = dict(list(now.memory.items())[cut.entries :])
+        left_out = f" (The {cut.entries} oldest entries are kept but left out here.)" if cut.entries else ""
+        parts.append(f"Memory so far: {to_json(shown)}{left_out}")
     return "\n\n".join(parts) + "\n\n"
 
 
-def _summary_line(past: Round, max_chars: int) -> str:
+def _summary_line(past: Round, screen: Size, max_chars: int) -> str:
     match past.parsed:
         case ParseError(kind=kind):
             return f"{past.step.index + 1}. Your reply held no action ({kind})."
         case ParsedReply(action=action, description=description):
-            said = _cut(description, max_chars) or describe(action, max_chars)
+            said = _cut(description, max_chars) or describe(action, screen, max_chars)
             effect = {True: "the page changed", False: "nothing changed", None: "effect unknown"}
             return f"{past.step.index + 1}. {said} - {effect[past.step.changed]}."
 
 
-def describe(action: Action, max_chars: int = 200) -> str:
+def describe(action: Action, screen: Size = (GRID, GRID), max_chars: int = 200) -> str:
     """The action in a few words, for people and for lists of actions."""
-    arguments = to_arguments(action)
+    arguments = to_arguments(action, screen)
     name = arguments.pop("action")
     told = ", ".join(f"{key} {value!r}" for key, value in arguments.items())
     return _cut(f"{name} {told}".strip(), max_chars)

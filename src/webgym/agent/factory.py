@@ -6,6 +6,7 @@ from typing import Final
 
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.policy import Policy
+from webgym.agent.profile import Profile
 from webgym.agent.random_policy import RandomPolicy
 from webgym.agent.scripted import ScriptedPolicy
 from webgym.core.errors import ConfigError
@@ -14,13 +15,16 @@ from webgym.llm.config import ChatConfig
 POLICY_NAMES: Final = ("scripted", "random", "openai")
 
 
-def create_policy(name: str, *, mistake_rate: float = 0.0, chat: ChatConfig | None = None) -> Policy:
+def create_policy(
+    name: str, *, mistake_rate: float = 0.0, chat: ChatConfig | None = None, profile: Profile | None = None
+) -> Policy:
     """The policy of this name.
 
     Args:
         name: one of :data:`POLICY_NAMES`.
         mistake_rate: for ``scripted``: share of attempts with a mistake.
         chat: for ``openai``: endpoint and model.
+        profile: for ``openai``: of the model's family; by default known by the model's name.
 
     Raises:
         ConfigError: there is no such policy, or it lacks what it needs.
@@ -34,6 +38,6 @@ def create_policy(name: str, *, mistake_rate: float = 0.0, chat: ChatConfig | No
             if chat is None:
                 hint = "give a base URL and the model's name"
                 raise ConfigError("the openai policy does not know its endpoint", hint=hint)
-            return OpenAIPolicy(chat)
+            return OpenAIPolicy(chat, profile)
         case _:
             raise ConfigError(f"there is no policy {name!r}", hint=f"choose one of {', '.join(POLICY_NAMES)}")

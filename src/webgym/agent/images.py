@@ -6,6 +6,7 @@ import io
 
 from PIL import Image, UnidentifiedImageError
 
+from webgym.agent.pictures import Size
 from webgym.core.errors import ProtocolError
 
 _SIGNATURES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
@@ -25,28 +26,21 @@ def media_type(data: bytes) -> str:
     raise ProtocolError("a screenshot is no PNG, JPEG or WebP picture", hint="is the server up to date?")
 
 
-def fitted_size(size: tuple[int, int], max_side: int | None) -> tuple[int, int]:
-    """The size, in pixels, at which a picture is sent: its own, or scaled down to ``max_side``."""
-    width, height = size
-    longest = max(width, height)
-    if max_side is None or longest <= max_side:
-        return size
-    return max(1, round(width * max_side / longest)), max(1, round(height * max_side / longest))
+def fit(data: bytes, size: Size) -> bytes:
+    """The picture itself if it has this size, else a PNG of it at this size. Takes milliseconds of CPU.
 
-
-def fit(data: bytes, max_side: int) -> bytes:
-    """The picture itself if it fits, else a PNG of it at its fitted size. Takes milliseconds of CPU.
+    Bicubic, as the processors of vision-language models do. Equal pictures give equal bytes, so that what was
+    sent can be made again from what is stored.
 
     Raises:
         ProtocolError: the bytes are no picture.
     """
     try:
         with Image.open(io.BytesIO(data)) as picture:
-            size = fitted_size(picture.size, max_side)
             if size == picture.size:
                 return data
             out = io.BytesIO()
-            picture.convert("RGB").resize(size, Image.Resampling.LANCZOS).save(out, "PNG", compress_level=1)
+            picture.convert("RGB").resize(size, Image.Resampling.BICUBIC).save(out, "PNG", compress_level=1)
     except (UnidentifiedImageError, OSError) as error:
         hint = "is the server up to date?"
         raise ProtocolError("a screenshot is no picture that can be read", hint=hint) from error

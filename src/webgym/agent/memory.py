@@ -17,31 +17,14 @@ Progress is not merged: it may be refined, so the latest counts.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
-import msgspec
-
-
-class Revision(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How a reply's memory broke the append-only rule, and so what was mended.
-
-    Attributes:
-        dropped: keys that the reply left out; kept.
-        rewritten: keys whose value it replaced; both values are kept.
-        refused: keys for which there was no room.
-    """
-
-    dropped: tuple[str, ...] = ()
-    rewritten: tuple[str, ...] = ()
-    refused: tuple[str, ...] = ()
-
-    def __bool__(self) -> bool:
-        return bool(self.dropped or self.rewritten or self.refused)
+from webgym.core.trajectory import Revision
 
 
 def merge(
-    old: Mapping[str, Any], new: Mapping[str, Any], *, max_chars: int
+    old: Mapping[str, Any], new: Mapping[str, Any], *, max_chars: int, unseen: Collection[str] = ()
 ) -> tuple[dict[str, Any], Revision]:
     """``old`` with what ``new`` adds, and what the rule had to mend.
 
@@ -49,6 +32,7 @@ def merge(
         old: the memory so far; left as it is.
         new: the memory of a reply.
         max_chars: the most that the memory may measure as JSON text.
+        unseen: keys that the reply's writer was not shown, and so may leave out.
     """
     merged = dict(old)
     rewritten, refused = [], []
@@ -67,7 +51,8 @@ def merge(
             refused.append(key)
             continue
         merged[place] = value
-    dropped = tuple(key for key in old if key not in new and not _is_variant(key, old))
+    missing = (key for key in old if key not in new and key not in unseen)
+    dropped = tuple(key for key in missing if not _is_variant(key, old))
     return merged, Revision(dropped, tuple(rewritten), tuple(refused))
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping
 from types import TracebackType
-from typing import Any, Final, Self
+from typing import Self
 
-from webgym.agent.images import media_type
 from webgym.agent.policy import Turn
+from webgym.agent.profile import Profile
+from webgym.agent.profiles import choose_profile
+from webgym.agent.request import to_openai
 from webgym.core.errors import (
     LLMError,
     LLMTimeout,
@@ -19,29 +19,24 @@ from webgym.core.errors import (
     PolicyUnreachable,
 )
 from webgym.core.task import Task
-from webgym.core.trajectory import ImageRef, Message, Reply, TextPart
+from webgym.core.trajectory import Reply
 from webgym.llm.client import ChatClient
-from webgym.llm.config import ChatConfig, Sampling
-
-PAPER_SAMPLING: Final = Sampling(temperature=1.0, top_p=0.99, max_tokens=3072, extra_body={"top_k": 2})
-"""How the paper samples in training (appendix F). ``top_k`` is known to vLLM and SGLang, not to all."""
-
-DEFAULT_SAMPLING: Final = Sampling(temperature=1.0, top_p=0.99, max_tokens=3072)
-"""The paper's sampling as far as every endpoint understands it."""
+from webgym.llm.config import ChatConfig
 
 
 class OpenAIPolicy:
     """A model that knows nothing but the request; it plays every attempt the same way.
 
     Args:
-        config: endpoint, model, sampling and limits. A config that names no sampling gets
-            :data:`DEFAULT_SAMPLING`.
+        config: endpoint, model, sampling and limits. A config that names no sampling gets the profile's.
+        profile: of the model's family; by default the one that the model's name leads to.
     """
 
     wants_elements = False
 
-    def __init__(self, config: ChatConfig) -> None:
-        self._sampling = DEFAULT_SAMPLING if config.sampling == Sampling() else config.sampling
+    def __init__(self, config: ChatConfig, profile: Profile | None = None) -> None:
+        profile = profile or choose_profile(None, config.model)
+        self._sampling = profile.sampling_of(config.sampling)
         self._client = ChatClient(config)
 
     @property
@@ -61,7 +56,7 @@ class OpenAIPolicy:
             PolicyTimeout: no complete reply came in time.
             PolicyBadReply: what came is no completion.
         """
-        messages = [to_openai(message, turn.images) for message in turn.messages]
+        messages = to_openai(turn.messages, turn.images)
         try:
             completion = await self._client.complete(messages, self._sampling)
         except LLMError as error:
@@ -87,25 +82,6 @@ class OpenAIPolicy:
         trace: TracebackType | None,
     ) -> None:
         await self._client.__aexit__(kind, error, trace)
-
-
-def to_openai(message: Message, images: Mapping[str, bytes]) -> dict[str, Any]:
-    """A message in the shape of the OpenAI chat API, its pictures as ``data:`` URLs.
-
-    A message of text alone has a plain string as its content, which every chat template understands.
-    """
-    if all(isinstance(part, TextPart) for part in message.content):
-        text = "".join(part.text for part in message.content if isinstance(part, TextPart))
-        return {"role": message.role, "content": text}
-    return {"role": message.role, "content": [_part(part, images) for part in message.content]}
-
-
-def _part(part: TextPart | ImageRef, images: Mapping[str, bytes]) -> dict[str, Any]:
-    if isinstance(part, TextPart):
-        return {"type": "text", "text": part.text}
-    data = images[part.screenshot]
-    url = f"data:{media_type(data)};base64,{base64.b64encode(data).decode()}"
-    return {"type": "image_url", "image_url": {"url": url}}
 
 
 def as_policy_error(error: LLMError) -> PolicyError:

@@ -3,9 +3,11 @@
 The parser is total: any text gives one or the other, never an exception and never an action that the
 text does not spell out. It is linear in the length of the reply. Its rules:
 
-1. What stands before the last ``</think>`` is thinking and says nothing. Thinking that never ends leaves
-   no reply.
-2. There is exactly one ``<tool_call>`` with its ``</tool_call>``. What follows it is ignored.
+1. Thinking says nothing. It runs from ``<think>`` to the next ``</think>``; where a chat template has opened
+   it, from the beginning. Thinking that never ends leaves no reply. Thinking that begins or ends after the
+   tool call leaves open whether the call was meant, so it is none.
+2. Outside of the thinking there is exactly one ``<tool_call>`` with its ``</tool_call>``. What follows it is
+   ignored, unless it holds another.
 3. Between the two stands one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and
    an object as ``arguments``. No key stands twice; NaN and infinity are no JSON.
 4. The arguments are read by :mod:`webgym.agent.wire`.
@@ -22,14 +24,17 @@ from typing import Any, NoReturn
 import msgspec
 
 from webgym.agent.config import PromptFormat
+from webgym.agent.pictures import Size
+from webgym.agent.profile import Thinking
 from webgym.agent.wire import TOOL_NAME, ParseProblem, Refused, from_arguments
-from webgym.core.action import Action, Mode
+from webgym.core.action import GRID, Action, Mode
 
 _THINK, _END_THINK = "<think>", "</think>"
 _CALL, _END_CALL = "<tool_call>", "</tool_call>"
 _HEADING = re.compile(
     r"^[ \t>*#_]*(memory|progress|intention|action)[ \t*_]*[:：]", re.IGNORECASE | re.MULTILINE | re.ASCII
 )
+_TAG = re.compile("|".join((_THINK, _END_THINK, _CALL)))
 _FENCE = re.compile(r"```[a-zA-Z]{0,16}\s*\n?")
 
 
@@ -66,11 +71,26 @@ class ParseError(msgspec.Struct, frozen=True):
         return f"{self.kind}: {self.message}"
 
 
-def parse_reply(text: str, mode: Mode, prompt_format: PromptFormat) -> ParsedReply | ParseError:
-    """What ``text`` says. Never raises."""
+def parse_reply(
+    text: str,
+    mode: Mode,
+    prompt_format: PromptFormat,
+    *,
+    screen: Size = (GRID, GRID),
+    thinking: Thinking = "tagged",
+) -> ParsedReply | ParseError:
+    """What ``text`` says. Never raises.
+
+    Args:
+        text: a reply.
+        mode: how a target is named.
+        prompt_format: which sections are read.
+        screen: where the reply's points end, to the right and below.
+        thinking: whether a chat template has opened the thinking.
+    """
     try:
-        before, call = _split(without_thinking(text))
-        action = _read_call(call, mode)
+        before, call = _split(text, thinking)
+        action = _read_call(call, mode, screen)
     except Refused as refused:
         return ParseError(refused.kind, refused.message)
     sections = _sections(before)
@@ -85,39 +105,50 @@ def parse_reply(text: str, mode: Mode, prompt_format: PromptFormat) -> ParsedRep
     )
 
 
-def without_thinking(text: str) -> str:
-    """The reply proper. A chat template may have opened the thinking, so only its end counts.
+def said_aloud(text: str, thinking: Thinking = "tagged") -> str:
+    """The reply without its thinking, as it stands in the history; empty where the thinking never ends.
 
-    Raises:
-        Refused: the thinking does not end.
+    Chat templates do the same to earlier turns. What looks like thinking inside of a tool call is the call's.
     """
-    text = text.rpartition(_END_THINK)[2]
-    if _THINK in text:
+    start, unfinished = _thought(text, thinking)
+    return text[start:unfinished].strip()
+
+
+def _thought(text: str, thinking: Thinking) -> tuple[int, int | None]:
+    """Where the reply proper begins; and where thinking begins that does not end, if there is any.
+
+    Looks no further than to the tool call.
+    """
+    start, began = 0, 0 if thinking == "opened" else None
+    for tag in _TAG.finditer(text):
+        if tag[0] == _END_THINK:
+            start, began = tag.end(), None
+        elif began is None and tag[0] == _CALL:
+            break
+        elif began is None:
+            began = tag.start()
+    return start, began
+
+
+def _split(text: str, thinking: Thinking) -> tuple[str, str]:
+    """The reply proper up to its tool call, and what stands in the call."""
+    start, unfinished = _thought(text, thinking)
+    if unfinished is not None:
         raise Refused("unfinished_thinking", "the reply ended before the thinking did")
-    return text
-
-
-def without_thinking_or_all(text: str) -> str:
-    """The reply proper, or, where the thinking never ends, what stands before it."""
-    try:
-        return without_thinking(text).strip()
-    except Refused:
-        return text.rpartition(_END_THINK)[2].partition(_THINK)[0].strip()
-
-
-def _split(text: str) -> tuple[str, str]:
-    before, opened, rest = text.partition(_CALL)
+    before, opened, rest = text[start:].partition(_CALL)
     if not opened:
         raise Refused("no_tool_call", f"the reply holds no {_CALL}")
     if _CALL in rest:
         raise Refused("several_tool_calls", f"the reply holds more than one {_CALL}")
-    call, closed, _ = rest.partition(_END_CALL)
+    call, closed, after = rest.partition(_END_CALL)
     if not closed:
         raise Refused("unclosed_tool_call", f"the tool call does not end with {_END_CALL}")
+    if _THINK in after or _END_THINK in after:
+        raise Refused("late_thinking", "the thinking must end before the tool call")
     return before, call
 
 
-def _read_call(text: str, mode: Mode) -> Action:
+def _read_call(text: str, mode: Mode, screen: Size) -> Action:
     call = _read_json(_without_fence(text))
     if not isinstance(call, dict) or set(call) != {"name", "arguments"}:
         raise Refused("bad_arguments", "the tool call must be an object with name and arguments")
@@ -125,7 +156,7 @@ def _read_call(text: str, mode: Mode) -> Action:
         raise Refused("wrong_tool", f"the only tool is {TOOL_NAME}")
     if not isinstance(call["arguments"], dict):
         raise Refused("bad_arguments", "arguments must be an object")
-    return from_arguments(call["arguments"], mode)
+    return from_arguments(call["arguments"], mode, screen)
 
 
 def _without_fence(text: str) -> str:

@@ -14,7 +14,8 @@ from typing import Protocol, Self
 import msgspec
 
 from webgym.agent.config import PromptFormat
-from webgym.core.action import Mode
+from webgym.agent.pictures import Size
+from webgym.core.action import GRID, Mode
 from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Message, Reply, Step
@@ -33,6 +34,7 @@ class Turn(msgspec.Struct, frozen=True):
         budget: how many turns the attempt may take in all.
         mode: how a target is named.
         prompt_format: what the reply must consist of.
+        screen: where points in the reply end, to the right and below.
     """
 
     task: Task
@@ -44,6 +46,7 @@ class Turn(msgspec.Struct, frozen=True):
     budget: int
     mode: Mode
     prompt_format: PromptFormat
+    screen: Size = (GRID, GRID)
 
 
 class Player(Protocol):

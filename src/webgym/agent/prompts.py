@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from webgym.agent.config import AgentConfig, PromptFormat
+from webgym.agent.pictures import Size
 from webgym.agent.wire import ARGUMENTS, TOOL_NAME, to_arguments
 from webgym.core.action import GRID, MAX_WAIT_SECONDS, Action, Mode
 
@@ -26,16 +27,15 @@ _ACTIONS: dict[str, str] = {
 }
 
 _SCREEN: dict[Mode, str] = {
-    "coordinates": f"The screen is {GRID}x{GRID}, from (0, 0) at the top left to ({GRID}, {GRID}) at the "
-    "bottom right.",
-    "marks": f"The screen is {GRID}x{GRID}. Every element that can be used carries a number on the "
-    "screenshot; name an element by that number.",
+    "coordinates": "The screen is {0}x{1}, from (0, 0) at the top left to ({0}, {1}) at the bottom right.",
+    "marks": "The screen is {0}x{1}. Every element that can be used carries a number on the screenshot; "
+    "name an element by that number.",
 }
 
 _ARGUMENT_SCHEMA: dict[str, dict[str, Any]] = {
     "coordinate": {
         "type": "array",
-        "items": {"type": "number", "minimum": 0, "maximum": GRID},
+        "items": {"type": "number", "minimum": 0},
         "minItems": 2,
         "maxItems": 2,
         "description": "[x, y], the point to use: for left_click and type.",
@@ -96,27 +96,37 @@ _TARGETS: dict[Mode, str] = {
 }
 
 
-def system_prompt(config: AgentConfig) -> str:
-    """The system message of every request under this config."""
+def system_prompt(config: AgentConfig, mode: Mode = "coordinates", screen: Size = (GRID, GRID)) -> str:
+    """The system message of every request.
+
+    Args:
+        config: prompt format and date.
+        mode: how a target is named.
+        screen: where points end, to the right and below.
+    """
     parts = [
         _ROLE if config.today is None else f"{_ROLE}\n{_date(config.today)}",
-        f"# Tool\n<tools>\n{json.dumps(tool_declaration(config.mode))}\n</tools>",
+        f"# Tool\n<tools>\n{json.dumps(tool_declaration(mode, screen))}\n</tools>",
         _REPLIES[config.prompt_format].format(tool=TOOL_NAME),
         _RULES,
     ]
     return "\n\n".join(parts)
 
 
-def tool_declaration(mode: Mode) -> dict[str, Any]:
-    """The ``computer_use`` tool as a JSON schema."""
+def tool_declaration(mode: Mode, screen: Size = (GRID, GRID)) -> dict[str, Any]:
+    """The ``computer_use`` tool as a JSON schema, in the form in which chat templates declare tools."""
     lines = [f"* `{name}`: {text.format(target=_TARGETS[mode])}" for name, text in _ACTIONS.items()]
     left_out = "element" if mode == "coordinates" else "coordinate"
     arguments = {key: schema for key, schema in _ARGUMENT_SCHEMA.items() if key != left_out}
+    if mode == "coordinates":
+        point = arguments["coordinate"]
+        arguments["coordinate"] = point | {"items": point["items"] | {"maximum": max(screen)}}
+    described = f"Use a web browser by mouse and keyboard. {_SCREEN[mode].format(*screen)}"
     return {
         "type": "function",
         "function": {
             "name": TOOL_NAME,
-            "description": f"Use a web browser by mouse and keyboard. {_SCREEN[mode]}",
+            "description": described,
             "parameters": {
                 "type": "object",
                 "properties": {
@@ -145,6 +155,7 @@ def render_reply(
     memory: Mapping[str, Any] | None = None,
     progress: Mapping[str, Any] | None = None,
     intention: str = "",
+    screen: Size = (GRID, GRID),
 ) -> str:
     """A reply as the prompt asks for it; the parser reads back what was put in.
 
@@ -158,7 +169,7 @@ def render_reply(
             f"Progress: {_json(progress or {})}",
             f"Intention: {_line(intention)}",
         ]
-    call = _json({"name": TOOL_NAME, "arguments": to_arguments(action)})
+    call = _json({"name": TOOL_NAME, "arguments": to_arguments(action, screen)})
     lines += [f"Action: {_line(description)}", f"<tool_call>\n{call}\n</tool_call>"]
     return "\n".join(lines)
 

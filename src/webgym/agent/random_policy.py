@@ -62,7 +62,9 @@ class RandomPlayer:
     async def reply(self, turn: Turn) -> Reply:
         """Any action that the mode allows."""
         action = self._action(turn)
-        text = render_reply(action, turn.prompt_format, description=describe(action))
+        text = render_reply(
+            action, turn.prompt_format, screen=turn.screen, description=describe(action, turn.screen)
+        )
         return Reply(text, policy=RandomPolicy.name)
 
     def _action(self, turn: Turn) -> Action:

@@ -127,6 +127,7 @@ class ScriptedPlayer:
         text = render_reply(
             act.action,
             turn.prompt_format,
+            screen=turn.screen,
             description=act.description,
             memory={f"seen {number}": list(texts) for number, texts in enumerate(self._solver.seen, 1)},
             progress=self._solver.progress(),

@@ -5,7 +5,8 @@ The names and arguments follow the computer-use convention that Qwen3-VL was tra
 ``coordinate``. Reading is strict:
 
 - every argument that the action needs must be there, and no other (``null`` counts as absent);
-- a coordinate is a list of exactly two finite numbers from 0 to 1000, an element a whole number from 0;
+- a coordinate is a list of exactly two finite numbers from 0 to 1000, or to the size of the picture where
+  the model points at pixels; an element is a whole number from 0;
 - a number may be written as a string of plain ASCII digits (``"512"``, ``"0.5"``), nothing looser;
 - a target of the other mode is refused, never converted.
 """
@@ -16,6 +17,7 @@ import math
 import re
 from typing import Any, Final, Literal, TypeAlias
 
+from webgym.agent.pictures import Size
 from webgym.core.action import (
     GRID,
     Action,
@@ -34,6 +36,7 @@ TOOL_NAME: Final = "computer_use"
 
 ParseProblem: TypeAlias = Literal[
     "unfinished_thinking",  # the reply ended before the thinking did
+    "late_thinking",  # thinking after the tool call: was the call thought or meant?
     "no_tool_call",
     "several_tool_calls",  # also one inside the other
     "unclosed_tool_call",  # cut off, or never closed
@@ -67,6 +70,9 @@ ARGUMENTS: Final[dict[str, tuple[str, ...]]] = {
 """What every action takes. ``target`` is ``coordinate`` or ``element``, by the mode."""
 
 _TARGETS: Final[dict[Mode, str]] = {"coordinates": "coordinate", "marks": "element"}
+_LARGEST_ELEMENT: Final = 2**53
+"""From here on, not every whole number is one of its own once it was read."""
+
 _NUMBER = re.compile(r"-?[0-9]{1,20}(\.[0-9]{1,20})?", re.ASCII)
 
 
@@ -75,13 +81,13 @@ def target_key(mode: Mode) -> str:
     return _TARGETS[mode]
 
 
-def to_arguments(action: Action) -> dict[str, Any]:
-    """The tool's arguments that mean this action."""
+def to_arguments(action: Action, screen: Size = (GRID, GRID)) -> dict[str, Any]:
+    """The tool's arguments that mean this action, on a screen whose points end here."""
     match action:
         case LeftClick(target=target):
-            return {"action": "left_click"} | _target_argument(target)
+            return {"action": "left_click"} | _target_argument(target, screen)
         case Type(target=target, text=text):
-            return {"action": "type"} | _target_argument(target) | {"text": text}
+            return {"action": "type"} | _target_argument(target, screen) | {"text": text}
         case Scroll(direction=direction):
             return {"action": "scroll", "direction": direction}
         case Wait(time=time):
@@ -94,14 +100,25 @@ def to_arguments(action: Action) -> dict[str, Any]:
             return {"action": "answer", "text": text}
 
 
-def _target_argument(target: Target) -> dict[str, Any]:
+def _target_argument(target: Target, screen: Size) -> dict[str, Any]:
     if target.coordinate is None:
         return {"element": target.element}
-    return {"coordinate": [int(value) if value == int(value) else value for value in target.coordinate]}
+    point = [_rescaled(value, GRID, side) for value, side in zip(target.coordinate, screen, strict=True)]
+    return {"coordinate": [int(value) if value == int(value) else value for value in point]}
 
 
-def from_arguments(arguments: dict[str, Any], mode: Mode) -> Action:
+def _rescaled(value: float, old: int, new: int) -> float:
+    """The same place on a side of another length; exactly the same where the lengths are the same."""
+    return value if old == new else min(float(new), value * new / old)
+
+
+def from_arguments(arguments: dict[str, Any], mode: Mode, screen: Size = (GRID, GRID)) -> Action:
     """The action that these arguments mean.
+
+    Args:
+        arguments: of the tool.
+        mode: how a target is named.
+        screen: where the points end, to the right and below.
 
     Raises:
         Refused: they mean none.
@@ -114,9 +131,9 @@ def from_arguments(arguments: dict[str, Any], mode: Mode) -> Action:
     _check_keys(name, set(given), wanted, mode)
     match name:
         case "left_click":
-            return LeftClick(_target(given, mode))
+            return LeftClick(_target(given, mode, screen))
         case "type":
-            return Type(_target(given, mode), _text(given, "text", empty=True))
+            return Type(_target(given, mode, screen), _text(given, "text", empty=True))
         case "scroll":
             return Scroll(_direction(given["direction"]))
         case "wait":
@@ -140,10 +157,10 @@ def _check_keys(name: str, given: set[str], wanted: set[str], mode: Mode) -> Non
         raise Refused("bad_arguments", f"{name} does not take {named}")
 
 
-def _target(given: dict[str, Any], mode: Mode) -> Target:
+def _target(given: dict[str, Any], mode: Mode, screen: Size) -> Target:
     if mode == "marks":
         number = _number(given["element"])
-        if number is None or number != int(number) or number < 0:
+        if number is None or number != int(number) or not 0 <= number < _LARGEST_ELEMENT:
             raise Refused("bad_target", "element must be a whole number, as drawn on the screenshot")
         return Target(element=int(number))
     point = given["coordinate"]
@@ -152,9 +169,10 @@ def _target(given: dict[str, Any], mode: Mode) -> Target:
     x, y = _number(point[0]), _number(point[1])
     if x is None or y is None:
         raise Refused("bad_target", "coordinate must be a list of two numbers, [x, y]")
-    if not (0 <= x <= GRID and 0 <= y <= GRID):
-        raise Refused("bad_target", f"coordinate must lie between 0 and {GRID}")
-    return Target(coordinate=(x, y))
+    if not (0 <= x <= screen[0] and 0 <= y <= screen[1]):
+        where = f"0 and {GRID}" if screen == (GRID, GRID) else f"[0, 0] and [{screen[0]}, {screen[1]}]"
+        raise Refused("bad_target", f"coordinate must lie between {where}")
+    return Target(coordinate=(_rescaled(x, screen[0], GRID), _rescaled(y, screen[1], GRID)))
 
 
 def _number(value: Any) -> float | None:

@@ -29,7 +29,15 @@ def command(
         show_default=False,
     ),
     model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
-    marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
+    profile: str | None = typer.Option(
+        None,
+        "--profile",
+        help="Family of the model (image sizes, grid, think tags, sampling); else by its name.",
+        show_default=False,
+    ),
+    marks: bool | None = typer.Option(
+        None, "--marks/--coordinates", help="Interaction mode; else the profile's.", show_default=False
+    ),
     seed: int = typer.Option(1, "--seed", help="Of the tasks drawn and of everything random."),
 ) -> None:
     """Collect, judge and report trajectories on the offline web: no network, no model, no GPU needed.
@@ -54,7 +62,9 @@ def command(
         seed=seed,
         tasks=TaskChoice(split="test", count=tasks, spread=True),
         policy=policy_choice(policy, mistakes, base_url, model),
-        agent=AgentConfig(mode="marks" if marks else "coordinates"),
+        agent=AgentConfig(
+            profile=profile, mode=None if marks is None else "marks" if marks else "coordinates"
+        ),
         collector=CollectorConfig(sessions=sessions),
     )
     console.print(

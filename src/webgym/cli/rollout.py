@@ -34,8 +34,14 @@ def command(
         None, "--base-url", help="OpenAI-compatible endpoint. Its key: WEBGYM_API_KEY.", show_default=False
     ),
     model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
+    profile: str | None = typer.Option(
+        None,
+        "--profile",
+        help="Family of the model (image sizes, grid, think tags, sampling); else by its name.",
+        show_default=False,
+    ),
     marks: bool | None = typer.Option(
-        None, "--marks/--coordinates", help="Interaction mode.", show_default=False
+        None, "--marks/--coordinates", help="Interaction mode; else the profile's.", show_default=False
     ),
     server: str | None = typer.Option(
         None, "--server", help="A running browser server; else one is started here.", show_default=False
@@ -85,7 +91,10 @@ def command(
             "seed": seed,
             "samples": samples,
             "tasks": {"file": tasks, "split": split, "count": limit},
-            "agent": {"mode": None if marks is None else ("marks" if marks else "coordinates")},
+            "agent": {
+                "profile": profile,
+                "mode": None if marks is None else ("marks" if marks else "coordinates"),
+            },
             "collector": {"sessions": sessions},
             "server": {"url": server, "sites_url": sites},
         }

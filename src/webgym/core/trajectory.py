@@ -12,17 +12,19 @@ from webgym.core.outcome import Ending, Outcome
 from webgym.core.verdict import Verdict
 
 
-class ImageRef(msgspec.Struct, frozen=True, tag_field="type", tag="image"):
+class ImageRef(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="type", tag="image"):
     """A picture in a message, by its name in the run's screenshots.
 
     Attributes:
         screenshot: the picture's name.
         width, height: size at which it was sent, pixels.
+        detail: how closely the endpoint was asked to look (``high``, ``low``); empty if it was not told.
     """
 
     screenshot: str
     width: int
     height: int
+    detail: str = ""
 
 
 class TextPart(msgspec.Struct, frozen=True, tag_field="type", tag="text"):
@@ -43,6 +45,7 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         text: the exact reply.
+        reasoning: thinking that the endpoint itself had taken out of the reply; empty if there was none.
         finish_reason: as the endpoint gave it (``stop``, ``length``, ...).
         policy: name and version of the policy that replied.
         sampling: the exact sampling parameters of the request.
@@ -57,6 +60,24 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
     prompt_tokens: int = 0
     completion_tokens: int = 0
     seconds: float = 0.0
+    reasoning: str = ""
+
+
+class Revision(msgspec.Struct, frozen=True, omit_defaults=True):
+    """How a reply's memory broke the append-only rule, and so what was mended.
+
+    Attributes:
+        dropped: keys that the reply left out; kept.
+        rewritten: keys whose value it replaced; both values are kept.
+        refused: keys for which there was no room.
+    """
+
+    dropped: tuple[str, ...] = ()
+    rewritten: tuple[str, ...] = ()
+    refused: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.dropped or self.rewritten or self.refused)
 
 
 class Step(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -71,6 +92,7 @@ class Step(msgspec.Struct, frozen=True, omit_defaults=True):
         parse_error: why the reply held no action; empty if it did.
         changed: whether the next screenshot differs; ``None`` after the last step.
         at: seconds from the start of the attempt to the observation.
+        revision: how the memory in the reply had to be mended; ``None`` if it kept to the rule.
     """
 
     index: int
@@ -81,6 +103,7 @@ class Step(msgspec.Struct, frozen=True, omit_defaults=True):
     parse_error: str = ""
     changed: bool | None = None
     at: float = 0.0
+    revision: Revision | None = None
 
 
 class Failure(msgspec.Struct, frozen=True):

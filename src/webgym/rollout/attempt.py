@@ -132,7 +132,7 @@ class Attempt:
         """The browser session that this attempt needs."""
         stage = self._stage
         return SessionOptions(
-            mode=stage.agent.config.mode,
+            mode=stage.agent.mode,
             viewport=stage.config.viewport,
             text=stage.config.record_text,
             elements=stage.agent.wants_elements,

@@ -1,0 +1,150 @@
+"""How families of models scale the pictures that they are sent, and what a picture costs.
+
+A picture is sent at the very size that the model's own processor would have made of it. The processor then
+leaves it alone, so that the model sees the pixels that were recorded and points where the record says.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol, TypeAlias
+
+import msgspec
+
+Size: TypeAlias = tuple[int, int]
+"""Width and height, pixels."""
+
+
+class PictureRule(Protocol):
+    """What a family does with a picture. ``size`` leaves alone what it has made: it is idempotent."""
+
+    def size(self, size: Size) -> Size:
+        """The size at which the model sees a picture of this size."""
+        ...
+
+    def tokens(self, size: Size) -> int:
+        """What a picture of this size costs, in tokens; rather too many than too few."""
+        ...
+
+
+class AsTaken(msgspec.Struct, frozen=True, kw_only=True):
+    """A picture is sent as it is, and costs a token per square.
+
+    Attributes:
+        square: side of the square that is taken for a token, pixels.
+    """
+
+    square: int = 28
+
+    def size(self, size: Size) -> Size:
+        """The same."""
+        return size
+
+    def tokens(self, size: Size) -> int:
+        """A token per square, begun ones included."""
+        return math.ceil(size[0] / self.square) * math.ceil(size[1] / self.square)
+
+
+class Multiples(msgspec.Struct, frozen=True, kw_only=True):
+    """Both sides become multiples of a factor, the shape nearly stays, the area is kept between two bounds.
+
+    This is what the Qwen-VL processors do (``smart_resize`` in their configuration files' terms): patches
+    of 14 or 16 pixels, of which two by two become one token.
+
+    Attributes:
+        factor: patch side times merge size, pixels.
+        min_pixels, max_pixels: smallest and largest area.
+    """
+
+    factor: int
+    min_pixels: int
+    max_pixels: int
+
+    def size(self, size: Size) -> Size:
+        """The nearest multiples; if they leave the bounds, the picture is scaled to them first."""
+        factor, area = self.factor, size[0] * size[1]
+        near = [round(side / factor) * factor for side in size]
+        if near[0] * near[1] > self.max_pixels:
+            scale = math.sqrt(area / self.max_pixels)
+            near = [max(factor, math.floor(side / scale / factor) * factor) for side in size]
+        elif near[0] * near[1] < self.min_pixels:
+            scale = math.sqrt(self.min_pixels / area)
+            near = [math.ceil(side * scale / factor) * factor for side in size]
+        return near[0], near[1]
+
+    def tokens(self, size: Size) -> int:
+        """A token per square of the factor, and one at each end."""
+        width, height = self.size(size)
+        return (width // self.factor) * (height // self.factor) + 2
+
+
+class Tiles(msgspec.Struct, frozen=True, kw_only=True):
+    """A picture is scaled down into a box and to a shortest side, then cut into tiles.
+
+    The rule of GPT-4o, GPT-4.1 and GPT-5 at ``detail: high``, after OpenAI's guide to images.
+
+    Attributes:
+        base_tokens: for any picture.
+        tile_tokens: for every tile, begun ones included.
+        box: longest side, pixels.
+        short_side: longest shorter side, pixels.
+        tile: side of a tile, pixels.
+    """
+
+    base_tokens: int
+    tile_tokens: int
+    box: int = 2048
+    short_side: int = 768
+    tile: int = 512
+
+    def size(self, size: Size) -> Size:
+        """Scaled down, never up."""
+        scale = min(1.0, self.box / max(size), self.short_side / min(size))
+        return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+    def tokens(self, size: Size) -> int:
+        """The base and every tile."""
+        width, height = self.size(size)
+        tiles = math.ceil(width / self.tile) * math.ceil(height / self.tile)
+        return self.base_tokens + self.tile_tokens * tiles
+
+
+class Patches(msgspec.Struct, frozen=True, kw_only=True):
+    """A picture is scaled down until it is covered by so many patches at most.
+
+    The rule of GPT-4.1 mini, GPT-5 mini and o4-mini, after OpenAI's guide to images.
+
+    Attributes:
+        patch_tokens: what a patch costs, in tokens.
+        most: patches at most.
+        patch: side of a patch, pixels.
+    """
+
+    patch_tokens: float
+    most: int = 1536
+    patch: int = 32
+
+    def size(self, size: Size) -> Size:
+        """Scaled down, never up, until whole patches fill one of the sides."""
+        if self._patches(size) <= self.most:
+            return size
+        scale = math.sqrt(self.patch**2 * self.most / (size[0] * size[1]))
+        across, down = (side * scale / self.patch for side in size)
+        scale *= min(math.floor(across) / across, math.floor(down) / down)
+        return max(1, math.floor(size[0] * scale)), max(1, math.floor(size[1] * scale))
+
+    def tokens(self, size: Size) -> int:
+        """What the patches cost."""
+        return math.ceil(self._patches(self.size(size)) * self.patch_tokens)
+
+    def _patches(self, size: Size) -> int:
+        return math.ceil(size[0] / self.patch) * math.ceil(size[1] / self.patch)
+
+
+def within(size: Size, max_side: int | None) -> Size:
+    """A size as it is, or scaled down until its longest side is ``max_side``."""
+    width, height = size
+    longest = max(width, height)
+    if max_side is None or longest <= max_side:
+        return size
+    return max(1, round(width * max_side / longest)), max(1, round(height * max_side / longest))

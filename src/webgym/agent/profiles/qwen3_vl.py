@@ -1,0 +1,30 @@
+"""Qwen3-VL, Instruct and Thinking: points on a 0-1000 grid, patches of 16 pixels merged two by two.
+
+Sizes after the models' ``preprocessor_config.json`` (shortest and longest edge are areas there, in pixels);
+checked against the processor of ``transformers`` 5 (tests/agent/test_pictures.py). The Thinking models' chat
+template opens the thinking itself.
+"""
+
+from __future__ import annotations
+
+from webgym.agent.pictures import Multiples
+from webgym.agent.profile import PAPER_SAMPLING, Profile
+
+_PICTURES = Multiples(factor=32, min_pixels=65536, max_pixels=16777216)
+
+PROFILES = (
+    Profile(
+        name="qwen3-vl",
+        models=(r"qwen3[-_ ]?vl(?!.*thinking)",),
+        pictures=_PICTURES,
+        sampling=PAPER_SAMPLING,
+    ),
+    Profile(
+        name="qwen3-vl-thinking",
+        models=(r"qwen3[-_ ]?vl.*thinking",),
+        pictures=_PICTURES,
+        thinking="opened",
+        sampling=PAPER_SAMPLING.model_copy(update={"max_tokens": 8192}),
+        request_tokens=24576,
+    ),
+)

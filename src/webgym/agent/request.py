@@ -1,0 +1,58 @@
+"""A request as an endpoint receives it, and the same request from a stored step.
+
+A step keeps its messages with pictures by name and size, and its sampling parameters as they were sent. With
+the stored screenshots that is the whole request: training rebuilds the very bytes, and so the very tokens.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from webgym.agent.images import fit, media_type
+from webgym.core.trajectory import ImageRef, Message, Step, TextPart
+
+
+def to_openai(messages: Sequence[Message], images: Mapping[str, bytes]) -> list[dict[str, Any]]:
+    """Messages in the shape of the OpenAI chat API, their pictures as ``data:`` URLs.
+
+    A message of text alone has a plain string as its content, which every chat template understands.
+
+    Args:
+        messages: of a request.
+        images: its pictures by name, encoded, at the size at which they are sent.
+    """
+    return [{"role": message.role, "content": _content(message, images)} for message in messages]
+
+
+def request_of(step: Step, model: str, picture: Callable[[str], bytes]) -> dict[str, Any]:
+    """The body of the request that a stored step was the answer to, with its keys in the order sent.
+
+    Args:
+        step: as the run store gives it back.
+        model: as the endpoint was asked for it (``Episode.policy``).
+        picture: a stored screenshot by its name, e.g. ``RunReader(run).image``.
+
+    Raises:
+        ProtocolError: a stored screenshot is no picture.
+    """
+    parts = (part for message in step.messages for part in message.content)
+    sizes = {part.screenshot: (part.width, part.height) for part in parts if isinstance(part, ImageRef)}
+    images = {name: fit(picture(name), size) for name, size in sizes.items()}
+    asked = {"model": model, "messages": to_openai(step.messages, images), "stream": False}
+    return asked | step.reply.sampling
+
+
+def _content(message: Message, images: Mapping[str, bytes]) -> str | list[dict[str, Any]]:
+    if all(isinstance(part, TextPart) for part in message.content):
+        return "".join(part.text for part in message.content if isinstance(part, TextPart))
+    return [_part(part, images) for part in message.content]
+
+
+def _part(part: TextPart | ImageRef, images: Mapping[str, bytes]) -> dict[str, Any]:
+    if isinstance(part, TextPart):
+        return {"type": "text", "text": part.text}
+    data = images[part.screenshot]
+    url = f"data:{media_type(data)};base64,{base64.b64encode(data).decode()}"
+    return {"type": "image_url", "image_url": {"url": url} | ({"detail": part.detail} if part.detail else {})}

@@ -7,7 +7,7 @@ import re
 from webgym.tasks.sources.base import GARBLED, Draft, Source
 from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import subdomain
-from webgym.tasks.sources.fields import Fields
+from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("ques", "question", "task")
 _TWICE = re.compile(r"\b(\w{2,})\s+\1\b", re.IGNORECASE)
@@ -18,15 +18,14 @@ def _draft(fields: Fields, _: Beside) -> Draft:
     draft.website = fields.text("web", "website", "url")
     # Its own categories (Electronics, Fashion, Books, ...) are departments of one shop.
     draft.domain, draft.subdomain = subdomain("Shopping")
-    hints = []
+    hints: list[str] = []
     for name in ("attribute", "filter", "sort"):
         value = fields.value(name)
         if value is None:
             continue
-        text = _mended(value) if isinstance(value, str) else None
-        if text:
-            hints.append(f"{name}: {text}")
-        elif GARBLED not in draft.flags:
+        if mended := [text for each in texts(value) if (text := _mended(each))]:
+            hints += (f"{name}: {text}" for text in mended)
+        else:
             draft.flags.append(GARBLED)
     draft.hints = tuple(hints)
     return draft

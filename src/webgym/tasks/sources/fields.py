@@ -188,6 +188,8 @@ def website_url(given: str) -> str | None:
     if separator and scheme.casefold() not in ("http", "https"):
         return None
     if not separator:
+        if "@" in url.partition("/")[0]:
+            return None  # a mail address
         url = f"https://{url.removeprefix('//')}"
     try:
         host = host_of(url)

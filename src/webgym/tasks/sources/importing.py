@@ -9,6 +9,7 @@ from datetime import date
 from fnmatch import fnmatch
 from pathlib import Path
 
+import msgspec
 from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
@@ -34,7 +35,6 @@ _HASH_DIGITS = 12
 """Hexadecimal: two of 300,000 tasks get the same with a chance of 1 in 6,000, and then one is renamed."""
 _LONGEST_ID = 200
 """Characters of a native id; a longer one is none."""
-_AGAIN = "the same record as"
 _DATA = frozenset({*SUFFIXES, *COMPRESSIONS, ".zip", ".tar", ".tgz", ".arrow", ".feather", ".xlsx", ".pkl"})
 """Suffixes of files that may hold tasks, those included that are not read, so that they are told."""
 
@@ -71,6 +71,7 @@ class _Collected:
         self._places: dict[str, str] = {}
         self._tasks: dict[str, SourceTask] = {}
         self._skipped: list[Skipped] = []
+        self._known = 0  # records of this source, those included that were there already
         self.passed_over: list[PassedOver] = []
 
     def read(self) -> Read:
@@ -89,20 +90,24 @@ class _Collected:
                 self.passed_over.append(PassedOver(str(path), "belongs to the tasks beside it"))
                 continue
             beside = Beside(path.parent)
-            before, skipped = len(self._tasks), len(self._skipped)
+            known, skipped = self._known, len(self._skipped)
             try:
                 self.add(read_records(path, self.is_record), beside)
             except TaskFileError as error:
                 self.passed_over.append(PassedOver(str(path), error.message))
+            else:
+                if self._known == known:
+                    self._pass_over(path, skipped)
             self.passed_over += beside.broken
-            fresh = self._skipped[skipped:]
-            if len(self._tasks) == before and all(not each.reason.startswith(_AGAIN) for each in fresh):
-                del self._skipped[skipped:]
-                if fresh:
-                    reason = (
-                        f"no record of {self._source.name} among {len(fresh)}; the first: {fresh[0].reason}"
-                    )
-                    self.passed_over.append(PassedOver(str(path), reason))
+
+    def _pass_over(self, path: Path, first: int) -> None:
+        """Count a file in which no record is of this source as one."""
+        skipped = self._skipped[first:]
+        del self._skipped[first:]
+        reason = "it is empty"
+        if skipped:
+            reason = f"no record of {self._source.name} among {len(skipped)}; the first: {skipped[0].reason}"
+        self.passed_over.append(PassedOver(str(path), reason))
 
     def add(self, records: Iterable[Found], beside: Beside) -> None:
         """Every record: a task, or why there is none."""
@@ -112,15 +117,16 @@ class _Collected:
                 continue
             try:
                 draft = self._source.draft(record.fields, beside)
-                task = self._told_apart(
-                    _task(self._source.name, draft, self._today), record.file, record.place
-                )
+                task = _task(self._source.name, draft, self._today)
+                self._known += 1
+                task = self._told_apart(task)
             except Unusable as reason:
                 self._skipped.append(Skipped(record.file, record.place, str(reason)))
             else:
                 self._tasks[task.id] = task
+                self._places[task.id] = f"{record.file}, {record.place}"
 
-    def _told_apart(self, task: SourceTask, file: str, place: str) -> SourceTask:
+    def _told_apart(self, task: SourceTask) -> SourceTask:
         """The task with an id that no other has.
 
         Raises:
@@ -129,12 +135,11 @@ class _Collected:
         known = self._tasks.get(task.id)
         if known is not None:
             if _content(known) == _content(task):
-                raise Unusable(f"{_AGAIN} {self._places[task.id]}")
+                raise Unusable(f"the same record as {self._places[task.id]}")
             # Some sets begin to count anew in every file; which is the first must not matter for the others.
             task = replace(task, id=f"{task.id}~{_digest(task)}")
             if task.id in self._tasks:
-                raise Unusable(f"{_AGAIN} {self._places[task.id]}")
-        self._places[task.id] = f"{file}, {place}"
+                raise Unusable(f"the same record as {self._places[task.id]}")
         return task
 
 
@@ -170,6 +175,10 @@ def _task(source: str, draft: Draft, today: date) -> SourceTask:
         flags=tuple(dict.fromkeys(flags)),
         extra=draft.extra,
     )
+    try:
+        msgspec.json.encode(task)
+    except (ValueError, TypeError, OverflowError) as error:
+        raise Unusable("a field is not UTF-8, or holds half a character or no JSON") from error
     native = " ".join((draft.native_id or "").split())
     return replace(task, id=f"{source}/{native if 0 < len(native) <= _LONGEST_ID else _digest(task)}")
 

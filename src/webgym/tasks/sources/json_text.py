@@ -83,9 +83,10 @@ class _Walk:
 
     def _next_start(self, after: int) -> int:
         if self._key is not None:
-            found = re.compile(r"\{\s*" + re.escape(self._key) + r"\s*:").search(self.text, after)
-            if found:
-                return found.start()
+            # Not after a colon: that one is inside a record.
+            starts = re.compile(r"[,\[\]}\n]\s*(\{\s*" + re.escape(self._key) + r"\s*:)")
+            if found := starts.search(self.text, after):
+                return found.start(1)
         return len(self.text)
 
     def _place(self, index: int | None) -> str:

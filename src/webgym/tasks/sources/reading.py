@@ -109,7 +109,7 @@ def _text_records(path: Path, stream: IO[bytes], is_record: IsRecord) -> Iterato
     start = first[1][:1]
     if suffix in (".csv", ".tsv") or (start not in b"[{" and suffix not in (".json", ".jsonl", ".ndjson")):
         yield from _csv_records(name, lines)
-    elif start == b"[" or (start == b"{" and not _is_object(first[1])):
+    elif start == b"[" or (start == b"{" and _goes_on(first[1], suffix)):
         yield from _json_records(name, lines, is_record)
     else:
         yield from _json_lines(name, lines, is_record)
@@ -155,8 +155,11 @@ def _with_rest(head: bytes, stream: IO[bytes]) -> Iterator[bytes]:
         yield head + stream.readline() if not head.endswith(b"\n") else head
 
 
-def _is_object(line: bytes) -> bool:
-    return isinstance(_decoded(line), dict)
+def _goes_on(line: bytes, suffix: str) -> bool:
+    """Whether the object that a file begins with goes on after the first line."""
+    if suffix in (".jsonl", ".ndjson"):
+        return line.strip() == b"{"
+    return not isinstance(_decoded(line), dict)
 
 
 def _decoded(line: bytes) -> object | ValueError:
@@ -238,6 +241,9 @@ def _top_level(name: str, place: str, value: object, is_record: IsRecord) -> Ite
         for key, each in lists.items():
             for index, record in enumerate(each):
                 yield _found(name, f"{key}[{index}]", record)
+        return
+    if not any(isinstance(each, dict) for each in value.values()):
+        yield _found(name, place, value)  # no mapping: a record that lacks its instruction
         return
     for key, record in value.items():
         yield _found(name, f"key {key!r}", record, key)

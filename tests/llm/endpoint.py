@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import socket
+import time
 from collections.abc import AsyncIterator, Callable, Coroutine
 from contextlib import asynccontextmanager
 from typing import Any
@@ -35,12 +36,23 @@ class Endpoint:
         self.hung_up = asyncio.Event()
         self.retry_after = "0"
         self.fails_left = 0
+        self.allowed = 4
+        self.turned_away = 0
+        self.lock = asyncio.Lock()
+        self.work_seconds = 0.01
+        self.refused = 0
+        self.answered = 0
+        self.times: list[float] = []
+        self.replies: list[dict[str, Any]] = []
+        self.refused_formats: set[str] = set()
+        self.usage: dict[str, Any] = {"prompt_tokens": 12, "completion_tokens": 3, "total_tokens": 15}
 
     def url(self, behaviour: str = "fine") -> str:
         return f"http://127.0.0.1:{self.port}/{behaviour}/v1"
 
     async def answer(self, request: Request) -> Response:
         self.requests.append(await request.json())
+        self.times.append(time.monotonic())
         self.headers.append(dict(request.headers))
         assert request.client is not None
         self.peers.add(request.client.port)
@@ -66,7 +78,7 @@ class Endpoint:
                     **choice,
                 }
             ],
-            "usage": {"prompt_tokens": 12, "completion_tokens": 3, "total_tokens": 15},
+            "usage": self.usage,
         }
 
     async def do_fine(self, request: Request) -> Response:
@@ -75,6 +87,43 @@ class Endpoint:
     async def do_slow(self, request: Request) -> Response:
         await asyncio.sleep(0.05)
         return JSONResponse(self.completion())
+
+    async def do_limited(self, request: Request) -> Response:
+        """429 for whoever comes while ``allowed`` others are served."""
+        if self.in_flight - self.turned_away > self.allowed:
+            self.refused += 1
+            self.turned_away += 1
+            try:
+                await asyncio.sleep(0.002)  # a refusal takes a round trip, too
+            finally:
+                self.turned_away -= 1
+            return JSONResponse({"error": {"message": "too many requests"}}, 429)
+        await asyncio.sleep(self.work_seconds)
+        self.answered += 1
+        return JSONResponse(self.completion())
+
+    async def do_crowded(self, request: Request) -> Response:
+        """One server that takes one after the other, however many queue up."""
+        async with self.lock:
+            await asyncio.sleep(self.work_seconds)
+        return JSONResponse(self.completion())
+
+    async def do_scripted(self, request: Request) -> Response:
+        """The next of ``replies``, each a choice: ``{"message": ..., "finish_reason": ...}``."""
+        form = self.requests[-1].get("response_format", {}).get("type", "text")
+        if form in self.refused_formats:
+            return JSONResponse({"error": {"message": f"response_format {form} is not supported"}}, 400)
+        return JSONResponse(self.completion(**self.replies.pop(0)))
+
+    async def do_numbered(self, request: Request) -> Response:
+        """The last message, after a moment that is another for every request."""
+        said = self.requests[-1]["messages"][-1]["content"]
+        await asyncio.sleep(0.001 * (len(self.requests) % 7))
+        return JSONResponse(self.completion(message={"content": said}))
+
+    async def do_quota(self, request: Request) -> Response:
+        error = {"message": "you exceeded your quota", "type": "insufficient_quota"}
+        return JSONResponse({"error": error}, 429)
 
     async def do_silent(self, request: Request) -> Response:
         while (await request.receive())["type"] != "http.disconnect":

@@ -30,7 +30,11 @@
     ├── LLMError               a model's endpoint did it; agent and judge say whose model it was
     │   ├── LLMUnreachable
     │   ├── LLMTimeout         no complete reply within the deadline
-    │   └── LLMBadReply        an HTTP error, HTML, nothing, an endless stream
+    │   ├── LLMBadReply        an HTTP error, HTML, nothing, an endless stream
+    │   ├── LLMUnusable        it replied, and none of its replies is what was asked for
+    │   ├── BudgetSpent        the next call could cost more than is left
+    │   └── NotCached          a reply that is to come from a batch is not there yet
+    ├── CacheError             the file of paid replies cannot be read or written
     ├── PolicyError            the policy, or its endpoint, did it
     │   ├── PolicyUnreachable
     │   ├── PolicyTimeout      no complete reply within the deadline
@@ -251,6 +255,44 @@ class LLMBadReply(LLMError):
     """The endpoint answered with something that is no completion."""
 
     code = "llm_bad_reply"
+
+
+class LLMUnusable(LLMError):
+    """The model replied, and none of its replies is what was asked for.
+
+    Attributes:
+        reason: why the last reply was refused.
+        replies: the texts of all replies, oldest first.
+    """
+
+    code = "llm_unusable"
+
+    def __init__(
+        self, message: str, *, hint: str = "", reason: str = "", replies: tuple[str, ...] = ()
+    ) -> None:
+        super().__init__(message, hint=hint)
+        self.reason = reason
+        self.replies = replies
+
+
+class BudgetSpent(LLMError):
+    """The next call could cost more than is left of the budget. It was not made."""
+
+    code = "budget_spent"
+    usual_hint = "what was paid for is kept: raise the budget and run again, and it goes on from here"
+
+
+class NotCached(LLMError):
+    """A reply that is to come from a batch is not there yet. The request has been noted."""
+
+    code = "not_cached"
+    usual_hint = "send the batch files, and import the results"
+
+
+class CacheError(WebGymError):
+    """The file of paid replies cannot be read or written."""
+
+    code = "cache_error"
 
 
 class PolicyError(WebGymError):

@@ -1,6 +1,39 @@
 """One small client for any endpoint that speaks the OpenAI chat API. It knows nothing of agents or judges."""
 
-from webgym.llm.client import ChatClient, Completion
-from webgym.llm.config import ChatConfig, Retry, Sampling
+from webgym.core.errors import BudgetSpent, CacheError, LLMUnusable, NotCached
+from webgym.llm.cache import ReplyCache
+from webgym.llm.client import ChatClient, EndpointRefused
+from webgym.llm.completion import Completes, Completion
+from webgym.llm.config import Adapt, CacheLimits, ChatConfig, Retry, Sampling
+from webgym.llm.ledger import Budget, Ledger
+from webgym.llm.prices import Price, Prices
+from webgym.llm.structured import ask_for
+from webgym.llm.tokens import count_messages, count_text
+from webgym.llm.usage import Call, Totals, Usage
 
-__all__ = ["ChatClient", "ChatConfig", "Completion", "Retry", "Sampling"]
+__all__ = [
+    "Adapt",
+    "Budget",
+    "BudgetSpent",
+    "CacheError",
+    "CacheLimits",
+    "Call",
+    "ChatClient",
+    "ChatConfig",
+    "Completes",
+    "Completion",
+    "EndpointRefused",
+    "LLMUnusable",
+    "Ledger",
+    "NotCached",
+    "Price",
+    "Prices",
+    "ReplyCache",
+    "Retry",
+    "Sampling",
+    "Totals",
+    "Usage",
+    "ask_for",
+    "count_messages",
+    "count_text",
+]

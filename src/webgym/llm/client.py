@@ -5,42 +5,57 @@ from __future__ import annotations
 import asyncio
 import email.utils
 import ipaddress
+import math
 import os
 import random
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Any, Final, Self
 
 import httpx
-import msgspec
 from pydantic import SecretStr
 
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
+from webgym.llm.adaptive import Gate, Turn
+from webgym.llm.cache import Fresh, ReplyCache, Stored
+from webgym.llm.completion import (
+    Completion,
+    NoCompletion,
+    error_object,
+    first_line,
+    quote,
+    read_completion,
+    size,
+    told,
+)
 from webgym.llm.config import ChatConfig, Sampling
+from webgym.llm.formats import Formats
+from webgym.llm.ledger import Ledger, Reservation
+from webgym.llm.request import Request
+from webgym.llm.tokens import count_messages, count_text, most_tokens
+from webgym.llm.usage import Call
 
 _TRY_AGAIN: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
-_QUOTED_CHARS: Final = 200
-"""How much of a bad reply an error quotes."""
+_TOO_BUSY: Final = frozenset({429, 503, 529})
+_QUOTA: Final = "insufficient_quota"
+"""How endpoints name a 429 that no waiting helps against."""
+_READING_TOKENS: Final = 50
+"""Reading the prompt takes about as long as writing this many tokens. Replies of any length are compared by
+their seconds per token."""
 
 
-class Completion(msgspec.Struct, frozen=True):
-    """A reply.
+class EndpointRefused(LLMBadReply):
+    """The endpoint answered with an HTTP status that is no success.
 
     Attributes:
-        text: what the model said; empty if it said nothing before it was stopped.
-        finish_reason: as the endpoint gave it; empty if it gave none.
-        prompt_tokens, completion_tokens: as the endpoint counted them; 0 if it did not.
-        seconds: wall time of the try that succeeded, from request to last byte.
-        model: as the endpoint named it, else as it was asked for.
+        status: the status.
     """
 
-    text: str
-    finish_reason: str
-    prompt_tokens: int
-    completion_tokens: int
-    seconds: float
-    model: str
+    def __init__(self, message: str, *, hint: str = "", status: int = 0) -> None:
+        super().__init__(message, hint=hint)
+        self.status = status
 
 
 class ChatClient:
@@ -49,20 +64,48 @@ class ChatClient:
     Args:
         config: endpoint, model, limits.
         api_key: used in place of the environment variable that the config names.
+        cache: where replies are kept; an open one. A request that it holds is not sent.
+        ledger: what counts the cost and keeps to a budget. If it has a cache, it must be this one.
+
+    Attributes:
+        config: as given.
+        formats: what the endpoint takes as ``response_format``, as far as it is known.
 
     Raises:
         ConfigError: the key cannot stand in an HTTP header.
     """
 
-    def __init__(self, config: ChatConfig, *, api_key: SecretStr | None = None) -> None:
+    def __init__(
+        self,
+        config: ChatConfig,
+        *,
+        api_key: SecretStr | None = None,
+        cache: ReplyCache | None = None,
+        ledger: Ledger | None = None,
+    ) -> None:
         self.config = config
+        self.formats = Formats(config.base_url, config.model, cache)
         self._url = f"{config.base_url}/chat/completions"
         self._key = api_key or SecretStr(os.environ.get(config.api_key_env, "").strip())
         if not self._key.get_secret_value().isascii() or not self._key.get_secret_value().isprintable():
             hint = f"look at the environment variable {config.api_key_env}"
             raise ConfigError("the API key holds characters that no HTTP header may hold", hint=hint)
-        self._slots = asyncio.Semaphore(config.concurrency)
+        if ledger is not None and ledger.cache not in (None, cache):
+            raise ValueError("the ledger keeps its account in another cache than the client's")
+        self._cache = cache
+        self._ledger = ledger or Ledger(cache)
+        self._gate = Gate(config.concurrency, config.adapt)
         self._http: httpx.AsyncClient | None = None
+
+    @property
+    def sampling(self) -> Sampling:
+        """Used where a request names none."""
+        return self.config.sampling
+
+    @property
+    def concurrency_now(self) -> int:
+        """Requests that may be in flight now; at most the config's ``concurrency``."""
+        return self._gate.limit
 
     async def __aenter__(self) -> Self:
         headers = {"Accept": "application/json", "Content-Type": "application/json"}
@@ -89,63 +132,144 @@ class ChatClient:
             await self._http.aclose()
             self._http = None
 
+    def labelled(self, purpose: str) -> LabelledClient:
+        """This client, its calls counted for a purpose."""
+        return LabelledClient(self, purpose)
+
     async def complete(
-        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
+        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None, *, purpose: str = ""
     ) -> Completion:
         """One reply to these messages, in the shape of the OpenAI chat API.
+
+        With a cache, the reply is on disk before this returns.
 
         Args:
             messages: ``{"role": ..., "content": ...}``, oldest first.
             sampling: in place of the config's.
+            purpose: what the ledger counts it for.
 
         Raises:
             LLMUnreachable: nothing answers, however often it is asked.
             LLMTimeout: no complete reply came within the deadlines.
             LLMBadReply: the endpoint refused, or what it sent is no completion.
+            BudgetSpent: the call could cost more than is left.
+            CacheError: the file of replies cannot be read or written.
         """
         if self._http is None:
             raise RuntimeError("the client is not open: use it in an async with statement")
-        sampling = sampling or self.config.sampling
-        body = {"model": self.config.model, "messages": messages, "stream": False} | sampling.body()
-        content = msgspec.json.encode(body)
-        async with self._slots:
-            progress = _Progress()
-            try:
-                async with asyncio.timeout(self.config.total_seconds):
-                    return await self._until_answered(self._http, content, progress)
-            except TimeoutError as error:
-                raise self._overdue(progress) from error
+        request = Request(self._url, self.config.model, messages, sampling or self.config.sampling)
+        if self._cache is None:
+            async with self._paid(request, purpose) as fresh:
+                return self._read(fresh.reply, cached=False)
+        reply, cached = await self._cache.answer(request.key, lambda: self._paid(request, purpose))
+        if cached:
+            self._cache.hit(purpose, self.config.model)
+            self._ledger.hit(purpose, self.config.model)
+        return self._read(reply, cached=cached)
 
-    async def _until_answered(
-        self, http: httpx.AsyncClient, content: bytes, progress: _Progress
-    ) -> Completion:
-        deadline = time.monotonic() + self.config.total_seconds
+    def _read(self, reply: Stored, *, cached: bool) -> Completion:
+        try:
+            return read_completion(reply.body, model=self.config.model, seconds=reply.seconds, cached=cached)
+        except NoCompletion as error:
+            hint = f"does the endpoint speak the OpenAI chat API at {self._url}?"
+            raise LLMBadReply(f"{self._where()} sent {error}", hint=hint) from error
+
+    # --- asking and paying ------------------------------------------------------------------------------
+
+    @asynccontextmanager
+    async def _paid(self, request: Request, purpose: str) -> AsyncIterator[Fresh]:
+        """A reply that was asked for now. What is set aside for it is given back when it is counted."""
+        reply, reserved = await self._until_answered(request)
+        try:
+            call = self._call(request, self._read(reply, cached=False), purpose)
+            yield Fresh(reply, call)
+            self._ledger.paid(call)
+        finally:
+            if reserved is not None:
+                reserved.release()
+
+    def _call(self, request: Request, completion: Completion, purpose: str) -> Call:
+        prompt, said = completion.prompt_tokens, completion.completion_tokens
+        is_estimate = not prompt and not said
+        if is_estimate:
+            prompt, said = count_messages(request.messages), count_text(completion.text)
+        cached = completion.prompt_tokens_cached
+        dollars = self._ledger.price(request.model, prompt, said, cached=cached)
+        return Call(purpose, request.model, prompt, said, cached, dollars, is_estimate)
+
+    async def _reserve(self, request: Request) -> Reservation | None:
+        ledger = self._ledger
+        if not ledger.has_budget:
+            return None
+        longest = request.longest_reply or ledger.budget.longest_reply
+        return await ledger.reserve(request.model, most_tokens(request.content, request.messages), longest)
+
+    async def _until_answered(self, request: Request) -> tuple[Stored, Reservation | None]:
+        """Try until there is a reply, or no sense in trying. Waiting for one's turn is not on the clock."""
+        left = self.config.total_seconds
+        progress = _Progress()
         retry = self.config.retry
-        for number in range(1, retry.tries + 1):
+        refused = failed = 0
+        while True:
+            started = math.inf
             try:
-                return await self._once(http, content, progress)
+                async with self._gate.turn(again=progress.last is not None) as turn:
+                    reserved = await self._reserve(request)
+                    started = time.monotonic()
+                    try:
+                        return await self._try(request.content, turn, left, progress), reserved
+                    except BaseException:
+                        if reserved is not None:
+                            reserved.release()
+                        raise
             except _TryAgain as again:
                 progress.last = again.error
-                pause = min(retry.longest_seconds, retry.first_seconds * 2 ** (number - 1))
+                refused, failed = refused + again.is_refusal, failed + (not again.is_refusal)
+                pause = min(retry.longest_seconds, retry.first_seconds * 2 ** (refused + failed - 1))
                 pause = max(pause * random.uniform(0.5, 1), again.not_before_seconds)
-                if number == retry.tries or time.monotonic() + pause > deadline:
+                left -= time.monotonic() - started + pause
+                is_last = refused >= retry.refused_tries if again.is_refusal else failed >= retry.tries
+                if is_last or left <= 0:
                     raise again.error from again.error.__cause__
             await asyncio.sleep(pause)
-        raise AssertionError("unreachable: the last try returns or raises")
 
-    async def _once(self, http: httpx.AsyncClient, content: bytes, progress: _Progress) -> Completion:
-        """One try.
+    async def _try(self, content: bytes, turn: Turn, seconds: float, progress: _Progress) -> Stored:
+        """One try; the gate is told how it went.
 
         Raises:
             _TryAgain: it failed in a way that may pass.
             LLMError: it failed for good.
         """
         started = time.monotonic()
+        try:
+            async with asyncio.timeout(seconds):
+                data = await self._once(content, progress)
+        except TimeoutError as error:
+            turn.refused()
+            raise self._overdue(progress) from error
+        except LLMTimeout:
+            turn.refused()
+            raise
+        except _TryAgain as again:
+            if again.is_refusal:
+                # A pause beyond any request's patience is not waited for: everybody is told instead.
+                is_short = again.not_before_seconds <= self.config.total_seconds
+                turn.refused(again.not_before_seconds if is_short else 0.0)
+            raise
+        reply = Stored(data, time.monotonic() - started)
+        completion = self._read(reply, cached=False)
+        turn.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
+        return reply
+
+    async def _once(self, content: bytes, progress: _Progress) -> bytes:
+        """The body of a reply with status 200."""
+        if self._http is None:
+            raise RuntimeError("the client was closed while a request was under way")
         progress.restart()
         try:
-            async with http.stream("POST", self._url, content=content) as response:
+            async with self._http.stream("POST", self._url, content=content) as response:
                 progress.answered = True
-                data = await self._read(response, progress)
+                data = await self._receive(response, progress)
         except httpx.ConnectTimeout as error:
             raise _TryAgain(self._unreachable("no connection in time")) from error
         except httpx.TimeoutException as error:
@@ -158,9 +282,9 @@ class ChatClient:
             raise LLMBadReply(f"{self._where()} sent a reply that cannot be read: {error}") from error
         if response.status_code != 200:
             raise self._refusal(response, data)
-        return self._completion(response, data, time.monotonic() - started)
+        return data
 
-    async def _read(self, response: httpx.Response, progress: _Progress) -> bytes:
+    async def _receive(self, response: httpx.Response, progress: _Progress) -> bytes:
         kind = response.headers.get("content-type", "")
         if response.status_code == 200 and kind.startswith("text/event-stream"):
             hint = "the endpoint must honour stream=false"
@@ -171,44 +295,22 @@ class ChatClient:
             progress.received = len(data)
             if len(data) > self.config.max_reply_bytes:
                 hint = "is this a chat endpoint? max_reply_bytes is the limit"
-                raise LLMBadReply(f"{self._where()} sent more than {_size(len(data))}", hint=hint)
+                raise LLMBadReply(f"{self._where()} sent more than {size(len(data))}", hint=hint)
         return bytes(data)
-
-    def _completion(self, response: httpx.Response, data: bytes, seconds: float) -> Completion:
-        hint = f"does the endpoint speak the OpenAI chat API at {self._url}?"
-        if not data.strip():
-            raise LLMBadReply(f"{self._where()} sent an empty reply", hint=hint)
-        try:
-            found = msgspec.json.decode(data, type=_Body)
-        except (msgspec.DecodeError, RecursionError) as error:
-            is_page = data.lstrip()[:1] == b"<" or "html" in response.headers.get("content-type", "")
-            what = "a web page" if is_page else f"something that is no completion ({_first_line(str(error))})"
-            raise LLMBadReply(f"{self._where()} sent {what}: {_quote(data)}", hint=hint) from error
-        if not found.choices:
-            told = _told(data) or _quote(data)
-            raise LLMBadReply(f"{self._where()} sent a reply without choices: {told}", hint=hint)
-        choice = found.choices[0]
-        usage = found.usage if isinstance(found.usage, dict) else {}
-        return Completion(
-            text=choice.message.content or "",
-            finish_reason=choice.finish_reason or "",
-            prompt_tokens=_count(usage.get("prompt_tokens")),
-            completion_tokens=_count(usage.get("completion_tokens")),
-            seconds=seconds,
-            model=found.model or self.config.model,
-        )
 
     def _refusal(self, response: httpx.Response, data: bytes) -> LLMError | _TryAgain:
         status = response.status_code
-        said = _told(data) or _quote(data)
-        error = LLMBadReply(
+        said = told(data) or quote(data)
+        error = EndpointRefused(
             f"{self._where()} answered {status} {response.reason_phrase}".rstrip()
             + (f": {said}" if said else ""),
             hint=self._advice(status),
+            status=status,
         )
-        if status in _TRY_AGAIN:
-            return _TryAgain(error, _retry_after(response.headers.get("retry-after", "")))
-        return error
+        if status not in _TRY_AGAIN or _QUOTA in map(error_object(data).get, ("code", "type")):
+            return error
+        pause = _retry_after(response.headers.get("retry-after", ""))
+        return _TryAgain(error, pause, is_refusal=status in _TOO_BUSY)
 
     def _advice(self, status: int) -> str:
         if status in (401, 403):
@@ -224,14 +326,14 @@ class ChatClient:
     def _overdue(self, progress: _Progress) -> LLMError:
         seconds = f"{self.config.total_seconds:g} s"
         if progress.received:
-            told = f"was still sending after {seconds} ({_size(progress.received)} so far)"
+            told = f"was still sending after {seconds} ({size(progress.received)} so far)"
             return LLMBadReply(f"{self._where()} {told}", hint="is this a chat endpoint?")
         hint = "is the endpoint overloaded? total_seconds is the limit"
         before = f"; before that, {progress.last.message}" if progress.last else ""
         return LLMTimeout(f"{self._where()} gave no reply within {seconds}{before}", hint=hint)
 
     def _broken(self, error: httpx.TransportError, progress: _Progress) -> LLMError:
-        why = _first_line(str(error)) or type(error).__name__
+        why = first_line(str(error)) or type(error).__name__
         if progress.answered:
             return LLMBadReply(
                 f"{self._where()} broke off its reply: {why}", hint="the endpoint's own log says more"
@@ -244,6 +346,30 @@ class ChatClient:
 
     def _where(self) -> str:
         return f"the endpoint {self.config.base_url}"
+
+
+class LabelledClient:
+    """A client whose calls are counted for a purpose; see :meth:`ChatClient.labelled`."""
+
+    def __init__(self, client: ChatClient, purpose: str) -> None:
+        self._client = client
+        self._purpose = purpose
+
+    @property
+    def sampling(self) -> Sampling:
+        """The client's."""
+        return self._client.sampling
+
+    @property
+    def formats(self) -> Formats:
+        """The client's."""
+        return self._client.formats
+
+    async def complete(
+        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
+    ) -> Completion:
+        """As :meth:`ChatClient.complete`."""
+        return await self._client.complete(messages, sampling, purpose=self._purpose)
 
 
 class _Progress:
@@ -262,25 +388,11 @@ class _Progress:
 class _TryAgain(Exception):
     """A failure that may pass."""
 
-    def __init__(self, error: LLMError, not_before_seconds: float = 0.0) -> None:
+    def __init__(self, error: LLMError, not_before_seconds: float = 0.0, *, is_refusal: bool = False) -> None:
         super().__init__(str(error))
         self.error = error
         self.not_before_seconds = not_before_seconds
-
-
-class _Said(msgspec.Struct):
-    content: str | None = None
-
-
-class _Choice(msgspec.Struct):
-    message: _Said
-    finish_reason: str | None = None
-
-
-class _Body(msgspec.Struct):
-    choices: list[_Choice] = []
-    model: str | None = None
-    usage: Any = None
+        self.is_refusal = is_refusal
 
 
 def _is_loopback(base_url: str) -> bool:
@@ -302,35 +414,3 @@ def _retry_after(value: str) -> float:
     except ValueError:
         return 0.0
     return max(0.0, at.timestamp() - time.time())
-
-
-def _told(data: bytes) -> str:
-    """The endpoint's own words in an error object, if that is what it sent."""
-    try:
-        found = msgspec.json.decode(data)
-    except (msgspec.DecodeError, RecursionError):
-        return ""
-    error = found.get("error") if isinstance(found, dict) else None
-    said = error.get("message") if isinstance(error, dict) else error
-    return _first_line(said) if isinstance(said, str) else ""
-
-
-def _quote(data: bytes) -> str:
-    said = " ".join(data[: 4 * _QUOTED_CHARS].decode(errors="replace").split())
-    return _cut(said)
-
-
-def _first_line(text: str) -> str:
-    return _cut(" ".join(text.split("\n", 1)[0].split()))
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= _QUOTED_CHARS else text[: _QUOTED_CHARS - 1] + "…"
-
-
-def _count(value: Any) -> int:
-    return value if isinstance(value, int) and not isinstance(value, bool) and value > 0 else 0
-
-
-def _size(count: int) -> str:
-    return f"{count / 1024:.0f} KiB"

@@ -28,6 +28,10 @@ class Sampling(BaseModel):
     extra_body: dict[str, Any] = {}
     """Further fields of the request, for what only some endpoints know (``top_k``, ``seed``, ...)."""
 
+    sample: int = Field(default=0, ge=0)
+    """Which of several replies to the same request is meant. Never sent: it only tells the cache that
+    another draw is wanted, so that samples 0, 1, 2 of one request are three calls, each paid once."""
+
     @field_validator("extra_body")
     @classmethod
     def _leaves_ours_alone(cls, extra: dict[str, Any]) -> dict[str, Any]:
@@ -37,7 +41,7 @@ class Sampling(BaseModel):
 
     def body(self) -> dict[str, Any]:
         """The fields of the request, exactly as they are sent."""
-        return self.model_dump(exclude={"extra_body"}, exclude_none=True) | self.extra_body
+        return self.model_dump(exclude={"extra_body", "sample"}, exclude_none=True) | self.extra_body
 
 
 class Retry(BaseModel):
@@ -52,11 +56,34 @@ class Retry(BaseModel):
     tries: int = Field(default=5, ge=1)
     """How often a request is sent at most."""
 
+    refused_tries: int = Field(default=15, ge=1)
+    """How often it is sent at most if every answer is 429, 503 or 529: the endpoint is well but busy, and
+    limits per minute outlast a few tries. The deadline for the complete reply holds all the same."""
+
     first_seconds: float = Field(default=0.5, ge=0)
     """The first pause."""
 
     longest_seconds: float = Field(default=20.0, ge=0)
     """No pause of our own is longer."""
+
+
+class Adapt(BaseModel):
+    """How many requests are in flight, by what the endpoint bears; see :mod:`webgym.llm.adaptive`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    first: int = Field(default=16, ge=1)
+    """Requests in flight to begin with. Twice as many per round trip until the first sign of trouble."""
+
+    shrink: float = Field(default=0.7, gt=0, le=1)
+    """What is left after 429, 503, 529 or a timeout; 1 keeps the concurrency as it is."""
+
+    slower: float = Field(default=3.0, gt=1)
+    """How much slower than at its best the endpoint may be before there are fewer. A server that batches
+    is two to three times slower per reply at its highest throughput than for a single request."""
+
+    round_replies: int = Field(default=8, ge=1)
+    """Fewest replies whose median counts as the endpoint's present speed."""
 
 
 class ChatConfig(BaseModel):
@@ -78,7 +105,10 @@ class ChatConfig(BaseModel):
     """Used where a request names none."""
 
     concurrency: int = Field(default=32, ge=1)
-    """Requests in flight at once; the others queue here, outside of every deadline below."""
+    """Most requests in flight at once; the others queue here, outside of every deadline below."""
+
+    adapt: Adapt = Adapt()
+    """How many of these are used, by how the endpoint bears it."""
 
     connect_seconds: float = Field(default=10.0, gt=0)
     """Deadline for a connection."""
@@ -107,3 +137,15 @@ class ChatConfig(BaseModel):
         if url.userinfo or url.query or url.fragment:
             raise ValueError("the base URL must hold no credentials, query or fragment")
         return str(url)
+
+
+class CacheLimits(BaseModel):
+    """How the file of replies is used."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    busy_seconds: float = Field(default=30.0, ge=0)
+    """How long to wait while another process writes."""
+
+    group: int = Field(default=1000, ge=1)
+    """Most replies that are read, or written with one sync, at a time."""

@@ -1,0 +1,157 @@
+"""A reply, whoever gives it, and how it is read from what an endpoint sends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Protocol
+
+import msgspec
+
+from webgym.llm.config import Sampling
+
+_QUOTED_CHARS: Final = 200
+"""How much of a bad reply an error quotes."""
+
+
+class Completion(msgspec.Struct, frozen=True):
+    """A reply.
+
+    Attributes:
+        text: what the model said; empty if it said nothing before it was stopped.
+        finish_reason: as the endpoint gave it; empty if it gave none.
+        prompt_tokens, completion_tokens: as the endpoint counted them; 0 if it did not.
+        seconds: wall time of the try that succeeded, from request to last byte; 0 from a batch.
+        model: as the endpoint named it, else as it was asked for.
+        prompt_tokens_cached: how many of the prompt's tokens the endpoint had read before, and sells cheaper.
+        refusal: in place of the text, where the endpoint tells a refusal apart.
+        cached: whether it was paid for before: it comes from the cache, or answers an identical request
+            that was in flight.
+    """
+
+    text: str
+    finish_reason: str
+    prompt_tokens: int
+    completion_tokens: int
+    seconds: float
+    model: str
+    prompt_tokens_cached: int = 0
+    refusal: str = ""
+    cached: bool = False
+
+
+class Completes(Protocol):
+    """Whatever answers messages: a client, one that collects batches, a test's stand-in."""
+
+    async def complete(
+        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
+    ) -> Completion:
+        """One reply to these messages, in the shape of the OpenAI chat API.
+
+        Raises:
+            LLMError: none could be had.
+        """
+        ...
+
+
+class NoCompletion(Exception):
+    """What was sent is no completion. Stays inside the room: the reader knows whose it was."""
+
+
+def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = False) -> Completion:
+    """The completion that these bytes, an endpoint's reply, hold.
+
+    Args:
+        data: the body of the reply.
+        model: as it was asked for.
+        seconds: how long it took.
+        cached: whether it was paid for before.
+
+    Raises:
+        NoCompletion: they hold none; says what they are.
+    """
+    if not data.strip():
+        raise NoCompletion("an empty reply")
+    try:
+        found = msgspec.json.decode(data, type=_Body)
+    except (msgspec.DecodeError, RecursionError) as error:
+        is_page = data.lstrip()[:1] == b"<"
+        what = "a web page" if is_page else f"something that is no completion ({first_line(str(error))})"
+        raise NoCompletion(f"{what}: {quote(data)}") from error
+    if not found.choices:
+        raise NoCompletion(f"a reply without choices: {told(data) or quote(data)}")
+    choice = found.choices[0]
+    usage = found.usage if isinstance(found.usage, dict) else {}
+    details = usage.get("prompt_tokens_details")
+    prompt_tokens = _count(usage.get("prompt_tokens"))
+    known = _count(details.get("cached_tokens")) if isinstance(details, dict) else 0
+    return Completion(
+        text=choice.message.content or "",
+        finish_reason=choice.finish_reason or "",
+        prompt_tokens=prompt_tokens,
+        completion_tokens=_count(usage.get("completion_tokens")),
+        seconds=seconds,
+        model=found.model or model,
+        prompt_tokens_cached=min(known, prompt_tokens),
+        refusal=choice.message.refusal if isinstance(choice.message.refusal, str) else "",
+        cached=cached,
+    )
+
+
+class _Said(msgspec.Struct):
+    content: str | None = None
+    refusal: Any = None
+
+
+class _Choice(msgspec.Struct):
+    message: _Said
+    finish_reason: str | None = None
+
+
+class _Body(msgspec.Struct):
+    choices: list[_Choice] = []
+    model: str | None = None
+    usage: Any = None
+
+
+def _count(value: Any) -> int:
+    return value if isinstance(value, int) and not isinstance(value, bool) and value > 0 else 0
+
+
+# --- words for errors ---------------------------------------------------------------------------------
+
+
+def error_object(data: bytes) -> dict[str, Any]:
+    """The endpoint's error object, ``{"error": {...}}``, if that is what it sent; else empty."""
+    try:
+        found = msgspec.json.decode(data)
+    except (msgspec.DecodeError, RecursionError):
+        return {}
+    error = found.get("error") if isinstance(found, dict) else None
+    if isinstance(error, dict):
+        return error
+    return {"message": error} if isinstance(error, str) else {}
+
+
+def told(data: bytes) -> str:
+    """The endpoint's own words in an error object, if that is what it sent."""
+    said = error_object(data).get("message")
+    return first_line(said) if isinstance(said, str) else ""
+
+
+def quote(data: bytes) -> str:
+    """The beginning of a reply, as one line."""
+    return _cut(" ".join(data[: 4 * _QUOTED_CHARS].decode(errors="replace").split()))
+
+
+def first_line(text: str) -> str:
+    """The first line of a message, not too long."""
+    return _cut(" ".join(text.split("\n", 1)[0].split()))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _QUOTED_CHARS else text[: _QUOTED_CHARS - 1] + "…"
+
+
+def size(count: int) -> str:
+    """A number of bytes, for people."""
+    return f"{count / 1024:.0f} KiB"

@@ -1,0 +1,100 @@
+"""What tokens cost. WebGym knows no prices: they change, and a wrong one is worse than none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from webgym.core.errors import ConfigError
+
+_MILLION: Final = 1_000_000
+_ANY: Final = "*"
+_HINT: Final = "write PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION, in dollars per million tokens"
+
+
+class Price(BaseModel):
+    """Of one model, in dollars per million tokens."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    prompt: float = Field(ge=0, allow_inf_nan=False)
+    """Of the prompt's tokens."""
+
+    completion: float = Field(ge=0, allow_inf_nan=False)
+    """Of the reply's tokens, those of thinking included."""
+
+    cached: float | None = Field(default=None, ge=0, allow_inf_nan=False)
+    """Of prompt tokens that the endpoint has read before; as others if not given."""
+
+    batch: float = Field(default=1.0, ge=0, le=1)
+    """What share of all that a batch costs. Many endpoints sell batches at half the price: then say 0.5."""
+
+    def dollars(
+        self, prompt_tokens: int, completion_tokens: int, *, cached_tokens: int = 0, in_batch: bool = False
+    ) -> float:
+        """What a call costs that used so many tokens; ``cached_tokens`` are among ``prompt_tokens``."""
+        cached = self.prompt if self.cached is None else self.cached
+        cost = (prompt_tokens - cached_tokens) * self.prompt + cached_tokens * cached
+        cost += completion_tokens * self.completion
+        return cost * (self.batch if in_batch else 1.0) / _MILLION
+
+
+class Prices:
+    """Prices by the model's name, as it is asked for. The name ``*`` stands for every other model."""
+
+    def __init__(self, by_model: dict[str, Price] | None = None) -> None:
+        self._by_model = dict(by_model or {})
+
+    def __contains__(self, model: str) -> bool:
+        return self.of(model) is not None
+
+    def of(self, model: str) -> Price | None:
+        """A model's price, if it is known."""
+        return self._by_model.get(model, self._by_model.get(_ANY))
+
+    @classmethod
+    def read(cls, path: Path) -> Prices:
+        """Prices from a YAML file of ``MODEL: {prompt: 2.5, cached: 1.25, completion: 10, batch: 0.5}``.
+
+        Raises:
+            ConfigError: the file cannot be read, or holds something else.
+        """
+        try:
+            found = yaml.safe_load(path.read_text("utf-8"))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            said = " ".join(str(error).split())
+            raise ConfigError(f"the prices in {path} cannot be read: {said}") from error
+        if not isinstance(found, dict) or not all(isinstance(model, str) for model in found):
+            hint = "it holds MODEL: {prompt: ..., completion: ...}, in dollars per million tokens"
+            raise ConfigError(f"{path} is no table of prices", hint=hint)
+        prices: dict[str, Price] = {}
+        for model, entry in found.items():
+            try:
+                prices[model] = Price.model_validate(entry)
+            except ValidationError as error:
+                first = error.errors()[0]
+                where = ".".join(map(str, first["loc"]))
+                raise ConfigError(f"the price of {model} in {path}: {where}: {first['msg']}") from error
+        return cls(prices)
+
+    @classmethod
+    def parse(cls, text: str) -> Prices:
+        """One price for every model, as the command line takes it: ``2.5,10`` or ``2.5,1.25,10``.
+
+        The numbers are dollars per million tokens of prompt (, of cached prompt) and of completion.
+
+        Raises:
+            ConfigError: it is none.
+        """
+        try:
+            numbers = [float(part) for part in text.split(",")]
+            if len(numbers) not in (2, 3):
+                raise ConfigError(f"{text!r} is no price", hint=_HINT)
+            cached = numbers[1] if len(numbers) == 3 else None
+            price = Price(prompt=numbers[0], cached=cached, completion=numbers[-1])
+        except ValueError as error:  # pydantic's is one too
+            raise ConfigError(f"{text!r} is no price", hint=_HINT) from error
+        return cls({_ANY: price})

@@ -35,19 +35,19 @@ async def ask_often(client: ChatClient, count: int) -> list[int]:
 
 
 async def test_it_finds_out_what_an_endpoint_allows(endpoint: Endpoint) -> None:
-    endpoint.allowed, endpoint.work_seconds = 6, 0.03
-    async with ChatClient(config(endpoint.url("limited"), concurrency=64)) as client:
-        limits = await ask_often(client, 120)
-    assert endpoint.answered == 120
-    late = limits[60:]
-    assert 2 <= sum(late) / len(late) <= 10
+    endpoint.allowed, endpoint.work_seconds = 4, 0.1
+    async with ChatClient(config(endpoint.url("limited"), concurrency=32)) as client:
+        limits = await ask_often(client, 80)
+    assert endpoint.answered == 80
+    late = limits[40:]
+    assert 2 <= sum(late) / len(late) <= 8
     adapted = endpoint.refused
 
     endpoint.refused = 0
-    async with ChatClient(config(endpoint.url("limited"), concurrency=64, adapt=AS_IT_IS)) as client:
-        limits = await ask_often(client, 120)
-    assert endpoint.answered == 240
-    assert set(limits) == {64}
+    async with ChatClient(config(endpoint.url("limited"), concurrency=32, adapt=AS_IT_IS)) as client:
+        limits = await ask_often(client, 80)
+    assert endpoint.answered == 160
+    assert set(limits) == {32}
     assert adapted < endpoint.refused / 2
 
 

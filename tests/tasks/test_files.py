@@ -32,6 +32,7 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
         (b'{"id": "t9", ', "malformed|truncated"),
         (b'{"id": "t9"}', "missing required field"),
         (b"not json", "malformed"),
+        (b'{"extra": {"a": ' + b"[" * 100_000, "recursion"),
         (b'{"id": "\xff"}', "utf-8"),
         (msgspec.json.encode(task(0)), "second task"),
         (msgspec.json.encode(task(9)).replace(b'["fact"]', b"[]"), "empty"),

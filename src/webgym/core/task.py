@@ -1,4 +1,8 @@
-"""Tasks and rubrics (paper §3.1)."""
+"""Tasks and rubrics (paper §3.1).
+
+They hold no cycles, and a task set has hundreds of thousands of them: the garbage collector is told not to
+look at them (``gc=False``).
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,7 @@ def level_of(difficulty: int) -> Level:
     return "medium" if difficulty <= MEDIUM_AT_MOST else "hard"
 
 
-class FactGroup(msgspec.Struct, frozen=True):
+class FactGroup(msgspec.Struct, frozen=True, gc=False):
     """Facts that belong together. An OR stays inside one fact, in capitals.
 
     Raises:
@@ -39,7 +43,7 @@ class FactGroup(msgspec.Struct, frozen=True):
     facts: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        if not self.facts or not all(fact.strip() for fact in self.facts):
+        if not self.facts or not all(map(str.strip, self.facts)):
             raise ValueError(f"fact group {self.id} is empty or holds an empty fact")
 
     @property
@@ -48,7 +52,7 @@ class FactGroup(msgspec.Struct, frozen=True):
         return len(self.facts) >= LARGE_GROUP_AT_LEAST
 
 
-class Rubric(msgspec.Struct, frozen=True):
+class Rubric(msgspec.Struct, frozen=True, gc=False):
     """Fact groups, all of whose facts must hold (AND).
 
     Raises:
@@ -60,7 +64,7 @@ class Rubric(msgspec.Struct, frozen=True):
     def __post_init__(self) -> None:
         if not self.groups:
             raise ValueError("a rubric needs at least one fact group")
-        if len({group.id for group in self.groups}) != len(self.groups):
+        if len(self.groups) > 1 and len({group.id for group in self.groups}) != len(self.groups):
             raise ValueError("two fact groups have the same id")
 
     @property
@@ -87,7 +91,7 @@ class Rubric(msgspec.Struct, frozen=True):
         return [(group, index, fact) for group in self.groups for index, fact in enumerate(group.facts)]
 
 
-class Task(msgspec.Struct, frozen=True, omit_defaults=True):
+class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     """One thing to do on one website.
 
     Attributes:

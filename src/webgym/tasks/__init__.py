@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from webgym.tasks.files import BrokenRecord, TaskFile, read_tasks, write_tasks
+from webgym.tasks.files import BrokenRecord, TaskFile
+from webgym.tasks.formats import FORMATS, Format, read_tasks, write_tasks
 from webgym.tasks.sampling import draw, draw_spread
 
-__all__ = ["BrokenRecord", "TaskFile", "draw", "draw_spread", "read_tasks", "write_tasks"]
+__all__ = [
+    "FORMATS",
+    "BrokenRecord",
+    "Format",
+    "TaskFile",
+    "draw",
+    "draw_spread",
+    "read_tasks",
+    "write_tasks",
+]

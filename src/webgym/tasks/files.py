@@ -1,26 +1,40 @@
-"""Task sets as JSON lines: one :class:`webgym.core.task.Task` per line, in UTF-8."""
+"""Task files on disk: how they are opened, what was found in them, how they come into being.
+
+Also WebGym's own JSON lines: one :class:`webgym.core.task.Task` per line, in UTF-8.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import gc
+import gzip
+import io
+import os
+import uuid
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any, BinaryIO, Final, cast
 
 import msgspec
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Task
 
-BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
+_GZIP: Final = b"\x1f\x8b"
+_ZSTD: Final = b"\x28\xb5\x2f\xfd"
+_BUFFER: Final = 1 << 20
 
 
 @dataclass(frozen=True)
 class BrokenRecord:
-    """A line that is no task.
+    """A record that is no task.
 
     Attributes:
-        file: as it was given.
-        line: from 1.
+        file: as it was given; where a folder was, the file in it.
+        line: line, or row of a Parquet file, from 1.
         reason: what is wrong with it.
     """
 
@@ -40,49 +54,133 @@ class TaskFile:
     broken: list[BrokenRecord]
 
 
-def read_tasks(path: Path) -> TaskFile:
-    """Read a task file. A broken record is reported and skipped; the rest loads.
+@dataclass
+class Findings:
+    """What reading has found so far. An id counts once, whichever file it stands in."""
 
-    Survives a byte-order mark, carriage returns, empty lines and a last line without an end.
+    tasks: dict[str, Task] = field(default_factory=dict)
+    broken: list[BrokenRecord] = field(default_factory=list)
+
+    def add(self, file: Path, line: int, task: Task) -> bool:
+        """Take a task in, unless there is one of its id; whether it was taken."""
+        if self.tasks.setdefault(task.id, task) is task:
+            return True
+        self.skip(file, line, f"a second task with the id {task.id!r}")
+        return False
+
+    def skip(self, file: Path, line: int, reason: object) -> None:
+        """Note a record that is no task."""
+        self.broken.append(BrokenRecord(file, line, str(reason)))
+
+
+@contextmanager
+def collector_paused() -> Iterator[None]:
+    """No garbage collection inside: it would visit every task again and again while they are loaded."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[io.BufferedReader[Any]]:
+    """A file to read from, decompressed if its first bytes say that it is gzip or zstd.
 
     Raises:
-        TaskFileError: the file cannot be read, or holds no task at all.
+        TaskFileError: it cannot be read, now or while it is being read.
     """
     try:
-        data = path.read_bytes()
+        with ExitStack() as stack:
+            file = stack.enter_context(io.BufferedReader(path.open("rb", buffering=0), _BUFFER))
+            magic = file.peek(4)
+            if magic.startswith(_GZIP):
+                yield io.BufferedReader(gzip.GzipFile(fileobj=file), _BUFFER)
+            elif magic.startswith(_ZSTD):
+                from pyarrow import CompressedInputStream
+
+                yield io.BufferedReader(stack.enter_context(CompressedInputStream(file, "zstd")), _BUFFER)
+            else:
+                yield file
+    except (OSError, EOFError, zlib.error) as error:  # pyarrow's are OSErrors, gzip's may be any of them
+        raise TaskFileError(
+            f"cannot read the task file {path}: {getattr(error, 'strerror', None) or error}",
+            hint="give a file of JSON lines or Parquet, such as webgym tasks offline writes",
+        ) from error
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A file to write to that stands under its name once it is complete and on disk, or not at all.
+
+    Compressed if the name ends in ``.gz`` or ``.zst``; the same content gives the same bytes.
+
+    Raises:
+        TaskFileError: it cannot be written.
+    """
+    torn = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with torn.open("wb", buffering=_BUFFER) as file, ExitStack() as stack:
+            yield _compressed(path, file, stack)
+        _sync(torn)
+        torn.replace(path)
+        _sync(path.parent)
     except OSError as error:
         raise TaskFileError(
-            f"cannot read the task file {path}: {error.strerror}",
-            hint="give a file of JSON lines, such as webgym tasks offline writes",
+            f"cannot write {path}: {error.strerror or error}", hint="choose another place or free some space"
         ) from error
-    decoder = msgspec.json.Decoder(Task)
-    tasks: dict[str, Task] = {}
-    broken: list[BrokenRecord] = []
-    for number, line in enumerate(data.removeprefix(BYTE_ORDER_MARK).split(b"\n"), start=1):
-        if not line.strip():
-            continue
+    finally:
+        torn.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    """Be sure that a file's content, or a folder's names, are on disk."""
+    opened_again = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(opened_again)
+    finally:
+        os.close(opened_again)
+
+
+def _compressed(path: Path, file: BinaryIO, stack: ExitStack) -> BinaryIO:
+    if path.suffix == ".gz":  # neither name nor time of day inside
+        zipped = gzip.GzipFile("", "wb", compresslevel=6, fileobj=file, mtime=0)
+        return cast(BinaryIO, stack.enter_context(zipped))
+    if path.suffix == ".zst":
+        from pyarrow import CompressedOutputStream
+
+        return cast(BinaryIO, stack.enter_context(CompressedOutputStream(file, "zstd")))
+    return file
+
+
+def read_lines(lines: Iterable[bytes], file: Path, found: Findings) -> None:
+    """Read WebGym's own JSON lines.
+
+    Survives a byte-order mark, carriage returns, empty lines and a last line without an end.
+    """
+    decode = msgspec.json.Decoder(Task).decode
+    for number, line in enumerate(lines, 1):
         try:
-            task = decoder.decode(line)
-        except ValueError as error:  # msgspec's errors and broken UTF-8 are ValueErrors
-            broken.append(BrokenRecord(path, number, str(error)))
+            task = decode(line)
+        except (ValueError, RecursionError) as error:  # msgspec's errors and broken UTF-8 are ValueErrors
+            if number == 1 and line.startswith(BYTE_ORDER_MARK):
+                read_lines([line.removeprefix(BYTE_ORDER_MARK)], file, found)
+            elif line.strip():
+                found.skip(file, number, error)
             continue
-        if task.id in tasks:
-            broken.append(BrokenRecord(path, number, f"a second task with the id {task.id!r}"))
-        else:
-            tasks[task.id] = task
-    if not tasks:
-        reason = f"; the first line that is none: {broken[0]}" if broken else ", it is empty"
-        raise TaskFileError(f"{path} holds no task{reason}")
-    return TaskFile(list(tasks.values()), broken)
+        found.add(file, number, task)
 
 
-def write_tasks(path: Path, tasks: Iterable[Task]) -> int:
-    """Write a task file; the number of tasks written."""
+def write_lines(file: BinaryIO, tasks: Iterable[Task]) -> int:
+    """Write WebGym's own JSON lines; the number of tasks written."""
     encoder = msgspec.json.Encoder()
+    buffer = bytearray()
     count = 0
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("wb") as file:
-        for task in tasks:
-            file.write(encoder.encode(task) + b"\n")
-            count += 1
+    for count, task in enumerate(tasks, 1):  # noqa: B007 - the last count is what is asked for
+        encoder.encode_into(task, buffer)
+        buffer += b"\n"
+        file.write(buffer)
     return count

@@ -1,0 +1,189 @@
+"""What models are asked when a task set is built, in our own words (paper §3.1; SYSTEM.md 1.3 and 1.4).
+
+The rules stand in the system message, which is the same for every task, so that endpoints which remember the
+beginning of a prompt charge it less; the task stands in the user's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Final, TypeAlias
+
+import msgspec
+
+from webgym.core.task import FactGroup, Task
+from webgym.tasks.sources.base import SourceTask
+from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
+
+Messages: TypeAlias = list[dict[str, str]]
+
+# The replies as their schemas tell them to the model.
+
+
+class WebsiteReply(msgspec.Struct, frozen=True):
+    """Where a task starts, and its kind."""
+
+    website: str
+    subdomain: Annotated[str, msgspec.Meta(extra_json_schema={"enum": list(DOMAIN_OF)})]
+
+
+class GroupReply(msgspec.Struct, frozen=True):
+    """Facts that belong together."""
+
+    id: int
+    description: str
+    facts: tuple[str, ...]
+
+
+class RubricReply(msgspec.Struct, frozen=True):
+    """Fact groups, and the number of facts in them."""
+
+    fact_groups: tuple[GroupReply, ...]
+    difficulty: int
+
+
+EXAMPLE_TASK: Final = (
+    "On Petal & Post, find a bouquet with tulips or roses for at most €40 that can be delivered on Sunday. "
+    "Give its name and how long it keeps. Also find out how to cancel an order."
+)
+EXAMPLE_RUBRIC: Final = RubricReply(
+    (
+        GroupReply(
+            1,
+            "The bouquet",
+            (
+                "The bouquet is with tulips OR roses",
+                "The bouquet costs at most €40",
+                "The bouquet can be delivered on Sunday",
+                "The name of the bouquet is given",
+                "How long the bouquet keeps is given",
+            ),
+        ),
+        GroupReply(2, "Cancelling an order", ("Instructions for cancelling an order are found",)),
+    ),
+    difficulty=6,
+)
+"""What the prompt shows; it breaks none of our own rules."""
+
+_TAXONOMY: Final = "\n".join(f"- {domain}: {'; '.join(below)}" for domain, below in DOMAINS.items())
+
+_WEBSITE: Final = f"""\
+You sort tasks for an agent that works in a web browser. For the task you are given, say on which website
+the agent should start, and which kind of task it is.
+
+- website: the address of one real, public website on which the task can be done, such as
+  "https://www.example.org/". If the task names a website, take that one. If it needs a search of the open
+  web, take a search engine. If the website is given below, repeat it.
+- subdomain: one of the following, spelled exactly as here. The part before the colon is the domain, which
+  says what its subdomains have in common.
+
+{_TAXONOMY}
+
+Judge by what the task is about, not by how it is done: comparing two laptops to buy is Shopping; reading
+how a processor works is Technology & Science; finding an actor's birthday is Films & TV Shows.
+
+Reply with JSON alone: {{"website": "...", "subdomain": "..."}}"""
+
+_RUBRIC: Final = f"""\
+You write rubrics for tasks that an agent does in a web browser. A judge will look at the agent's
+screenshots and answer and decide, fact by fact, whether the task was done; the task counts as done if
+every fact holds.
+
+A rubric is a list of fact groups. A group has an id (1, 2, 3, ...), a short description and one or more
+facts. Facts that are about the same thing, or the same part of the task, go into one group. The
+difficulty is the number of facts in all groups together.
+
+The rules:
+1. One fact is one piece of information that can be verified by itself. "Report the price and the weight
+   of the Tarn stove" gives two facts: "The price of the Tarn stove is reported" and "The weight of the
+   Tarn stove is reported".
+2. A fact is as detailed as the task, and no more. Write nothing that the task does not state: no numbers,
+   names, pages or buttons of your own. Every condition in the task becomes a fact: for "a tent under $200
+   for four" they are "The tent costs under $200" and "The tent is for four".
+3. Facts say what must hold in the end, never how to get there. No clicking, opening, searching or
+   scrolling, unless the task asks for just that.
+4. Alternatives stay together in one fact, joined by OR in capitals: "The room has a bath OR a shower".
+   Never one fact per alternative. Bounds are no alternatives: "4 stars or more" stays as it is.
+5. A computation is one fact, its result: for "how much longer is the Elbe than the Weser" it is "The
+   difference in length between the Elbe and the Weser is found". The numbers it starts from are facts
+   only if the task asks for them too.
+6. A question how to do something asks for instructions, and that is one fact: "Instructions for descaling
+   the Oro kettle are found". Never one fact per step.
+7. What the task leaves open stays open: "contact details" is one fact; do not list a telephone number and
+   an e-mail address. "Details of the course" is one fact.
+8. Examples in the task ("such as", "e.g.") are not asked for. Leave them out of the facts.
+9. No fact twice in other words, no fact that repeats the whole task beside its parts, no fact such as
+   "The answer is correct", no empty fact.
+10. The source's notes, where there are any, were written by someone who had seen the website. They help
+    you to understand the task. They may hold the answer: nothing may be taken from them that the task
+    itself does not say.
+
+An example. The task: {EXAMPLE_TASK}
+{msgspec.json.encode(EXAMPLE_RUBRIC).decode()}
+
+Reply with JSON alone, in that form."""
+
+REWRITING: Final = """\
+You rewrite tasks for an agent that works in a web browser. You are given a task and some of the facts
+that it asks for. Write the task anew so that it asks for exactly these facts: an agent that does all of
+your task, and no more, has shown every one of them and nothing else.
+
+- Keep the website, the setting and the subject of the original: what was about a hotel in Graz stays
+  about a hotel in Graz.
+- Take what is asked for from the given facts alone. What the original asks for beyond them is gone; add
+  nothing, and give no answer away. Every condition in the facts stays, with its numbers and names.
+- OR between alternatives stays, as "or" in a natural sentence.
+- Write to the agent, as the original does, in the original's language and manner: one short paragraph
+  that makes sense to a reader who has not seen the original.
+
+Reply with the text of the new task alone: no title, no introduction, no quotation marks around it, no
+JSON, no lists, no markdown."""
+"""The system message of every request to rewrite."""
+
+
+_LONGEST_NOTES: Final = 4_000
+"""Characters of a source's notes that are told; more would be paid for and say the same."""
+
+
+def for_website(task: SourceTask) -> Messages:
+    """Asks for the website, where the source gives none, and for domain and subdomain."""
+    given = task.website or "none"
+    return _messages(_WEBSITE, [("Task", task.instruction), ("Website given", given)])
+
+
+def for_rubric(task: SourceTask) -> Messages:
+    """Asks for a rubric.
+
+    Only what the source gives is told, not what was inferred, so that no request waits for another's reply.
+    """
+    parts = [("Task", task.instruction)]
+    if (website := known_website(task)) is not None:
+        parts.append(("Website", website))
+    if task.hints:
+        notes = "\n".join(f"- {hint}" for hint in task.hints)
+        parts.append(("Notes of the source", notes[:_LONGEST_NOTES]))
+    return _messages(_RUBRIC, parts)
+
+
+def known_website(task: SourceTask | Task) -> str | None:
+    """The website, unless it was inferred."""
+    return None if task.website_from == "inferred" else task.website
+
+
+def for_rewriting(task: Task, groups: Sequence[FactGroup]) -> Messages:
+    """Asks for the task that wants these of its groups and no others."""
+    facts = "\n".join(
+        f"{group.description}\n" + "\n".join(f"- {fact}" for fact in group.facts) for group in groups
+    )
+    parts = [
+        ("Original task", task.instruction),
+        ("Website", task.website),
+        ("Kind of task", f"{task.domain}, {task.subdomain}"),
+        ("Facts that the new task asks for", facts),
+    ]
+    return _messages(REWRITING, parts)
+
+
+def _messages(system: str, parts: Iterable[tuple[str, str]]) -> Messages:
+    said = "\n\n".join(f"{title}:\n{text}" for title, text in parts)
+    return [{"role": "system", "content": system}, {"role": "user", "content": said}]

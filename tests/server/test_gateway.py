@@ -153,7 +153,7 @@ async def test_through_the_gateway_all_is_the_same(site: Site, relayed: BrowserC
 
 async def test_one_line_first_come_first_served(gateway: RunningGateway, client: BrowserClient) -> None:
     held = [await client.open() for _ in range(WORKERS)]
-    others = [BrowserClient(gateway.url, token=TOKEN, limits=quick()) for _ in range(4)]
+    others = [await BrowserClient(gateway.url, token=TOKEN, limits=quick()).__aenter__() for _ in range(4)]
     order: list[int] = []
 
     async def wait(number: int) -> None:

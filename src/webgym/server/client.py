@@ -12,10 +12,11 @@ import asyncio
 import contextlib
 import logging
 import secrets
+import socket
 from collections import OrderedDict
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
-import httpx
+import aiohttp
 import msgspec
 
 from webgym.browser.document import Document, ReadRequest
@@ -91,6 +92,38 @@ class _Broken(Exception):
         self.was_sent = was_sent
 
 
+class _Response(NamedTuple):
+    """What came back, whole."""
+
+    status: int
+    content_type: str
+    content: bytes
+    host: str
+
+    @property
+    def is_success(self) -> bool:
+        return 200 <= self.status < 300
+
+
+def connections(limits: ClientLimits) -> aiohttp.ClientSession:
+    """Connections that are kept between calls, to any number of servers."""
+
+    def open_socket(address: aiohttp.AddrInfoType) -> socket.socket:
+        family, kind, protocol, _, _ = address
+        made = socket.socket(family, kind, protocol)
+        for option in keep_alive_options(limits.dead_peer_seconds):
+            made.setsockopt(*option)
+        return made
+
+    return aiohttp.ClientSession(
+        connector=aiohttp.TCPConnector(
+            limit=0, keepalive_timeout=limits.keep_alive_seconds, socket_factory=open_socket
+        ),
+        timeout=aiohttp.ClientTimeout(total=None, sock_connect=limits.connect_seconds),
+        cookie_jar=aiohttp.DummyCookieJar(),
+    )
+
+
 class BrowserClient:
     """A client of one browser server, for any number of sessions at once.
 
@@ -117,31 +150,25 @@ class BrowserClient:
             "authorization": f"Bearer {token}",
             CLIENT_HEADER: name or secrets.token_hex(_NAME_BYTES),
         }
-        self._http = httpx.AsyncClient(
-            timeout=httpx.Timeout(self.limits.reply_seconds, connect=self.limits.connect_seconds),
-            transport=httpx.AsyncHTTPTransport(
-                limits=httpx.Limits(
-                    max_connections=None,
-                    max_keepalive_connections=None,
-                    keepalive_expiry=self.limits.keep_alive_seconds,
-                ),
-                socket_options=keep_alive_options(self.limits.dead_peer_seconds),
-                trust_env=False,
-            ),
-            trust_env=False,
-        )
-        self._ways = Ways(self._http, self.base_url, self.limits)
         self._pools = {name: asyncio.Semaphore(getattr(self.limits, name)) for name in QUEUES}
         self._sessions: set[Session] = set()
+        self._connections: aiohttp.ClientSession | None = None
 
     async def __aenter__(self) -> BrowserClient:
-        await self._http.__aenter__()
+        self._connections = connections(self.limits)
+        self._ways = Ways(self._connections, self.base_url, self.limits)
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await asyncio.gather(*(session.close() for session in tuple(self._sessions)))
         await self._ways.close()
-        await self._http.aclose()
+        await self._http.close()
+
+    @property
+    def _http(self) -> aiohttp.ClientSession:
+        if self._connections is None:
+            raise RuntimeError("the client is not open: use it in an async with statement")
+        return self._connections
 
     async def open(self, options: SessionOptions | None = None) -> Session:
         """Lease a browser with a fresh, blank page. Renewed in the background until it is closed.
@@ -171,7 +198,7 @@ class BrowserClient:
     async def health(self) -> Health:
         """Whether it can give sessions. Needs no token."""
         response = await self._through(Way(self.base_url, False), HEALTH, None, None, None, None)
-        if response.status_code == UNHEALTHY_STATUS:
+        if response.status == UNHEALTHY_STATUS:
             with contextlib.suppress(ProtocolError):  # then it is an error like any other
                 return self._decode(HEALTH, Health, response)
         return self._answer(HEALTH, Health, response)
@@ -219,7 +246,7 @@ class BrowserClient:
         grant: SessionGrant | None,
         queue: QueueName | None,
         seconds: float | None,
-    ) -> httpx.Response:
+    ) -> _Response:
         """Send a call on its way, and on the other way if this one breaks."""
         was_straight = way.is_straight
         try:
@@ -241,16 +268,16 @@ class BrowserClient:
                 return response
             raise broken.error from None
 
-    def _answer(self, operation: Operation, reply: type[T], response: httpx.Response) -> T:
+    def _answer(self, operation: Operation, reply: type[T], response: _Response) -> T:
         if not response.is_success:
-            raise error_of(response.content, response.status_code, response.url.host)
+            raise error_of(response.content, response.status, response.host)
         return self._decode(operation, reply, response)
 
-    def _decode(self, operation: Operation, reply: type[T], response: httpx.Response) -> T:
+    def _decode(self, operation: Operation, reply: type[T], response: _Response) -> T:
         try:
             if reply is bytes:
                 return response.content  # type: ignore[return-value]
-            if response.headers.get("content-type", "").startswith(MSGPACK):
+            if response.content_type.startswith(MSGPACK):
                 return msgspec.msgpack.decode(response.content, type=reply)
             return msgspec.json.decode(response.content, type=reply)
         except (msgspec.MsgspecError, ValueError) as error:
@@ -267,7 +294,7 @@ class BrowserClient:
         grant: SessionGrant | None,
         queue: QueueName | None,
         seconds: float | None,
-    ) -> httpx.Response:
+    ) -> _Response:
         """One call to one server.
 
         Raises:
@@ -281,24 +308,31 @@ class BrowserClient:
         pool = self._pools[queue] if queue else contextlib.nullcontext()
         try:
             async with pool, asyncio.timeout(seconds or self.limits.reply_seconds):
-                return await self._http.request(
-                    operation.method, base_url + path, content=content, headers=headers
-                )
-        except (httpx.InvalidURL, httpx.UnsupportedProtocol) as error:
+                return await self._exchange(operation.method, base_url + path, content, headers)
+        except (aiohttp.InvalidURL, ValueError) as error:
             told = ServerUnreachable(f"{base_url} is not an http address: {error}", hint="check --server")
             raise _Broken(told, was_sent=False) from None
-        except (httpx.ConnectError, httpx.ConnectTimeout):
+        except (aiohttp.ClientConnectorError, aiohttp.ConnectionTimeoutError):
             told = ServerUnreachable(f"nothing answers at {base_url}", hint="start one with `webgym serve`")
             raise _Broken(told, was_sent=False) from None
-        except (httpx.TimeoutException, TimeoutError):
+        except TimeoutError:
             told = ServerUnreachable(f"{operation.name}: no answer from {base_url} in time")
             raise _Broken(told, was_sent=True) from None
-        except httpx.HTTPError as error:
+        except (aiohttp.ClientError, OSError) as error:
             told = ServerUnreachable(
                 f"{operation.name}: the connection to {base_url} broke ({type(error).__name__})",
                 hint="it may have been carried out: look before you act again",
             )
             raise _Broken(told, was_sent=True) from None
+
+    async def _exchange(
+        self, method: str, url: str, content: bytes | None, headers: dict[str, str]
+    ) -> _Response:
+        sent = self._http.request(method, url, data=content, headers=headers, allow_redirects=False)
+        async with sent as response:
+            data = await response.read()
+            kind = response.headers.get("content-type", "")
+            return _Response(response.status, kind, data, response.url.host or "")
 
 
 class Session:

@@ -10,7 +10,7 @@ import asyncio
 import ipaddress
 from urllib.parse import urlsplit
 
-import httpx
+import aiohttp
 
 from webgym.server.config import ClientLimits
 from webgym.server.messages import INSTANCE_HEADER, SessionGrant
@@ -37,7 +37,7 @@ class Ways:
         base_url: the address that the client knows.
     """
 
-    def __init__(self, http: httpx.AsyncClient, base_url: str, limits: ClientLimits) -> None:
+    def __init__(self, http: aiohttp.ClientSession, base_url: str, limits: ClientLimits) -> None:
         self._http = http
         self._base_url = base_url
         self._limits = limits
@@ -59,11 +59,11 @@ class Ways:
         """Whether this very worker answers there, and not some other server. No token is sent."""
         try:
             async with asyncio.timeout(self._limits.direct_seconds):
-                response = await self._http.request(HEALTH.method, endpoint + HEALTH.path)
-        except (httpx.HTTPError, httpx.InvalidURL, TimeoutError):
+                asked = self._http.request(HEALTH.method, endpoint + HEALTH.path, allow_redirects=False)
+                async with asked as response:
+                    return response.headers.get(INSTANCE_HEADER) == instance
+        except (aiohttp.ClientError, OSError, ValueError):
             return False
-        answered: str | None = response.headers.get(INSTANCE_HEADER)
-        return answered == instance
 
     async def close(self) -> None:
         """End what is still being found out."""

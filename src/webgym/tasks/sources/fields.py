@@ -12,17 +12,19 @@ from webgym.tasks.sources.base import Unusable
 from webgym.tasks.websites import host_of
 
 _ABSENT = frozenset({"", "none", "null", "nan", "n/a", "**"})
+_LONGEST_ABSENT = max(map(len, _ABSENT))
 _DEEPEST_LITERAL = 1_000_000
 """Characters of a Python literal that are looked at; the values we read are far shorter."""
 
 
 def is_absent(value: object) -> bool:
     """Whether a value stands for "there is none": null, NaN, empty, or a word for it."""
-    if value is None or value == [] or value == {}:
-        return True
+    if isinstance(value, str):
+        word = value.strip()
+        return len(word) <= _LONGEST_ABSENT and word.casefold() in _ABSENT
     if isinstance(value, float):
         return math.isnan(value)
-    return isinstance(value, str) and (not value or value.strip().casefold() in _ABSENT)
+    return value is None or value == [] or value == {}
 
 
 @lru_cache(maxsize=4096)
@@ -134,9 +136,11 @@ def as_text(value: object, name: str) -> str:
     """
     if isinstance(value, bytes):
         value = value.decode("utf-8", "surrogateescape")
-    if isinstance(value, bool) or not isinstance(value, (str, int, float)):
-        raise Unusable(f"{name!r} is {kind(value)}, not a text")
-    text = str(value).strip()
+    if not isinstance(value, str):
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise Unusable(f"{name!r} is {kind(value)}, not a text")
+        value = str(value)
+    text = value.strip()
     if not text.isascii():
         try:
             text.encode()
@@ -195,6 +199,6 @@ def website_url(given: str) -> str | None:
         host = host_of(url)
     except ValueError:
         return None
-    if ("." not in host and ":" not in host) or any(letter.isspace() for letter in url):
+    if ("." not in host and ":" not in host) or len(url.split()) > 1:
         return None
     return url if "/" in url.partition("://")[2] else f"{url}/"

@@ -231,7 +231,20 @@ PUBLISHED: list[dict[str, Any]] = [
             {"id": 2, "description": "filter", "facts": ["Rated above 4 stars"]},
         ],
         "task_id_decomposed_from": None,
-    }
+    },
+    {
+        "benchmark_name": "insta-v3",
+        "task_name": "Find the museum's hours.",
+        "domain": "Entertainment",
+        "subdomain": "Books & Reading",
+        "website": "https://museum.example.org/",
+        "definite_answer": "10 to 16",
+        "task_id": "17+2",
+        "difficulty": 1,
+        "evaluator_reference": [{"id": 1, "description": "hours", "facts": ["Hours OR days of opening"]}],
+        "task_id_decomposed_from": "17",
+        "distribution": "train",
+    },
 ]
 
 
@@ -268,6 +281,7 @@ RECORDS: dict[str, list[dict[str, Any]]] = {
     "deepshop": DEEPSHOP,
     "mind2web-2": [{"task_id": name, **record} for name, record in MIND2WEB_2.items()],
     "gaia-web": GAIA,
+    "webgym": PUBLISHED,
 }
 """Records by source, as objects."""
 

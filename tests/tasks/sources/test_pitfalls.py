@@ -37,6 +37,7 @@ WEBSITE_FROM = {
     "deepshop": {"given"},
     "mind2web-2": {"inferred"},
     "gaia-web": {"inferred"},
+    "webgym": {"given"},
 }
 
 

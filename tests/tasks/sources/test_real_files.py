@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from tests.tasks.sources import native
 
+from webgym.tasks.published import DIFFICULTY_DIFFERS, NONE_FACT
 from webgym.tasks.sources import Read, read_source
 from webgym.tasks.sources.base import DATED, ENCRYPTED_SOURCE, GARBLED
 from webgym.tasks.websites import host_of
@@ -103,3 +104,13 @@ def test_mind2web_2() -> None:
     assert trees.keys() == {"nyc_sport_event", "find_parks", "lol_sylas", "llava_commit"}
     assert trees["lol_sylas"] == 8
     assert all(task.hints[0].startswith("must hold: ") for task in found.tasks if task.hints)
+
+
+def test_the_published_sets_samples() -> None:
+    first, second = read("webgym", "webgym-format").tasks
+    assert (set(first.flags), set(second.flags)) == (
+        {DIFFICULTY_DIFFERS},
+        {DIFFICULTY_DIFFERS, NONE_FACT},
+    )
+    assert first.rubric is not None
+    assert first.rubric.difficulty == 3

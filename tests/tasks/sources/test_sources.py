@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from tests.tasks.sources import native
 
+from webgym.tasks.published import DIFFICULTY_DIFFERS, NO_FACTS, NONE_FACT, OLD_RUBRIC
 from webgym.tasks.sources import SOURCES, Read, SourceTask, read_source
 from webgym.tasks.sources.base import ENCRYPTED_SOURCE, GARBLED, NEEDS_FILE, PLACEHOLDER_WEBSITE
 
@@ -258,3 +259,54 @@ def test_gaias_answers(tmp_path: Path, change: dict[str, Any], expected: str | N
     [task] = whole("gaia-web", tmp_path / "a.jsonl", [record | {"file_name": "table.xlsx"}])
     assert task.reference_answer == expected
     assert NEEDS_FILE in task.flags
+
+
+def test_the_published_set_has_rubrics(tmp_path: Path) -> None:
+    controller, hours = whole("webgym", tmp_path / "a.jsonl", native.PUBLISHED)
+    assert controller.id == "webgym/deepshop/Amazon--100"
+    assert controller.rubric is not None
+    assert controller.rubric.difficulty == 2
+    assert (controller.domain, controller.subdomain) == ("Electronics", "E-commerce Shopping"), (
+        "kept as given"
+    )
+    assert (controller.reference_answer, hours.reference_answer) == (None, "10 to 16")
+    assert hours.extra == {
+        "distribution": "train",
+        "benchmark_name": "insta-v3",
+        "task_id_decomposed_from": "17",
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "facts", "flags"),
+    [
+        ({"evaluator_reference": "It is green"}, ["It is green"], {OLD_RUBRIC, DIFFICULTY_DIFFERS}),
+        ({"evaluator_reference": ["Green", "Rated"]}, ["Green", "Rated"], {OLD_RUBRIC}),
+        (
+            {"evaluator_reference": [{"description": "Green", "difficulty": 2}]},
+            ["Green"],
+            {OLD_RUBRIC, DIFFICULTY_DIFFERS},
+        ),
+        (
+            {"evaluator_reference": [{"id": 1, "description": "x", "facts": ["Green", "None"]}]},
+            ["Green", "None"],
+            {NONE_FACT},
+        ),
+        ({"difficulty": 5}, ["Controller in green", "Rated above 4 stars"], {DIFFICULTY_DIFFERS}),
+        ({"difficulty": "2"}, ["Controller in green", "Rated above 4 stars"], set()),
+        ({"evaluator_reference": None}, [], {NO_FACTS, DIFFICULTY_DIFFERS}),
+    ],
+)
+def test_the_published_sets_older_rows(
+    tmp_path: Path, change: dict[str, object], facts: list[str], flags: set[str]
+) -> None:
+    [task] = whole("webgym", tmp_path / "a.jsonl", [native.PUBLISHED[0] | change])
+    assert [fact for _, _, fact in task.rubric.facts()] == facts if task.rubric else facts == []
+    assert set(task.flags) == flags
+
+
+def test_a_published_row_may_lack_what_a_source_need_not_have(tmp_path: Path) -> None:
+    row = native.PUBLISHED[0] | {"website": None, "task_id": None, "benchmark_name": None}
+    [task] = whole("webgym", tmp_path / "a.jsonl", [row])
+    assert (task.website, task.website_from) == (None, "inferred")
+    assert len(task.id) == len("webgym/") + 12

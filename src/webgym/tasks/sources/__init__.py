@@ -15,6 +15,7 @@ from webgym.tasks.sources import (
     mind2web_2,
     mind2web_live,
     online_mind2web,
+    published,
     travelplanner,
     webvoyager,
 )
@@ -35,6 +36,7 @@ SOURCES: dict[str, Source] = {
         deepshop.SOURCE,
         mind2web_2.SOURCE,
         gaia.SOURCE,
+        published.SOURCE,
     )
 }
 """By name, in the order of the paper's Table 1; the published set comes last."""

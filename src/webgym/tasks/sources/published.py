@@ -1,0 +1,56 @@
+"""WebGym's published set as a source (SYSTEM.md 1.7): tasks that have their rubrics already."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+
+from webgym.tasks.published import NO_FACTS, task_of
+from webgym.tasks.sources.base import Draft, Source, Unusable
+from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.fields import Fields, unpacked
+
+_NAME = "webgym"
+_INSTRUCTION = ("task_name",)
+_NEEDED = {"task_id": "none", "website": "https://website.invalid/", "evaluator_reference": None}
+"""What a finished task must have and a source's need not. Nothing of it is taken over."""
+_KEPT = ("benchmark_name", "task_id_decomposed_from")
+"""Columns that a finished task tells and a source's does not."""
+
+
+def _draft(fields: Fields, _: Beside) -> Draft:
+    instruction = fields.instruction(*_INSTRUCTION)
+    given = {name: value for name, value in fields.record.items() if not _is_null(value)}
+    reference = given.get("evaluator_reference")
+    if isinstance(reference, str) and reference.lstrip().startswith(("[", "{")):
+        with suppress(Unusable):  # then it is a text that begins so
+            given["evaluator_reference"] = unpacked(reference, "evaluator_reference")
+    try:
+        task = task_of(_NEEDED | given)
+    except (ValueError, TypeError) as error:
+        raise Unusable(str(error)) from error
+    return Draft(
+        instruction,
+        task.id.removeprefix(f"{_NAME}/") if "task_id" in given else None,
+        fields.text("website"),
+        domain=task.domain,
+        subdomain=task.subdomain,
+        reference_answer=task.reference_answer,
+        rubric=None if NO_FACTS in task.flags else task.rubric,
+        flags=list(task.flags),
+        extra=task.extra | {name: given[name] for name in _KEPT if name in given},
+    )
+
+
+def _is_null(value: object) -> bool:
+    return value is None or value == "" or (isinstance(value, float) and math.isnan(value))
+
+
+SOURCE = Source(
+    name=_NAME,
+    paper_tasks=292_092 + 1_167,  # training and test set
+    paper_websites=127_645 + 1_167,
+    licence="CDLA-Permissive-2.0",
+    instruction=_INSTRUCTION,
+    draft=_draft,
+)

@@ -58,6 +58,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("serve", "Start a browser server."),
     Verb("sites", "Serve or list the websites of the offline web.", "app"),
     Verb("tasks", "List, check and write task sets.", "app"),
+    Verb("llm", "Say what models have cost, and read batch results.", "app"),
     Verb("rollout", "Collect trajectories into a run folder, or resume a run."),
     Verb("report", "Write the report of a run."),
     Verb("view", "Browse a run in a web browser."),

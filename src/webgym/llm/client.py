@@ -32,6 +32,7 @@ from webgym.llm.completion import (
 )
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
+from webgym.llm.labelled import Labelled
 from webgym.llm.ledger import Ledger, Reservation
 from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text, most_tokens
@@ -132,9 +133,9 @@ class ChatClient:
             await self._http.aclose()
             self._http = None
 
-    def labelled(self, purpose: str) -> LabelledClient:
+    def labelled(self, purpose: str) -> Labelled:
         """This client, its calls counted for a purpose."""
-        return LabelledClient(self, purpose)
+        return Labelled(self, purpose)
 
     async def complete(
         self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None, *, purpose: str = ""
@@ -346,30 +347,6 @@ class ChatClient:
 
     def _where(self) -> str:
         return f"the endpoint {self.config.base_url}"
-
-
-class LabelledClient:
-    """A client whose calls are counted for a purpose; see :meth:`ChatClient.labelled`."""
-
-    def __init__(self, client: ChatClient, purpose: str) -> None:
-        self._client = client
-        self._purpose = purpose
-
-    @property
-    def sampling(self) -> Sampling:
-        """The client's."""
-        return self._client.sampling
-
-    @property
-    def formats(self) -> Formats:
-        """The client's."""
-        return self._client.formats
-
-    async def complete(
-        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
-    ) -> Completion:
-        """As :meth:`ChatClient.complete`."""
-        return await self._client.complete(messages, sampling, purpose=self._purpose)
 
 
 class _Progress:

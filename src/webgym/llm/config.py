@@ -149,3 +149,18 @@ class CacheLimits(BaseModel):
 
     group: int = Field(default=1000, ge=1)
     """Most replies that are read, or written with one sync, at a time."""
+
+
+class BatchLimits(BaseModel):
+    """What a file of a batch may hold; those of the OpenAI batch API."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    requests: int = Field(default=50_000, ge=1)
+    """Most requests in a file."""
+
+    file_bytes: int = Field(default=200_000_000, ge=1)
+    """Largest file."""
+
+    url: str = "/v1/chat/completions"
+    """What every line names as its address."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final, Protocol, TypeVar, runtime_checkable
+from typing import Any, Final, TypeVar
 
 import msgspec
 
@@ -12,6 +12,7 @@ from webgym.llm.client import EndpointRefused
 from webgym.llm.completion import Completes, Completion, first_line
 from webgym.llm.config import Sampling
 from webgym.llm.formats import FORMATS, Format, Formats
+from webgym.llm.labelled import KnowsItsEndpoint
 
 T = TypeVar("T")
 Message = Mapping[str, Any]
@@ -21,19 +22,6 @@ _NOT_UNDERSTOOD: Final = frozenset({400, 415, 422, 501})
 
 _SHOWN_CHARS: Final = 4000
 """How much of a refused reply the model is shown again; more would be paid for and help nobody."""
-
-
-@runtime_checkable
-class KnowsItsEndpoint(Protocol):
-    """What a client tells of itself, beyond completing."""
-
-    @property
-    def sampling(self) -> Sampling:
-        """Used where a request names none."""
-
-    @property
-    def formats(self) -> Formats:
-        """What the endpoint takes as ``response_format``."""
 
 
 async def ask_for(

@@ -11,29 +11,43 @@ from typing import Any, Final
 
 from PIL import Image
 
-_LETTERS: Final = (string.ascii_letters + " ").encode()
-_OTHER_ASCII: Final = bytes(set(range(128)) - set(_LETTERS))
-_PER_LETTER: Final = 0.21
-_PER_MARK: Final = 0.55
-_PER_FOREIGN_BYTE: Final = 0.30
+_LETTERS: Final = string.ascii_letters.encode()
+_DIGITS: Final = string.digits.encode()
+_OTHER_ASCII: Final = bytes(set(range(128)) - set(_LETTERS) - set(_DIGITS) - set(b" "))
+_PER_LETTER: Final = 0.106
+_PER_BLANK: Final = 0.585
+_PER_DIGIT: Final = 0.913
+_PER_MARK: Final = 0.65
+_PER_FOREIGN_BYTE: Final = 0.218
+"""Fitted to four tokenizers at once (o200k, cl100k, Qwen, DeepSeek) on 1,900 texts: instructions of web
+tasks, questions, text of web pages, action records in JSON, judges' replies. For many English texts of one
+kind together the guess is within 9 % (14 % too low for Qwen on web pages); for nine in ten single texts
+within 17 %. Other scripts vary by tokenizer: from half to twice."""
+_WEIGHTS: Final = (_PER_LETTER, _PER_BLANK, _PER_DIGIT, _PER_MARK, _PER_FOREIGN_BYTE)
+
 _PER_MESSAGE: Final = 5
 _TEMPLATE: Final = 100
 """For what a chat template says by itself."""
 
 _USUAL_SIZE: Final = (1280, 768)
-_PIXELS_PER_TOKEN: Final = 850
+"""The viewport: how large a picture is taken to be that stands at an address of its own."""
+_PIXELS_PER_TOKEN: Final = 900
+"""Between models that cut pictures into patches of 28 or 32 pixels (784 and 1,024 per token) and those that
+sell tiles (890 for a usual screenshot): within 15 % of them all."""
 _FEWEST_PIXELS_PER_TOKEN: Final = 700
 _LEAST_IMAGE: Final = 255
+"""No picture costs less where tiles are sold. The bound does not hold for models that multiply the tokens of
+pictures to price them, as some small ones do."""
 _HEADER_CHARS: Final = 65_536
+"""As much of a picture, in base64, as holds its size."""
 
 
 def count_text(text: str) -> int:
     """About how many tokens a text is."""
     data = text.encode(errors="replace")
-    letters = len(data) - len(data.translate(None, _LETTERS))
-    marks = len(data) - len(data.translate(None, _OTHER_ASCII))
-    foreign = len(data) - letters - marks
-    return math.ceil(letters * _PER_LETTER + marks * _PER_MARK + foreign * _PER_FOREIGN_BYTE)
+    counts = [len(data) - len(data.translate(None, kind)) for kind in (_LETTERS, b" ", _DIGITS, _OTHER_ASCII)]
+    counts.append(len(data) - sum(counts))
+    return math.ceil(sum(count * weight for count, weight in zip(counts, _WEIGHTS, strict=True)))
 
 
 def count_messages(messages: Sequence[Mapping[str, Any]]) -> int:
@@ -89,8 +103,10 @@ def _size(url: str) -> tuple[int, int]:
     if not url.startswith("data:"):
         return _USUAL_SIZE
     _, _, encoded = url.partition(",")
-    try:
-        with Image.open(io.BytesIO(base64.b64decode(encoded[:_HEADER_CHARS]))) as image:
-            return image.size
-    except (OSError, ValueError):
-        return _USUAL_SIZE
+    for part in (encoded[:_HEADER_CHARS], encoded):  # some formats are not opened by halves
+        try:
+            with Image.open(io.BytesIO(base64.b64decode(part))) as image:
+                return image.size
+        except (OSError, ValueError):
+            continue
+    return _USUAL_SIZE

@@ -1,0 +1,117 @@
+"""``webgym llm``: what models have cost, and results of batches."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from webgym.llm.prices import Prices
+    from webgym.llm.usage import Totals
+
+app = typer.Typer(no_args_is_help=True, help="Say what models have cost, and read batch results.")
+
+
+@app.command()
+def usage(cache: Path = typer.Argument(..., help="File of cached replies.")) -> None:
+    """Print calls, tokens and dollars of all runs that used a cache, per purpose and model."""
+    from webgym.cli._run import run
+    from webgym.llm import ReplyCache
+
+    async def totals() -> Totals:
+        async with ReplyCache(_existing(cache)) as opened:
+            return opened.totals
+
+    _print(run(totals))
+
+
+@app.command("import")
+def import_(
+    cache: Path = typer.Argument(..., help="File of cached replies."),
+    files: list[Path] = typer.Argument(..., help="Result files of batches: replies, errors, in any order."),
+    price: str = typer.Option(
+        "",
+        "--price",
+        metavar="PROMPT,COMPLETION",
+        help="Dollars per million tokens, as the batch costs them, of every model.",
+        show_default=False,
+    ),
+    prices: Path | None = typer.Option(
+        None, "--prices", help="YAML file of prices by model, in place of --price.", show_default=False
+    ),
+) -> None:
+    """Read results of batches into a cache. Fails if any request was not answered."""
+    from rich.console import Console
+
+    from webgym.cli._run import run
+    from webgym.llm import Imported, ReplyCache, import_results
+
+    known = _prices(price, prices)
+
+    async def read() -> Imported:
+        async with ReplyCache(_existing(cache)) as opened:
+            return await import_results(opened, files, known)
+
+    found = run(read)
+    console = Console(stderr=True)
+    for line in found.unanswered:
+        console.print(str(line), highlight=False, markup=False, soft_wrap=True)
+    print(f"{found.stored} replies stored, {found.known} known before, {len(found.unanswered)} not answered")
+    if found.unanswered:
+        raise typer.Exit(1)
+
+
+def _existing(cache: Path) -> Path:
+    from webgym.core.errors import UsageError
+
+    if not cache.is_file():
+        raise UsageError(f"there is no file {cache}", hint="name the cache that a job was given")
+    return cache
+
+
+def _prices(price: str, table: Path | None) -> Prices:
+    from webgym.core.errors import ConfigError
+    from webgym.llm import Prices
+
+    if price and table:
+        raise ConfigError("--price and --prices both say what tokens cost", hint="give one of them")
+    if table is not None:
+        return Prices.read(table)
+    return Prices.parse(price) if price else Prices()
+
+
+def _print(totals: Totals) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, header_style="dim", show_footer=True)
+    whole = totals.all
+    rows = sorted(totals.rows.items())
+    columns = [
+        ("calls", whole.calls, [usage.calls for _, usage in rows]),
+        ("in batches", whole.batched, [usage.batched for _, usage in rows]),
+        ("from cache", whole.hits, [usage.hits for _, usage in rows]),
+        ("prompt", whole.prompt_tokens, [usage.prompt_tokens for _, usage in rows]),
+        ("of it cheaper", whole.prompt_tokens_cached, [usage.prompt_tokens_cached for _, usage in rows]),
+        ("completion", whole.completion_tokens, [usage.completion_tokens for _, usage in rows]),
+    ]
+    table.add_column("purpose", "all")
+    table.add_column("model")
+    for name, total, _ in columns:
+        table.add_column(name, f"{total:,}", justify="right")
+    table.add_column("dollars", _dollars(whole.dollars, whole.calls, whole.unpriced), justify="right")
+    for number, ((purpose, model), usage) in enumerate(rows):
+        counts = [f"{values[number]:,}" for _, _, values in columns]
+        table.add_row(purpose or "-", model, *counts, _dollars(usage.dollars, usage.calls, usage.unpriced))
+    console = Console()
+    console.print(table)
+    if whole.unpriced:
+        console.print(f"{whole.unpriced:,} calls had no price and are not in the dollars", highlight=False)
+    if whole.estimated:
+        console.print(f"of {whole.estimated:,} calls the tokens are estimates", highlight=False)
+
+
+def _dollars(dollars: float, calls: int, unpriced: int) -> str:
+    return "unknown" if calls and calls == unpriced else f"{dollars:,.4f}"

@@ -1,0 +1,357 @@
+"""Batches: the same requests as files that an endpoint answers within a day, often at half the price.
+
+Run a job with a :class:`Collector` in place of the client: what is not in the cache is noted. Write what was
+noted to files, have them answered, read the results into the cache, and run the job again; it goes as far as
+the replies reach. Files follow the OpenAI batch API, which others have taken over.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import os
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import islice
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import msgspec
+
+from webgym.core.errors import LLMBadReply, NotCached, UsageError
+from webgym.llm.cache import ReplyCache, Stored, insert
+from webgym.llm.completion import Completion, NoCompletion, first_line, read_completion
+from webgym.llm.config import BatchLimits, ChatConfig, Sampling
+from webgym.llm.formats import Formats
+from webgym.llm.labelled import Labelled
+from webgym.llm.prices import Prices
+from webgym.llm.request import Request
+from webgym.llm.tokens import count_messages, count_text
+from webgym.llm.usage import Call
+
+_LINES_AT_ONCE: Final = 500
+_KEY_DIGITS: Final = 64
+
+
+# --- noting ---------------------------------------------------------------------------------------------
+
+
+class Collector:
+    """Answers what is in the cache, and notes what is not. It sends nothing.
+
+    Args:
+        config: as for the client that it stands in for: address, model and sampling name the requests.
+        cache: an open one.
+
+    Attributes:
+        config: as given.
+        formats: what the endpoint is known to take as ``response_format``. A batch does not find out: ask the
+            endpoint once through a client first.
+        noted: how many requests were noted, each counted once per time that it was asked for.
+    """
+
+    def __init__(self, config: ChatConfig, cache: ReplyCache) -> None:
+        self.config = config
+        self.formats = Formats(config.base_url, config.model, cache)
+        self.noted = 0
+        self._cache = cache
+        self._url = f"{config.base_url}/chat/completions"
+
+    @property
+    def sampling(self) -> Sampling:
+        """Used where a request names none."""
+        return self.config.sampling
+
+    def labelled(self, purpose: str) -> Labelled:
+        """This collector, its calls counted for a purpose."""
+        return Labelled(self, purpose)
+
+    async def complete(
+        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None, *, purpose: str = ""
+    ) -> Completion:
+        """The cached reply to these messages.
+
+        Raises:
+            NotCached: there is none; the request has been noted, on disk.
+            CacheError: the file of replies cannot be read or written.
+        """
+        model = self.config.model
+        request = Request(self._url, model, messages, sampling or self.config.sampling)
+        stored = await self._cache.get(request.key)
+        if stored is None:
+            body = {name: value for name, value in request.body.items() if name != "stream"}
+            row = [request.key, purpose, model, msgspec.json.encode(body)]
+            await self._cache.write(lambda connection: _note(connection, row))
+            self.noted += 1
+            raise NotCached(f"the reply of {model} is not there yet; the request is noted")
+        self._cache.hit(purpose, model)
+        try:
+            return read_completion(stored.body, model=model, seconds=stored.seconds, cached=True)
+        except NoCompletion as error:
+            raise LLMBadReply(f"the reply that is kept is {error}") from error
+
+
+def _note(connection: sqlite3.Connection, row: Sequence[Any]) -> None:
+    connection.execute("insert or ignore into noted (key, purpose, model, body) values (?, ?, ?, ?)", row)
+
+
+# --- writing --------------------------------------------------------------------------------------------
+
+
+class BatchFile(msgspec.Struct, frozen=True):
+    """A file of requests.
+
+    Attributes:
+        path: where it is; named by its content.
+        model: whom all its requests ask, as endpoints want it.
+        requests: how many.
+        bytes: its size.
+        prompt_tokens: of all requests together, estimated.
+    """
+
+    path: Path
+    model: str
+    requests: int
+    bytes: int
+    prompt_tokens: int
+
+
+async def write_batches(
+    cache: ReplyCache, folder: Path, limits: BatchLimits | None = None, *, again: bool = False
+) -> list[BatchFile]:
+    """Write the requests that were noted and are not answered yet.
+
+    Args:
+        cache: an open one.
+        folder: for the files; made if it is not there.
+        limits: how large a file may be.
+        again: also those that were written to files before, for batches that were lost.
+
+    Raises:
+        UsageError: the folder cannot be written to.
+        CacheError: the file of replies cannot be read or written.
+    """
+    limits = limits or BatchLimits()
+
+    def write(connection: sqlite3.Connection) -> tuple[list[BatchFile], list[bytes]]:
+        folder.mkdir(parents=True, exist_ok=True)
+        writer = _Writer(folder, limits)
+        rows = connection.execute(
+            "select key, model, body from noted where written <= ?"
+            " and not exists (select 1 from replies where replies.key = noted.key) order by model, rowid",
+            [int(again)],
+        )
+        keys = []
+        for key, model, body in rows:
+            writer.add(key, model, body)
+            keys.append(key)
+        writer.finish()
+        return writer.files, keys
+
+    try:
+        files, keys = await cache.read(write)
+    except OSError as error:
+        raise UsageError(f"batches cannot be written to {folder}: {error.strerror}") from error
+    # Killed before this, the next time writes the same files under the same names.
+    await cache.write(
+        lambda connection: (
+            connection.executemany(
+                "update noted set written = 1 where key = ?", ([key] for key in keys)
+            ).rowcount
+        )
+    )
+    return files
+
+
+class _Writer:
+    """Fills one file after the other. A file has its name when it is whole."""
+
+    def __init__(self, folder: Path, limits: BatchLimits) -> None:
+        self.files: list[BatchFile] = []
+        self._limits = limits
+        self._passing = folder / "batch.part"
+        self._file: BinaryIO | None = None
+        self._model = ""
+        self._begin()
+
+    def _begin(self) -> None:
+        self._hash = hashlib.sha256()
+        self._requests = self._bytes = self._tokens = 0
+
+    def add(self, key: bytes, model: str, body: bytes) -> None:
+        """Write a request, to a new file if the present one is full or asks another model."""
+        head = {"custom_id": key.hex(), "method": "POST", "url": self._limits.url}
+        line = msgspec.json.encode(head | {"body": msgspec.Raw(body)}) + b"\n"
+        if self._file is not None and (
+            model != self._model
+            or self._requests == self._limits.requests
+            or self._bytes + len(line) > self._limits.file_bytes
+        ):
+            self.finish()
+        if self._file is None:
+            self._file = self._passing.open("wb")
+            self._model = model
+            self._begin()
+        self._file.write(line)
+        self._hash.update(line)
+        self._requests += 1
+        self._bytes += len(line)
+        self._tokens += count_messages(msgspec.json.decode(body)["messages"])
+
+    def finish(self) -> None:
+        """Give the present file its name."""
+        if self._file is None:
+            return
+        with self._file as file:
+            file.flush()
+            os.fsync(file.fileno())
+        self._file = None
+        path = self._passing.with_name(f"batch-{self._hash.hexdigest()[:16]}.jsonl")
+        self._passing.replace(path)
+        self.files.append(BatchFile(path, self._model, self._requests, self._bytes, self._tokens))
+
+
+# --- reading --------------------------------------------------------------------------------------------
+
+
+class Unanswered(msgspec.Struct, frozen=True):
+    """A line of a result file that holds no reply."""
+
+    path: Path
+    line: int
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.reason}"
+
+
+class Imported(msgspec.Struct):
+    """What result files held.
+
+    Attributes:
+        stored: replies that are new.
+        known: replies that were there.
+        unanswered: everything else. Requests among them that are ours are written to the next batch.
+    """
+
+    stored: int = 0
+    known: int = 0
+    unanswered: list[Unanswered] = []
+
+    @property
+    def lines(self) -> int:
+        """All lines; those that are blank do not count."""
+        return self.stored + self.known + len(self.unanswered)
+
+
+class _Response(msgspec.Struct):
+    status_code: int
+    body: msgspec.Raw = msgspec.Raw(b"null")
+
+
+class _Line(msgspec.Struct):
+    custom_id: str
+    id: str = ""
+    response: _Response | None = None
+    error: Any = None
+
+
+async def import_results(cache: ReplyCache, paths: Iterable[Path], prices: Prices | None = None) -> Imported:
+    """Read result files, of replies or of errors, in any order, whole or partial, into the cache.
+
+    A file may be read twice: its calls are counted once.
+
+    Args:
+        cache: an open one.
+        paths: the files.
+        prices: what the calls cost; their ``batch`` share is applied.
+
+    Raises:
+        UsageError: a file cannot be read.
+        CacheError: the file of replies cannot be written.
+    """
+    imported = Imported()
+    for path in paths:
+        try:
+            with await asyncio.to_thread(path.open, "rb") as file:
+                lines = enumerate(file, start=1)
+                while chunk := await asyncio.to_thread(
+                    lambda rest: list(islice(rest, _LINES_AT_ONCE)), lines
+                ):
+                    await _import_chunk(cache, path, chunk, prices or Prices(), imported)
+        except OSError as error:
+            raise UsageError(f"{path} cannot be read: {error.strerror}") from error
+    return imported
+
+
+def _some_of(lines: Iterator[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+    return list(islice(lines, _LINES_AT_ONCE))
+
+
+async def _import_chunk(
+    cache: ReplyCache, path: Path, chunk: list[tuple[int, bytes]], prices: Prices, imported: Imported
+) -> None:
+    def job(connection: sqlite3.Connection) -> list[tuple[int, bool | str]]:
+        return [
+            (number, _import_line(connection, data, prices))
+            for number, data in chunk
+            if data.strip(b"\xef\xbb\xbf \t\r\n")
+        ]
+
+    for number, outcome in await cache.write(job):
+        if isinstance(outcome, str):
+            imported.unanswered.append(Unanswered(path, number, outcome))
+        elif outcome:
+            imported.stored += 1
+        else:
+            imported.known += 1
+
+
+def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) -> bool | str:
+    """Whether the line's reply is new, or why it holds none."""
+    try:
+        line = msgspec.json.decode(data.removeprefix(b"\xef\xbb\xbf"), type=_Line)
+        key = bytes.fromhex(line.custom_id) if len(line.custom_id) == _KEY_DIGITS else b""
+    except (msgspec.DecodeError, ValueError, RecursionError) as error:
+        return f"no result of a batch: {first_line(str(error))}"
+    if not key:
+        return f"no request of ours has the custom_id {line.custom_id[:80]!r}"
+    row = connection.execute("select purpose, model, body from noted where key = ?", [key]).fetchone()
+    body = b"" if line.response is None else bytes(line.response.body)
+    try:
+        if line.response is None or line.response.status_code != 200:
+            raise NoCompletion(_why(line))
+        completion = read_completion(body, model="", seconds=0.0)
+    except NoCompletion as error:
+        connection.execute("update noted set written = 0 where key = ?", [key])
+        return str(error)
+    purpose, model, asked = row or ("batch", completion.model, b"")
+    call = _call(line, completion, purpose, model, asked, prices)
+    reply = Stored(body, 0.0)
+    is_new = insert(connection, key, reply, call) is reply
+    connection.execute("delete from noted where key = ?", [key])
+    return is_new
+
+
+def _call(
+    line: _Line, completion: Completion, purpose: str, model: str, asked: bytes, prices: Prices
+) -> Call:
+    prompt, said = completion.prompt_tokens, completion.completion_tokens
+    cached = completion.prompt_tokens_cached
+    is_estimate = not prompt and not said
+    if is_estimate:
+        prompt, said = count_text(asked.decode()), count_text(completion.text)
+    price = prices.of(model)
+    dollars = None if price is None else price.dollars(prompt, said, cached_tokens=cached, in_batch=True)
+    return Call(purpose, model, prompt, said, cached, dollars, is_estimate, line.id or line.custom_id)
+
+
+def _why(line: _Line) -> str:
+    """What the endpoint says of a request that it did not answer."""
+    error = line.error
+    if line.response is not None:
+        found = msgspec.json.decode(line.response.body)
+        error = (found.get("error") or found) if isinstance(found, dict) else found
+    said = error.get("message") or error.get("code") if isinstance(error, dict) else error
+    status = f" ({line.response.status_code})" if line.response is not None else ""
+    return f"not answered{status}: {first_line(str(said))}"

@@ -29,7 +29,8 @@ from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile, profile_of
 from webgym.core.errors import ConfigError, RunFolderError, Unauthorized
 from webgym.core.task import Task
-from webgym.judge import Judge, OfflineJudge
+from webgym.judge import Judge
+from webgym.judge.factory import JudgeChoice, open_judge
 from webgym.llm.config import ChatConfig
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
@@ -102,6 +103,7 @@ class RunConfig(_Settings):
     tasks: TaskChoice = TaskChoice()
     policy: PolicyChoice = PolicyChoice()
     agent: AgentConfig = AgentConfig()
+    judge: JudgeChoice = JudgeChoice()
     server: ServerChoice = ServerChoice()
     browser: BrowserConfig = BrowserConfig()
     sites: SitesConfig = SitesConfig()
@@ -275,6 +277,7 @@ class _Company:
     backstage: Backstage | None
     client: BrowserClient
     agent: Agent
+    judge: Judge
 
 
 @asynccontextmanager
@@ -289,8 +292,9 @@ async def _company(
         _sites(config, secrets, tasks) as (backstage, allowed),
         _browsers(config, secrets, allowed, tell) as client,
         Agent(policy, config.agent, profile) as agent,
+        open_judge(config.judge) as judge,
     ):
-        yield _Company(backstage, client, agent)
+        yield _Company(backstage, client, agent, judge)
 
 
 async def _carry_out(
@@ -303,7 +307,7 @@ async def _carry_out(
 ) -> Summary:
     plan = Plan(tasks, samples=config.samples, retries=config.retries, recorded=list(store.attempts.values()))
     progress = Progress(total=plan.total)
-    judge: Judge = OfflineJudge()
+    judge = company.judge
     stage = Stage(
         client=company.client,
         agent=company.agent,

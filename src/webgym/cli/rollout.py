@@ -40,6 +40,21 @@ def command(
         help="Family of the model (image sizes, grid, think tags, sampling); else by its name.",
         show_default=False,
     ),
+    judge: str | None = typer.Option(
+        None,
+        "--judge",
+        help="offline, rubric or module:function; rubric with --judge-base-url.",
+        show_default="offline",
+    ),
+    judge_base_url: str | None = typer.Option(
+        None,
+        "--judge-base-url",
+        help="Endpoint of the rubric judge. Its key: WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY.",
+        show_default=False,
+    ),
+    judge_model: str | None = typer.Option(
+        None, "--judge-model", help="Model at that endpoint.", show_default=False
+    ),
     marks: bool | None = typer.Option(
         None, "--marks/--coordinates", help="Interaction mode; else the profile's.", show_default=False
     ),
@@ -68,6 +83,7 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
+    from webgym.cli._judge import judge_choice
     from webgym.cli._summary import print_summary
     from webgym.collection import ServerChoice, collect
     from webgym.collection import resume as go_on
@@ -102,6 +118,9 @@ def command(
         if policy or base_url or mistakes is not None:
             choice = _run.policy_choice(policy, mistakes or 0.0, base_url, model)
             settings = settings.model_copy(update={"policy": choice})
+        if judge or judge_base_url or judge_model:
+            judged = judge_choice(judge, judge_base_url, judge_model, default=settings.judge)
+            settings = settings.model_copy(update={"judge": judged})
         summary = _run.run(lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell))
     else:
         raise UsageError("give either --out or --resume", hint="--out makes a run, --resume goes on with one")

@@ -5,6 +5,9 @@ attempt.py    one attempt: observe, ask, act, until it ends
 collector.py  many attempts at once, then judging and recording
 progress.py   what is going on right now
 live.py       the same for a terminal
+judging.py    one episode judged, whatever the judge does
+rejudge.py    a stored run judged again (verdicts.py: where that is kept)
+blocklist.py  websites that kept the agent out
 store.py      the run folder (records.py: one line of it)
 summary.py    the figures of a run
 """

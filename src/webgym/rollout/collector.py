@@ -6,23 +6,21 @@ from __future__ import annotations
 
 import asyncio
 import time
-from dataclasses import dataclass
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.errors import (
-    JudgeError,
     NoCapacity,
     PolicyError,
     ServerError,
     ServerUnreachable,
     WebGymError,
 )
-from webgym.core.outcome import Ending, Outcome, outcome_of
-from webgym.core.trajectory import Episode, Failure, Trajectory
-from webgym.core.verdict import Verdict
+from webgym.core.outcome import Outcome
+from webgym.core.trajectory import Episode, Trajectory
 from webgym.judge.base import Judge, Pictures
 from webgym.rollout.attempt import Attempt, Stage
+from webgym.rollout.judging import Found, find
 from webgym.rollout.plan import Plan, Planned
 from webgym.server import Session
 
@@ -59,13 +57,6 @@ class CollectorConfig(BaseModel):
 
     metric_seconds: float = Field(default=5.0, gt=0)
     """How often a line is added to ``metrics.jsonl``."""
-
-
-@dataclass(frozen=True)
-class _Judged:
-    verdict: Verdict | None
-    failure: Failure | None
-    outcome: Outcome
 
 
 class Collector:
@@ -119,7 +110,7 @@ class Collector:
             try:
                 await self._make(attempt, session)
             except asyncio.CancelledError:
-                await asyncio.shield(self._record(attempt.episode(), _Judged(None, None, Outcome.CANCELLED)))
+                await asyncio.shield(self._record(attempt.episode(), Found(None, None, Outcome.CANCELLED)))
                 raise
             await self._free_judges.acquire()
             group.create_task(self._conclude(plan, planned, attempt.episode()))
@@ -158,7 +149,9 @@ class Collector:
         progress.move(None, "judging")
         started = time.monotonic()
         try:
-            judged = await self._find(planned, episode)
+            judged = await find(
+                self._judge, planned.task, episode, self._pictures, self._config.judge_seconds
+            )
             await self._record(episode, judged, time.monotonic() - started)
         finally:
             progress.move("judging", None)
@@ -167,19 +160,7 @@ class Collector:
         progress.done = plan.done
         self._watch(episode)
 
-    async def _find(self, planned: Planned, episode: Episode) -> _Judged:
-        if episode.ending not in (Ending.ANSWERED, Ending.BUDGET_SPENT, Ending.STRAGGLER):
-            return _Judged(None, None, outcome_of(episode.ending, None))
-        try:
-            async with asyncio.timeout(self._config.judge_seconds):
-                verdict = await self._judge.judge(planned.task, episode, self._pictures)
-        except Exception as error:
-            # Whatever kept the judge from a verdict, the attempt is unjudged and says why.
-            failure = _as_judge_error(error, self._config.judge_seconds)
-            return _Judged(None, Failure(failure.code, failure.message), outcome_of(episode.ending, failure))
-        return _Judged(verdict, None, outcome_of(episode.ending, verdict))
-
-    async def _record(self, episode: Episode, judged: _Judged, judge_seconds: float = 0.0) -> None:
+    async def _record(self, episode: Episode, judged: Found, judge_seconds: float = 0.0) -> None:
         trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure, judge_seconds)
         await self._stage.store.append(trajectory)
         self._stage.progress.ended(trajectory)
@@ -220,11 +201,3 @@ def _all_of(cls: type[WebGymError]) -> dict[str, type[WebGymError]]:
 _MACHINERY = {
     code: cls for code, cls in (_all_of(PolicyError) | _all_of(ServerError)).items() if cls is not PolicyError
 }
-
-
-def _as_judge_error(error: Exception, seconds: float) -> JudgeError:
-    if isinstance(error, JudgeError):
-        return error
-    if isinstance(error, TimeoutError):
-        return JudgeError(f"no verdict within {seconds:g} s")
-    return JudgeError(f"the judge failed: {type(error).__name__}: {error}")

@@ -70,13 +70,13 @@ _heads = msgspec.json.Decoder(_Head)
 _trajectories = msgspec.json.Decoder(Trajectory)
 
 
-def _whole_text(value: Any) -> Any:
+def whole_text(value: Any) -> Any:
     """The same value with lone surrogates, which no UTF-8 file can hold, replaced by U+FFFD."""
     if isinstance(value, str):
         return value.encode("utf-16", "surrogatepass").decode("utf-16", "replace")
     if isinstance(value, dict):
-        return {_whole_text(key): _whole_text(item) for key, item in value.items()}
-    return [_whole_text(item) for item in value] if isinstance(value, list | tuple) else value
+        return {whole_text(key): whole_text(item) for key, item in value.items()}
+    return [whole_text(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def seal(trajectory: Trajectory) -> bytes:
@@ -89,7 +89,7 @@ def seal(trajectory: Trajectory) -> bytes:
         try:
             body = msgspec.json.encode(trajectory)
         except UnicodeEncodeError:  # page text and replies may hold halves of a surrogate pair
-            body = msgspec.json.encode(_whole_text(msgspec.to_builtins(trajectory)))
+            body = msgspec.json.encode(whole_text(msgspec.to_builtins(trajectory)))
         _trajectories.decode(body)
     except (msgspec.MsgspecError, TypeError, OverflowError) as error:
         raise StoreError(f"{trajectory.episode.attempt_id} would not read back: {error}") from error

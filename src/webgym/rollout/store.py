@@ -6,6 +6,7 @@
       trajectories/00000.jsonl  one checksummed line per trajectory (see `records`), rotated by size
       screenshots/ab/<name>.png named by content, so that equal pictures are stored once
       metrics.jsonl             figures over time
+      verdicts/<judge>.jsonl    what other judges said afterwards (see `verdicts`)
       summary.json, report.html made from the above
 
 Only the end of a file is ever written to, so kill -9 leaves at most one torn line, which the next
@@ -40,6 +41,7 @@ from webgym.rollout.files import (
     TASKS,
     TORN,
     TRAJECTORIES,
+    VERDICTS,
     Log,
     check_run,
     disk_errors,
@@ -51,7 +53,7 @@ from webgym.rollout.files import (
 )
 from webgym.rollout.records import CorruptLine, Entry, Index, complain, read_at, seal
 
-_OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, SUMMARY, REPORT, LOCK}
+_OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, SUMMARY, REPORT, LOCK, VERDICTS}
 
 T = TypeVar("T")
 

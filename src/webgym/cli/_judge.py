@@ -1,0 +1,90 @@
+"""What ``judge`` and ``rollout`` share: from options to a judge."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from webgym.core.errors import ConfigError
+from webgym.judge.config import STAGES
+from webgym.judge.factory import JudgeChoice
+
+JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
+"""Where a judge's key is looked for first; else where a policy's is."""
+
+
+def judge_choice(
+    name: str | None,
+    base_url: str | None,
+    model: str | None,
+    *,
+    file: Path | None = None,
+    stage_models: Mapping[str, str | None] | None = None,
+    samples: int | None = None,
+    early_exit: bool | None = None,
+    default: JudgeChoice | None = None,
+) -> JudgeChoice:
+    """A judge from a file of settings and from options, which override it; an endpoint means a rubric judge.
+
+    Args:
+        name: ``offline``, ``rubric`` or ``module:function``.
+        base_url, model: of the rubric judge.
+        file: YAML in the shape of :class:`webgym.judge.factory.JudgeChoice`.
+        stage_models: models of single stages at the same endpoint.
+        samples: of a panel.
+        early_exit: of the rubric judge.
+        default: what holds where nothing is given.
+
+    Raises:
+        ConfigError: something is missing or malformed.
+    """
+    held = _read(file) if file else (default or JudgeChoice()).model_dump(mode="json", exclude_none=True)
+    if name or base_url:
+        held["name"] = name or "rubric"
+    if held.get("name") == "rubric":
+        rubric = dict(held.get("rubric") or {})
+        chat = dict(rubric.get("chat") or {})
+        if base_url:
+            chat["base_url"] = base_url
+        if model:
+            chat["model"] = model
+        if "base_url" not in chat or "model" not in chat:
+            raise ConfigError(
+                "the rubric judge needs an endpoint and a model", hint="give its base URL and its model"
+            )
+        if os.environ.get(JUDGE_KEY):
+            chat.setdefault("api_key_env", JUDGE_KEY)
+        rubric["chat"] = chat
+        for stage in STAGES:
+            if stage_model := (stage_models or {}).get(stage):
+                rubric[stage] = dict(rubric.get(stage) or {}) | {"chat": chat | {"model": stage_model}}
+        if early_exit is not None:
+            rubric["early_exit"] = early_exit
+        held["rubric"] = rubric
+    elif base_url:
+        raise ConfigError(f"the judge {held['name']} has no endpoint", hint="leave the base URL out")
+    if samples is not None:
+        held["panel"] = dict(held.get("panel") or {}) | {"samples": samples}
+    try:
+        return JudgeChoice.model_validate(held)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"{file or 'judge options'}: {where}: {first['msg']}") from error
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        held = yaml.safe_load(file.read_text()) or {}
+    except OSError as error:
+        raise ConfigError(f"cannot read {file}: {error.strerror}") from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{file} is not YAML: {' '.join(str(error).split())}") from error
+    if not isinstance(held, dict):
+        raise ConfigError(f"{file} holds no settings", hint="see docs/judge.md")
+    return held

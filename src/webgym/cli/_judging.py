@@ -1,0 +1,58 @@
+"""A judging on a terminal: how far it is, what came out, what it cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from webgym.core.outcome import Outcome
+from webgym.core.verdict import Cost
+from webgym.rollout.live import COLORS
+from webgym.rollout.rejudge import Judging
+
+
+@contextmanager
+def showing(console: Console) -> Iterator[Callable[[Judging], None]]:
+    """A bar with outcomes and cost while a judging goes on; nothing where there is no terminal."""
+    columns = (
+        TextColumn("judging"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+        bar = bars.add_task("", total=None)
+
+        def show(state: Judging) -> None:
+            bars.update(bar, total=state.total, completed=state.done, description=cost_line(state.spent))
+
+        yield show
+
+
+def outcomes_line(state: Judging) -> Text:
+    """How many attempts have which outcome."""
+    line = Text()
+    for outcome in Outcome:
+        if count := state.outcomes[outcome]:
+            line.append(f"{count} ", style="bold")
+            line.append(f"{outcome}   ", style=COLORS[outcome])
+    return line
+
+
+def cost_line(cost: Cost) -> str:
+    """What was asked and what it came to."""
+    if not cost.calls:
+        return "no model was asked"
+    parts = [f"{cost.calls:,} replies"]
+    if cost.cached:
+        parts.append(f"{cost.cached:,} from the cache")
+    if cost.repeats:
+        parts.append(f"{cost.repeats:,} asked again")
+    parts.append(f"{cost.prompt_tokens:,} + {cost.completion_tokens:,} tokens")
+    parts.append(f"${cost.dollars:.4f}" if cost.dollars else "no price known")
+    return ", ".join(parts)

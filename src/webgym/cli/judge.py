@@ -1,0 +1,162 @@
+"""``webgym judge``: judge a stored run again, and compare judges.
+
+``webgym judge RUN`` is ``webgym judge run RUN``; further sub-verbs are commands beside it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from typer.core import TyperGroup
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from webgym.rollout.rejudge import Judging
+
+
+class _RunFirst(TyperGroup):
+    """A group whose command ``run`` may be left out."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if args and args[0] not in self.commands and args[0] not in ("-h", "--help"):
+            args = ["run", *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_RunFirst,
+    no_args_is_help=True,
+    help="Judge a stored run again (webgym judge RUN), and compare judges.",
+)
+
+
+@app.callback()
+def _group() -> None:
+    """Judge a stored run again: `webgym judge RUN` is short for `webgym judge run RUN`."""
+
+
+@app.command("run")
+def judge_a_run(
+    run: Path = typer.Argument(..., help="The run folder."),
+    judge: str | None = typer.Option(
+        None,
+        "--judge",
+        help="offline, rubric or module:function; rubric with --base-url, else the run's own.",
+        show_default=False,
+    ),
+    base_url: str | None = typer.Option(
+        None,
+        "--base-url",
+        help="OpenAI-compatible endpoint for a rubric judge. Key: WEBGYM_JUDGE_API_KEY or WEBGYM_API_KEY.",
+        show_default=False,
+    ),
+    model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
+    keypoint_model: str | None = typer.Option(None, help="Chooses screenshots.", show_default=False),
+    fact_model: str | None = typer.Option(None, help="Criterion A.", show_default=False),
+    response_model: str | None = typer.Option(None, help="Criterion B.", show_default=False),
+    blocking_model: str | None = typer.Option(None, help="Was it kept out?", show_default=False),
+    reference_model: str | None = typer.Option(None, help="Reference answers.", show_default=False),
+    config: Path | None = typer.Option(
+        None, "--config", help="YAML file of the judge's settings; see docs/judge.md.", show_default=False
+    ),
+    samples: int | None = typer.Option(
+        None, "--samples", min=1, help="A panel of so many samples.", show_default=False
+    ),
+    early_exit: bool | None = typer.Option(
+        None, "--early-exit/--all-facts", help="Stop at the first criterion that fails.", show_default=False
+    ),
+    limit: int | None = typer.Option(
+        None, "--limit", min=1, help="Judge so many attempts.", show_default=False
+    ),
+    concurrency: int = typer.Option(8, "--concurrency", min=1, help="Episodes judged at the same time."),
+    again: bool = typer.Option(False, "--again", help="Judge what this judge has judged already, too."),
+    compare: str | None = typer.Option(
+        None,
+        "--compare",
+        help="Then compare with another judge of this run, by its name or how that begins; `recorded` is "
+        "the verdict of the collection.",
+        show_default=False,
+    ),
+) -> None:
+    """Judge every attempt of RUN that this judge has not judged yet, and show outcomes and cost.
+
+    May be stopped at any time and called again: what was judged is kept, by the judge's name, in
+    RUN/verdicts, and nothing is asked or counted twice. The run's own verdicts are not touched.
+    """
+    from rich.console import Console
+
+    from webgym.cli._judge import judge_choice
+    from webgym.cli._run import run as run_job
+    from webgym.collection import read_config
+    from webgym.judge.factory import open_judge
+    from webgym.rollout.rejudge import RejudgeConfig, judge_run, verdicts_of
+    from webgym.rollout.rejudge import compare as compare_verdicts
+    from webgym.rollout.store import RunReader
+
+    console = Console()
+    stages = {
+        "keypoint": keypoint_model,
+        "fact": fact_model,
+        "response": response_model,
+        "blocking": blocking_model,
+        "reference": reference_model,
+    }
+    choice = judge_choice(
+        judge,
+        base_url,
+        model,
+        file=config,
+        stage_models=stages,
+        samples=samples,
+        early_exit=early_exit,
+        default=read_config(RunReader(run))[0].judge,
+    )
+    settings = RejudgeConfig(judges=concurrency, limit=limit, again=again)
+
+    async def job() -> Judging:
+        from webgym.cli._judging import showing
+
+        async with open_judge(choice) as opened:
+            with showing(console) as show:
+                return await judge_run(run, opened, settings, show=show)
+
+    state = run_job(job)
+    _print(state, console)
+    if compare is not None:
+        _, mine = verdicts_of(run, state.judge)
+        name, theirs = verdicts_of(run, compare)
+        _print_comparison(state.judge, name, compare_verdicts(mine, theirs), console)
+
+
+def _print(state: Judging, console: Console) -> None:
+    from webgym.cli._judging import cost_line, outcomes_line
+
+    console.print(f"judge      {state.judge}", highlight=False, soft_wrap=True, markup=False)
+    told = f"{state.done} of {state.total} attempts judged, {state.earlier} of them earlier"
+    skipped = f"; {state.skipped} did not end of their own" if state.skipped else ""
+    console.print(f"judged     {told}{skipped}", highlight=False, soft_wrap=True)
+    console.print("outcomes  ", outcomes_line(state))
+    console.print(f"cost       {cost_line(state.cost)}", highlight=False, soft_wrap=True)
+    if state.earlier:
+        console.print(f"cost now   {cost_line(state.spent)}", highlight=False, soft_wrap=True)
+
+
+def _print_comparison(one: str, other: str, comparison: Any, console: Console) -> None:
+    both, agreed = comparison.both, comparison.agreed
+    share = f"{agreed / both:.1%}" if both else "–"
+    console.print()
+    console.print(f"compared   {one}\nwith       {other}", highlight=False, soft_wrap=True, markup=False)
+    console.print(
+        f"agreement  {agreed} of {both} rewards ({share}); {comparison.unjudged} without two rewards"
+    )
+    for difference in comparison.differences:
+        outcomes = f"{difference.one.outcome} / {difference.other.outcome}"
+        console.print(
+            f"  {difference.attempt_id}: {outcomes}: {difference.why()}",
+            highlight=False,
+            soft_wrap=True,
+            markup=False,
+        )

@@ -1,0 +1,187 @@
+"""Putting a question to a judge model until the reply has a clear verdict."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from typing import Any, Protocol, TypeAlias, TypeVar
+
+import msgspec
+
+from webgym.core.errors import JudgeError, LLMError
+from webgym.core.verdict import Cost
+from webgym.judge.base import Pictures
+from webgym.judge.config import JudgeConfig, Stage
+from webgym.judge.images import data_url
+from webgym.judge.untrusted import code_of
+from webgym.judge.verdicts import Finding, NoVerdict, Words, may_be_echoed, read_per_image, read_verdict
+from webgym.llm.client import Completion
+from webgym.llm.config import Sampling
+
+T = TypeVar("T")
+
+
+class Model(Protocol):
+    """Whatever completes chat messages; :class:`webgym.llm.ChatClient` does."""
+
+    async def complete(
+        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
+    ) -> Completion:
+        """One reply; raises LLMError."""
+        ...
+
+
+class Shot(msgspec.Struct, frozen=True):
+    """A screenshot in a question: what it is called and which picture it is."""
+
+    label: str
+    name: str
+
+
+Write: TypeAlias = Callable[[str], tuple[str, str]]
+"""From the request's code to the system's and the user's text."""
+
+
+class Question(msgspec.Struct, frozen=True):
+    """One request to a judge model.
+
+    Attributes:
+        stage: which model.
+        words: how the verdicts are called.
+        write: makes the texts once the code is known.
+        shots: the screenshots, in order.
+        untrusted: everything in the request that somebody else wrote, for telling echoes from verdicts.
+    """
+
+    stage: Stage
+    words: Words
+    write: Write
+    shots: tuple[Shot, ...]
+    untrusted: tuple[str, ...]
+
+
+class Asker:
+    """Asks questions about one episode, and counts what that took.
+
+    Args:
+        models: by stage.
+        config: of the judge.
+        pictures: the episode's screenshots.
+
+    Attributes:
+        cost: so far.
+    """
+
+    def __init__(self, models: Mapping[Stage, Model], config: JudgeConfig, pictures: Pictures) -> None:
+        self._models = models
+        self._config = config
+        self._pictures = pictures
+        self._slots = asyncio.Semaphore(config.concurrency)
+        self.cost = Cost()
+
+    async def ask(self, question: Question) -> Finding:
+        """The model's finding.
+
+        Raises:
+            JudgeError: the model cannot be asked, or none of its replies had a clear verdict.
+        """
+        code, bare = self._signature(question)
+
+        def read(reply: Completion) -> Finding | NoVerdict:
+            said = reply.finish_reason
+            return read_verdict(reply.text, question.words, code, bare=bare, finish_reason=said)
+
+        return await self._until_clear(question, code, read)
+
+    async def ask_per_image(self, question: Question) -> tuple[bool, ...]:
+        """One finding for each of the question's screenshots.
+
+        Raises:
+            JudgeError: as for :meth:`ask`.
+        """
+        code, bare = self._signature(question)
+        count = len(question.shots)
+
+        def read(reply: Completion) -> tuple[bool, ...] | NoVerdict:
+            return read_per_image(reply.text, count, code, bare=bare, finish_reason=reply.finish_reason)
+
+        return await self._until_clear(question, code, read)
+
+    def _signature(self, question: Question) -> tuple[str, bool]:
+        """The request's code, and whether a verdict without it counts."""
+        content = [question.stage, *question.write("")]
+        code = code_of(*content, *(shot.name for shot in question.shots), *question.untrusted)
+        bare = not self._config.signed_verdicts and not may_be_echoed(question.untrusted, question.words)
+        return code, bare
+
+    async def _until_clear(
+        self, question: Question, code: str, read: Callable[[Completion], T | NoVerdict]
+    ) -> T:
+        system, text = question.write(code)
+        async with self._slots:
+            content = [{"type": "text", "text": text}, *await self._images(question.shots)]
+            messages: list[dict[str, Any]] = [
+                {"role": "system", "content": system},
+                {"role": "user", "content": content if question.shots else text},
+            ]
+            why = ""
+            for number in range(self._config.tries):
+                reply = await self._reply(question.stage, messages, is_repeat=number > 0)
+                found = read(reply)
+                if not isinstance(found, NoVerdict):
+                    return found
+                why = found.why
+                messages = [*messages, *_again(reply.text, why, self._config.texts.reason_chars)]
+        raise JudgeError(
+            f"no clear verdict in {self._config.tries} replies at the {question.stage} stage: {why}",
+            hint="look at the judge model's replies; a larger model or more max_tokens may help",
+        )
+
+    async def _reply(self, stage: Stage, messages: list[dict[str, Any]], *, is_repeat: bool) -> Completion:
+        try:
+            reply = await self._models[stage].complete(messages, self._config.stage(stage).sampling)
+        except LLMError as error:
+            raise JudgeError(f"the {stage} stage: {error.message}", hint=error.hint) from error
+        self.cost += Cost(
+            calls=1,
+            repeats=int(is_repeat),
+            prompt_tokens=reply.prompt_tokens,
+            completion_tokens=reply.completion_tokens,
+        )
+        return reply
+
+    async def _images(self, shots: Sequence[Shot]) -> list[dict[str, Any]]:
+        content: list[dict[str, Any]] = []
+        for shot in shots:
+            data = await self._pictures(shot.name)
+            url = await asyncio.to_thread(data_url, shot.name, data, self._config.images)
+            content.append({"type": "text", "text": f"{shot.label}:"})
+            content.append({"type": "image_url", "image_url": {"url": url}})
+        return content
+
+
+async def together(questions: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
+    """The results of all, in order, asked at the same time. The first failure ends the rest.
+
+    Raises:
+        JudgeError: of the first that failed, as it is.
+    """
+    try:
+        async with asyncio.TaskGroup() as group:
+            tasks = [group.create_task(question) for question in questions]
+    except ExceptionGroup as errors:
+        raise errors.exceptions[0] from errors
+    return [task.result() for task in tasks]
+
+
+def _again(reply: str, why: str, limit: int) -> list[dict[str, Any]]:
+    """The refused reply, shortened to its end, and what was wrong with it."""
+    said = reply[-limit:] or "(an empty reply)"
+    return [
+        {"role": "assistant", "content": said},
+        {
+            "role": "user",
+            "content": f"That reply cannot be used: {why}. Answer the question again, briefly, and end with "
+            "the verdict exactly as it was asked for.",
+        },
+    ]

@@ -1,0 +1,60 @@
+"""What an agent did, as a judge is told: one line per step, answers left out where they must not count."""
+
+from __future__ import annotations
+
+from webgym.core.action import Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
+from webgym.core.observation import Observation
+from webgym.core.trajectory import Episode, Step
+
+
+def action_history(episode: Episode, *, line_chars: int, limit: int, with_answer: bool = False) -> str:
+    """The steps of an episode, oldest first; the oldest are left out beyond ``limit`` characters.
+
+    Args:
+        episode: what happened.
+        line_chars: of one line.
+        limit: of all lines together.
+        with_answer: whether the answer's words are told.
+    """
+    lines = [_line(step, line_chars, with_answer) for step in episode.steps]
+    kept: list[str] = []
+    for line in reversed(lines):
+        if kept and sum(map(len, kept)) + len(kept) + len(line) > limit:
+            break
+        kept.append(line)
+    left_out = [f"[{len(lines) - len(kept)} earlier steps left out]"] if len(kept) < len(lines) else []
+    return "\n".join([*left_out, *reversed(kept)]) or "no step was taken"
+
+
+def _line(step: Step, chars: int, with_answer: bool) -> str:
+    place = f"step {step.index + 1}, on {step.observation.url}: "
+    done = _words(step.action, step.observation, with_answer) if step.action else "nothing (unreadable reply)"
+    effect = " (the page did not change)" if step.changed is False else ""
+    line = " ".join((place + done + effect).split())
+    return line if len(line) <= chars else line[: chars - 1] + "…"
+
+
+def _words(action: Action, seen: Observation, with_answer: bool) -> str:
+    match action:
+        case LeftClick(target):
+            return f"clicked {_target(target, seen)}"
+        case Type(target, text):
+            return f'typed "{text}" into {_target(target, seen)}'
+        case Scroll(direction):
+            return f"scrolled {direction}"
+        case Wait(seconds):
+            return f"waited {seconds:g} s"
+        case GoBack():
+            return "went back"
+        case Navigate(url):
+            return f"opened {url}"
+        case Answer(text):
+            return f'answered "{text}"' if with_answer else "gave its answer"
+
+
+def _target(target: Target, seen: Observation) -> str:
+    if target.coordinate is not None:
+        x, y = target.coordinate
+        return f"the point ({x:g}, {y:g}) of 1000"
+    found = next((each for each in seen.elements or () if each.number == target.element), None)
+    return f'"{found.name}" ({found.role})' if found else f"element {target.element}"

@@ -1,0 +1,54 @@
+"""Screenshots on their way to a judge model."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+
+from PIL import Image, UnidentifiedImageError
+
+from webgym.core.errors import JudgeError
+from webgym.judge.config import ImageConfig
+
+
+def sent_size(size: tuple[int, int], config: ImageConfig) -> tuple[int, int]:
+    """Width and height, pixels, at which a screenshot of this size is sent."""
+    scale = min(1.0, config.max_side / max(1, *size))
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+def tokens_of(size: tuple[int, int], config: ImageConfig) -> int:
+    """What a screenshot of this size takes of a request, by estimate."""
+    width, height = sent_size(size, config)
+    return math.ceil(width * height / config.pixels_per_token)
+
+
+def data_url(name: str, data: bytes, config: ImageConfig) -> str:
+    """A screenshot as a ``data:`` URL, made smaller if it must be. Takes milliseconds of CPU.
+
+    The same screenshot gives the same URL, so that replies can be cached.
+
+    Raises:
+        JudgeError: the bytes are no picture.
+    """
+    kind = "png"
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            size = sent_size(picture.size, config)
+            if size != picture.size or picture.format != "PNG" or len(data) > config.max_bytes:
+                small = picture.convert("RGB")
+                if size != picture.size:
+                    small = small.resize(size, Image.Resampling.LANCZOS)
+                data = _encoded(small, "PNG")
+                if len(data) > config.max_bytes:
+                    data, kind = _encoded(small, "JPEG", quality=config.jpeg_quality), "jpeg"
+    except (UnidentifiedImageError, OSError, Image.DecompressionBombError) as error:
+        raise JudgeError(f"the screenshot {name[:12]} is no picture that can be read: {error}") from error
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def _encoded(picture: Image.Image, kind: str, **options: int) -> bytes:
+    out = io.BytesIO()
+    picture.save(out, kind, **options)
+    return out.getvalue()

@@ -1,0 +1,108 @@
+"""Which screenshots are judged by: chosen for what they show, thinned to what a request takes (§3.4)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import chain
+from typing import Any, Final
+
+from webgym.core.observation import Observation
+from webgym.core.task import Task
+from webgym.core.trajectory import Episode
+from webgym.judge import prompts
+from webgym.judge.asking import Asker, Question, Shot, Write, together
+from webgym.judge.config import JudgeConfig, Stage
+from webgym.judge.images import tokens_of
+from webgym.judge.untrusted import shorten
+
+LABEL_TOKENS: Final = 24
+"""What a screenshot's number, its label and its verdict line take, generously."""
+
+
+async def select(task: Task, episode: Episode, asker: Asker, config: JudgeConfig) -> tuple[int, ...]:
+    """Indices of the observations whose screenshots matter, in order.
+
+    Each different screenshot is judged once; of equal ones the latest stands for all. The last one is
+    always kept and never asked about.
+
+    Raises:
+        JudgeError: there is no clear verdict about a screenshot.
+    """
+    seen = episode.observations
+    if not seen:
+        return ()
+    latest = {observation.screenshot: index for index, observation in enumerate(seen)}
+    last = latest.pop(seen[-1].screenshot)
+    candidates = sorted(latest.values())
+    if not config.select_keypoints:
+        return (*candidates, last)
+    size = _room(episode, candidates, "keypoint", _question(task, episode, [], config).write, config)
+    batches = [candidates[start : start + size] for start in range(0, len(candidates), size)]
+    questions = [_question(task, episode, batch, config) for batch in batches]
+    findings = await together(asker.ask_per_image(question) for question in questions)
+    kept = [index for index, matters in zip(candidates, chain(*findings), strict=True) if matters]
+    return (*kept, last)
+
+
+def _question(task: Task, episode: Episode, batch: Sequence[int], config: JudgeConfig) -> Question:
+    seen = episode.observations
+    instruction = shorten(task.instruction, config.texts.instruction_chars)
+    facts = tuple(fact for _, _, fact in task.rubric.facts())
+    labels = [f"screenshot {number}" for number in range(1, len(batch) + 1)]
+    write = partial(prompts.keypoint, instruction=instruction, facts=facts, labels=labels)
+    shots = tuple(Shot(label, seen[index].screenshot) for label, index in zip(labels, batch, strict=True))
+    return Question("keypoint", "question", write, shots, (instruction, *facts, *page_texts(seen, batch)))
+
+
+def page_texts(seen: Sequence[Observation], indices: Sequence[int]) -> tuple[str, ...]:
+    """What these screenshots are known to say, for telling echoes from verdicts."""
+    return tuple(seen[index].text or "" for index in indices)
+
+
+def label(episode: Episode, index: int) -> str:
+    """What an observation is called: the step that it was seen at, counted from 1."""
+    return f"step {index + 1}" if index < len(episode.steps) else f"step {index + 1} (the end)"
+
+
+def thin(indices: Sequence[int], limit: int) -> tuple[int, ...]:
+    """At most ``limit`` of the indices: the first, the last, and evenly between. One alone is the last."""
+    if len(indices) <= limit:
+        return tuple(indices)
+    if limit == 1:
+        return (indices[-1],)
+    step = (len(indices) - 1) / (limit - 1)
+    return tuple(indices[round(place * step)] for place in range(limit))
+
+
+def shown(
+    episode: Episode, indices: Sequence[int], stage: Stage, config: JudgeConfig, write: Callable[..., Any]
+) -> tuple[Write, tuple[Shot, ...], tuple[int, ...]]:
+    """A question's text and screenshots within what one request takes, and the observations' indices.
+
+    Screenshots give way to the text; at least the last one is kept: an estimate may be wrong about it.
+
+    Args:
+        episode: what happened.
+        indices: of the observations that may be shown.
+        stage: which model is asked.
+        config: of the judge.
+        write: a function of :mod:`webgym.judge.prompts` that lacks ``labels``.
+    """
+    chosen = tuple(indices)
+    chosen = thin(chosen, _room(episode, chosen, stage, partial(write, labels=()), config))
+    seen, labels = episode.observations, [label(episode, index) for index in chosen]
+    shots = tuple(Shot(name, seen[index].screenshot) for name, index in zip(labels, chosen, strict=True))
+    return partial(write, labels=labels), shots, chosen
+
+
+def _room(episode: Episode, indices: Sequence[int], stage: Stage, write: Write, config: JudgeConfig) -> int:
+    """How many of these screenshots one request of a stage takes beside its text; at least one."""
+    settings = config.stage(stage)
+    if not indices:
+        return 1
+    text = sum(map(len, write(""))) / config.texts.chars_per_token
+    left = settings.request_tokens - text - (settings.sampling.max_tokens or 0)
+    seen = [episode.observations[index].viewport for index in indices]
+    each = max(tokens_of(size, config.images) for size in seen) + LABEL_TOKENS
+    return max(1, min(settings.images_per_call, int(left // each)))

@@ -1,0 +1,222 @@
+"""The rubric judge: a model looks at screenshots and says which facts they confirm (paper §3.4).
+
+keypoints     which screenshots matter; the last one always does
+criterion B   every claim in the answer is visible (once)
+criterion A   this fact is confirmed (once per fact, without the answer)
+reference     the answer agrees with the reference answer, where there is one: it overrides
+blocking      an attempt that did not succeed: was it kept out?
+
+The reward is 1 only if all of them hold. A question without a clear verdict leaves the whole episode
+unjudged.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import TypeAlias
+
+from webgym.core.task import FactGroup, Task
+from webgym.core.trajectory import Episode
+from webgym.core.verdict import FactJudgement, Judgement, Verdict
+from webgym.judge import prompts
+from webgym.judge.asking import Asker, Model, Question, together
+from webgym.judge.base import Pictures
+from webgym.judge.blocking import find_block
+from webgym.judge.config import JudgeConfig, Stage
+from webgym.judge.history import action_history
+from webgym.judge.keypoints import page_texts, select, shown
+from webgym.judge.reference import Match, hold_against
+from webgym.judge.soft import score_of
+from webgym.judge.untrusted import code_of, shorten
+from webgym.judge.verdicts import Finding
+
+VERSION = "rubric/1"
+"""Of the rules and prompts; raised when a change of theirs can change a verdict."""
+
+_STEPS = re.compile(
+    r"\bsteps? [0-9]{1,4}((?:(?:, ?| and |, and | & )[0-9]{1,4})+|( ?(?:-|–|to|through) ?[0-9]{1,4}))?\b",
+    re.IGNORECASE,
+)
+Quoted: TypeAlias = tuple[str, ...]
+_NOT_LOOKED = Judgement(False, "the attempt succeeded")
+
+
+class RubricJudge:
+    """Judges any task that has a rubric.
+
+    Args:
+        config: stages, limits, rules.
+        models: who is asked at each stage, open.
+    """
+
+    def __init__(self, config: JudgeConfig, models: Mapping[Stage, Model]) -> None:
+        self._config = config
+        self._models = models
+        settings = config.model_dump_json(exclude={"concurrency", "tries"})
+        self._name = f"{VERSION} {config.chat_of('fact').model}@{code_of(settings)[:6]}"
+
+    @property
+    def name(self) -> str:
+        """Version, the fact stage's model, and a digest of every setting that can change a verdict."""
+        return self._name
+
+    async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
+        """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`."""
+        asker = Asker(self._models, self._config, pictures)
+        return await _Case(self._name, task, episode, asker, self._config).verdict()
+
+
+class _Case:
+    """One episode being judged."""
+
+    def __init__(self, judge: str, task: Task, episode: Episode, asker: Asker, config: JudgeConfig) -> None:
+        self._judge = judge
+        self._task = task
+        self._episode = episode
+        self._asker = asker
+        self._config = config
+        self._instruction = shorten(task.instruction, config.texts.instruction_chars)
+        self._answer = shorten(episode.answer or "", config.texts.answer_chars)
+        self._keypoints: tuple[int, ...] | None = None
+        self._facts: list[FactJudgement] = []
+        self._response: Judgement | None = None
+        self._reference: Judgement | None = None
+
+    async def verdict(self) -> Verdict:
+        """The whole judgement.
+
+        Raises:
+            JudgeError: a question had no clear verdict.
+        """
+        await self._look()
+        passed = self._is_met()
+        blocked = _NOT_LOOKED if passed else await self._find_block()
+        return Verdict(
+            judge=self._judge,
+            reward=None if blocked.passed else int(passed),
+            facts=tuple(self._facts),
+            response=self._response,
+            reference=self._reference,
+            blocked=blocked,
+            score=score_of(self._task.rubric, self._facts),
+            keypoints=self._keypoints,
+            cost=self._asker.cost,
+        )
+
+    async def _look(self) -> None:
+        """Judge the criteria; what costs little comes first, so that an early exit saves the most."""
+        config, task, answered = self._config, self._task, self._episode.answer is not None
+        if answered and task.reference_answer is not None:
+            self._reference = await self._hold_against(task.reference_answer)
+            decided = not self._reference.passed or config.reference_rule == "decides"
+            if config.early_exit and decided:
+                return
+        if not answered and (config.early_exit or not config.judge_unanswered):
+            return
+        self._keypoints = await select(task, self._episode, self._asker, config)
+        if config.early_exit:
+            await self._look_until_one_fails()
+            return
+        facts = task.rubric.facts()
+        questions = [self._ask_fact(group, text) for group, _, text in facts]
+        if answered:
+            self._response, *found = await together([self._ask_response(), *questions])
+        else:
+            found = await together(questions)
+        for (group, index, text), judgement in zip(facts, found, strict=True):
+            self._facts.append(FactJudgement(group.id, index, text, judgement))
+
+    async def _look_until_one_fails(self) -> None:
+        self._response = await self._ask_response()
+        if not self._response.passed:
+            return
+        for group, index, text in self._task.rubric.facts():
+            judgement = await self._ask_fact(group, text)
+            self._facts.append(FactJudgement(group.id, index, text, judgement))
+            if not judgement.passed:
+                return
+
+    def _is_met(self) -> bool:
+        if self._episode.answer is None:
+            return False
+        if self._reference is not None:
+            if not self._reference.passed:
+                return False
+            if self._config.reference_rule == "decides":
+                return True
+        if self._response is None or not self._response.passed:
+            return False
+        is_whole = len(self._facts) == self._task.rubric.difficulty
+        return is_whole and all(fact.judgement.passed for fact in self._facts)
+
+    async def _ask_fact(self, group: FactGroup, text: str) -> Judgement:
+        """Criterion A."""
+        texts = self._config.texts
+        history = action_history(self._episode, line_chars=texts.action_chars, limit=texts.history_chars)
+        write = partial(prompts.fact, instruction=self._instruction, group=group, text=text, history=history)
+        return await self._ask("fact", write, (self._instruction, group.description, text, history))
+
+    async def _ask_response(self) -> Judgement:
+        """Criterion B."""
+        if not self._answer.strip():
+            return Judgement(False, "the answer is empty")
+        write = partial(prompts.response, instruction=self._instruction, answer=self._answer)
+        return await self._ask("response", write, (self._instruction, self._answer))
+
+    async def _ask(self, stage: Stage, write: Callable[..., tuple[str, str]], quoted: Quoted) -> Judgement:
+        text, shots, chosen = shown(self._episode, self._keypoints or (), stage, self._config, write)
+        untrusted = (*quoted, *page_texts(self._episode.observations, chosen))
+        finding = await self._asker.ask(Question(stage, "criterion", text, shots, untrusted))
+        return self._judgement(finding, chosen)
+
+    async def _hold_against(self, expected: str) -> Judgement:
+        """The reference answer: by rule where rules are sure, else by a model."""
+        config = self._config
+        ways = config.ways_by_source.get(self._task.source, config.reference_ways)
+        found = hold_against(expected, self._episode.answer or "", ways, self._task.instruction)
+        if found.match is not Match.UNSURE:
+            return Judgement(found.match is Match.SAME, found.reason)
+        if "model" not in ways:
+            return Judgement(False, f"{found.reason}, and no model is asked for this source")
+        expected = shorten(expected, config.texts.answer_chars)
+        write = partial(
+            prompts.reference, instruction=self._instruction, answer=self._answer, expected=expected
+        )
+        quoted = (self._instruction, self._answer, expected)
+        return self._judgement(
+            await self._asker.ask(Question("reference", "question", write, (), quoted)), ()
+        )
+
+    async def _find_block(self) -> Judgement:
+        """What the rules see; where they see nothing, what a model sees in the last screenshots."""
+        seen = self._episode.observations
+        by_rule = find_block(seen)
+        if by_rule.passed or not seen or not self._config.blocking_model:
+            return by_rule
+        texts = self._config.texts
+        count = min(len(seen), self._config.blocking.images_per_call)
+        last = range(len(seen) - count, len(seen))
+        pages = "\n".join(f"{seen[i].url}, status {seen[i].status}, {seen[i].title}" for i in last)
+        history = action_history(self._episode, line_chars=texts.action_chars, limit=texts.history_chars)
+        write = partial(prompts.blocking, website=self._task.website, history=history, last=pages)
+        text, shots, chosen = shown(self._episode, last, "blocking", self._config, write)
+        untrusted = (history, pages, *page_texts(seen, chosen))
+        finding = await self._asker.ask(Question("blocking", "question", text, shots, untrusted))
+        return self._judgement(finding, chosen)
+
+    def _judgement(self, finding: Finding, chosen: Sequence[int]) -> Judgement:
+        """A finding as it is recorded: its reason, and the steps that it names of those it was shown."""
+        reason = shorten(finding.reason, self._config.texts.reason_chars).strip()
+        return Judgement(finding.passed, reason or "no reason was given", cited(reason, chosen))
+
+
+def cited(reason: str, among: Sequence[int]) -> tuple[int, ...]:
+    """Indices of the observations that a reason names as steps ("step 4", "steps 2, 3 and 5")."""
+    named: set[int] = set()
+    for match in _STEPS.finditer(reason):
+        numbers = [int(number) for number in re.findall(r"[0-9]+", match[0])]
+        is_range = match[2] is not None
+        named.update(range(numbers[0], numbers[-1] + 1) if is_range and len(numbers) == 2 else numbers)
+    return tuple(index for index in among if index + 1 in named)

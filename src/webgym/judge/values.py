@@ -1,0 +1,448 @@
+"""What a text says, as tokens that can be compared: words, and values read from their many spellings.
+
+A value has *readings*, because spellings are ambiguous: 03/05/2024 is a day in March or in May, 3:30 a
+time before or after noon, 5 pounds an amount of money or of mass. An amount of a unit is read in the base
+unit of its dimension, so that 2 h 30 min is 150 min.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Callable
+from datetime import date
+from decimal import Decimal, InvalidOperation
+from typing import Final, Literal, TypeAlias
+
+import msgspec
+
+from webgym.judge.units import (
+    AMBIGUOUS_POUNDS,
+    CURRENCY_SIGNS,
+    CURRENCY_WORDS,
+    MONTHS,
+    NUMBER_WORDS,
+    ORDINAL_WORDS,
+    SCALES,
+    SHORT_SCALES,
+    UNITS,
+    WEEKDAYS,
+)
+
+Reading: TypeAlias = tuple[str, str, str]
+"""Kind (``number``, ``money``, ``date``, ``clock``, ``ordinal``, a dimension), unit, canonical amount."""
+
+Gap: TypeAlias = Literal["none", "comma", "strong"]
+"""What stands between a token and the one before: nothing, a list's separator, the end of something."""
+
+
+class Value(msgspec.Struct, frozen=True):
+    """An amount, a date or a time.
+
+    Attributes:
+        readings: what it may mean.
+        amount: the number as it was written, scale included; ``None`` for dates and times.
+        factor: size of the unit that was written, in the dimension's base unit.
+    """
+
+    readings: frozenset[Reading]
+    amount: Decimal | None = None
+    factor: Decimal = Decimal(1)
+
+    @property
+    def kinds(self) -> set[str]:
+        """What it may be."""
+        return {kind for kind, _, _ in self.readings}
+
+
+class Token(msgspec.Struct, frozen=True):
+    """A word or a value.
+
+    Attributes:
+        word: the folded word; empty for a value.
+        value: ``None`` for a word.
+        is_name: whether a word begins with a capital or holds a digit, as names do.
+        gap: what separates it from the token before.
+    """
+
+    word: str
+    value: Value | None = None
+    is_name: bool = False
+    gap: Gap = "none"
+
+
+_ARTICLES: Final = frozenset({"the", "a", "an"})
+_FRACTIONS: Final = re.compile(r"(\d*)\s?([¼½¾⅐⅑⅒⅓⅔⅕⅖⅗⅘⅙⅚⅛⅜⅝⅞])")
+_POWERS: Final = re.compile(r"(?<=\d)[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+_GROUPING_SPACE: Final = re.compile(r"(?<=\d)[\u00a0\u2009\u202f](?=\d{3}(?!\d))")
+_BULLET: Final = re.compile(r"^[ \t]*(?:[-*•‣◦]|\d{1,2}[.)])[ \t]+", re.MULTILINE)
+_TYPOGRAPHY: Final = str.maketrans(
+    {
+        "’": "'",
+        "‘": "'",
+        "“": '"',
+        "”": '"',
+        "–": "-",
+        "—": "-",
+        "−": "-",
+        "‐": "-",
+        "‑": "-",
+        "′": "'",
+        "″": '"',
+    }
+)
+
+_N = r"\d(?:[\d.,']*\d)?"
+_MONTH = "|".join(sorted(MONTHS, key=len, reverse=True))
+_SIGN = "|".join(re.escape(sign) for sign in sorted(CURRENCY_SIGNS, key=len, reverse=True))
+_CODE = "|".join(sorted({code for code, _ in CURRENCY_WORDS.values()})) + r"|rs\.?"
+_SCALE = "|".join(SCALES)
+_WEEKDAY = rf"(?:\b(?:{WEEKDAYS})\.?,?\s+)?"
+_NUMERAL = "|".join(sorted((*NUMBER_WORDS, *ORDINAL_WORDS), key=len, reverse=True))
+_LABEL = r"[a-z][a-z0-9-]{0,62}"
+_TOP = (
+    "com|org|net|edu|gov|int|io|co|ai|info|test|example|uk|de|fr|es|it|nl|eu|ca|au|jp|cn|in|dev|app|gg|tv|me"
+)
+
+_LEXER: Final = re.compile(
+    rf"""
+      (?P<link>(?:https?://|\bwww\.)\S+|(?<![\w.+-])[\w.+-]{{1,64}}@(?:[\w-]{{1,63}}\.){{1,6}}[\w-]{{2,63}}
+        |(?<![\w.-])(?:{_LABEL}\.){{1,6}}(?:{_TOP})\b(?:/[^\s,;]*)?)
+    | (?P<iso>{_WEEKDAY}(?<!\d)\d{{4}}[-/.年]\d{{1,2}}[-/.月]\d{{1,2}}日?(?!\d))
+    | (?P<numeric_date>{_WEEKDAY}(?<![\d/.-])\d{{1,2}}(?P<sep>[/.-])\d{{1,2}}(?P=sep)(?:\d{{4}}|\d{{2}})
+        (?![\d/]|[.-]\d))
+    | (?P<day_first>{_WEEKDAY}\b\d{{1,2}}(?:st|nd|rd|th)?[ \t]*(?:of\s+)?(?:{_MONTH})\b\.?(?:,?\s*\d{{4}}\b)?)
+    | (?P<month_first>{_WEEKDAY}\b(?:{_MONTH})\.?\s+\d{{1,2}}(?:st|nd|rd|th)?\b(?![:.]\d|,\d{{3}}(?!\d))
+        (?:,?\s*\d{{4}}\b)?)
+    | (?P<month_year>\b(?:{_MONTH})\.?,?\s+\d{{4}}\b)
+    | (?P<clock>(?<![\d:.])(?:\d{{1,2}}:\d{{2}}(?::\d{{2}})?(?:\s?[ap]\.?m\b\.?)?
+        |\d{{1,2}}(?:\.\d{{2}})?\s?[ap]\.?m\b\.?)(?![:\d])|\b(?:noon|midnight)\b)
+    | (?P<hours>\b\d{{1,3}}\s?h(?:rs?|ours?)?\s?\d{{1,2}}\s?m(?:ins?|inutes?)?\b)
+    | (?P<feet>(?<!\d)\d{{1,2}}'\s?\d{{1,2}}(?:"|\b)(?!\d))
+    | (?P<phone>(?:\+\d|\(\d|(?<!\d)\d)\d*(?:[\s()-]{{1,2}}\d+){{2,}}(?![\d.,]))
+    | (?P<ordinal>\b\d+(?:st|nd|rd|th)\b)
+    | (?P<money>(?P<minus>-?)(?:(?P<sign>{_SIGN})|\b(?P<code>{_CODE}))\s?(?P<minus2>-?)(?P<sum>{_N})
+        (?:\s?(?P<sum_scale>(?:{_SCALE})\b)|(?P<sum_short>[kmb]\b))?)
+    | (?P<number>(?<![\w.])-?{_N}|{_N})
+    | (?P<number_word>\b(?:{_NUMERAL})\b)
+    | (?P<word>[^\W\d_][^\W_]*(?:'[^\W_]+)*(?:\+\+|\#)?|[^\W_]+)
+    """,
+    re.VERBOSE | re.IGNORECASE,
+)
+_UNIT: Final = re.compile(
+    rf"(?P<space>\s?)(?:(?P<scale>{_SCALE})\b\s?)?(?P<unit>%|per\s?cent\b|sq\.?\s?(?:ft|feet|m|km)\b"
+    r"|square (?:feet|met(?:re|er)s|kilomet(?:re|er)s)\b|°\s?[cf]\b|°|degrees (?:celsius|fahrenheit)\b"
+    r"|km/h\b|m/s\b|[a-z]{1,14}2?\b|[$€£¥₹₩₽])?",
+    re.IGNORECASE,
+)
+_SPELLINGS: Final = {
+    "percent": "%",
+    "sqfeet": "sqft",
+    "squarefeet": "sqft",
+    "squaremetres": "m2",
+    "squaremeters": "m2",
+    "sqkm": "km2",
+    "squarekilometres": "km2",
+    "squarekilometers": "km2",
+    "degreescelsius": "°c",
+    "degreesfahrenheit": "°f",
+}
+
+
+def tokens(text: str) -> list[Token]:
+    """The words and values of a text, in order. Articles and punctuation are left out. Never raises."""
+    prepared = prepare(text)
+    found: list[Token] = []
+    at = end = 0
+    while match := _LEXER.search(prepared, at):
+        token, at = _token(match, prepared)
+        gap = _gap(prepared[end : match.start()]) if found else "none"
+        end = at
+        if token is not None:
+            found.append(msgspec.structs.replace(token, gap=gap))
+    return _summed(found)
+
+
+def prepare(text: str) -> str:
+    """The text with typographic forms made plain; case is kept."""
+    text = _FRACTIONS.sub(_fraction, text)
+    text = _POWERS.sub(lambda match: "^" + unicodedata.normalize("NFKC", match[0]), text)
+    text = _GROUPING_SPACE.sub("", text)
+    text = unicodedata.normalize("NFKC", text).translate(_TYPOGRAPHY)
+    text = "".join(character for character in text if unicodedata.category(character) != "Cf")
+    text = _without_accents(text)
+    return _BULLET.sub("", text).replace("&", " and ")
+
+
+def _fraction(match: re.Match[str]) -> str:
+    value = Decimal(str(round(unicodedata.numeric(match[2]), 6)))
+    return f"{int(match[1] or 0) + value}" if value else match[0]
+
+
+def _without_accents(text: str) -> str:
+    """Latin letters without their accents; other scripts' marks are letters of their own."""
+    kept: list[str] = []
+    for character in unicodedata.normalize("NFD", text):
+        if unicodedata.combining(character) and kept and kept[-1].isascii():
+            continue
+        kept.append(character)
+    return unicodedata.normalize("NFC", "".join(kept))
+
+
+def _gap(between: str) -> Gap:
+    if any(character in between for character in ",;\n/|"):
+        return "comma"
+    return "strong" if any(character in between for character in '.:!?()[]"=-') else "none"
+
+
+def _token(match: re.Match[str], text: str) -> tuple[Token | None, int]:
+    """The token at a match, and where to go on."""
+    raw = match[0]
+    kind = next(name for name in (*_READERS, "link", "money", "number", "number_word", "word") if match[name])
+    if kind == "link":
+        raw = raw.rstrip(".,;:!?)\"'")
+        plain = re.sub(r"^(?:https?://)?(?:www\.)?", "", raw.casefold()).rstrip("/")
+        return Token(plain, is_name=True), match.start() + max(1, len(raw))
+    if kind == "money":
+        return _money(match, text)
+    if kind in ("number", "number_word"):
+        return _number(match, text)
+    if kind == "word":
+        return _word(raw), match.end()
+    if (value := _READERS[kind](match)) is not None:
+        return Token("", value), match.end()
+    # It looked like a date, a time or a telephone number and is none: only its first piece is taken.
+    piece = re.match(r"\W*([^\W_]+)", raw)
+    if piece is None:
+        return None, match.end()
+    amount = read_number(piece[1])
+    token = Token("", _of("number", "", amount)) if amount is not None else _word(piece[1])
+    return token, match.start() + piece.end()
+
+
+def _word(raw: str) -> Token | None:
+    word = raw.casefold().replace("'", "")
+    if word in _ARTICLES:
+        return None
+    return Token(word, is_name=raw[0].isupper() or any(character.isdigit() for character in raw))
+
+
+def read_number(text: str) -> Decimal | None:
+    """A number as it is written in English or, with a decimal comma, elsewhere; ``None`` if it is none.
+
+    A lone comma before three digits separates thousands, a lone point never does.
+    """
+    sign, digits = (-1, text[1:]) if text.startswith("-") else (1, text)
+    if re.fullmatch(r"\d{1,3}(?:[,' ]\d{3})+(?:\.\d+)?|\d{1,2}(?:,\d{2})+,\d{3}(?:\.\d+)?", digits):
+        digits = re.sub(r"[,' ]", "", digits)
+    elif re.fullmatch(r"\d{1,3}(?:\.\d{3})+,\d+|\d{1,3}(?:\.\d{3}){2,}", digits):
+        digits = digits.replace(".", "").replace(",", ".")
+    elif re.fullmatch(r"\d+,\d{1,2}", digits):
+        digits = digits.replace(",", ".")
+    elif not re.fullmatch(r"\d+(?:\.\d+)?", digits):
+        return None
+    try:
+        return sign * Decimal(digits)
+    except InvalidOperation:
+        return None
+
+
+def canonical(amount: Decimal) -> str:
+    """The number without exponent and trailing zeros."""
+    text = f"{amount:f}"
+    text = text.rstrip("0").rstrip(".") if "." in text else text
+    return "0" if text in ("-0", "") else text
+
+
+def _of(kind: str, unit: str, amount: Decimal, factor: Decimal = Decimal(1)) -> Value:
+    return Value(frozenset({(kind, unit, canonical(amount * factor))}), amount, factor)
+
+
+def _number(match: re.Match[str], text: str) -> tuple[Token | None, int]:
+    """A number and the unit after it."""
+    raw = match[0].casefold()
+    if raw in ORDINAL_WORDS:
+        return Token("", _of("ordinal", "", Decimal(ORDINAL_WORDS[raw]))), match.end()
+    amount = Decimal(NUMBER_WORDS[raw]) if raw in NUMBER_WORDS else read_number(raw)
+    if amount is None:  # a version, an address, a list without spaces
+        return Token(raw, is_name=True), match.end()
+    after = _UNIT.match(text, match.end())
+    assert after is not None
+    if (attached := after["unit"]) and not after["space"] and not after["scale"]:
+        if attached in ("M", "B", "k", "K"):
+            return Token("", _of("number", "", amount * SHORT_SCALES[attached.lower()])), after.end()
+        if attached.casefold() == "in":
+            attached = "inch"
+            return Token("", _of("length", "", amount, UNITS[attached][1])), after.end()
+    if after["scale"]:
+        amount *= SCALES[after["scale"].casefold()]
+    if value := _with_unit(amount, after["unit"] or ""):
+        return Token("", value), after.end()
+    end = after.end("scale") if after["scale"] else match.end()
+    if end == match.end() and attached and not after["space"]:  # 4x4, 3D, A4: a name that begins with a digit
+        return Token(raw + attached.casefold(), is_name=True), after.end()
+    return Token("", _of("number", "", amount)), end
+
+
+def _with_unit(amount: Decimal, unit: str) -> Value | None:
+    """An amount of a unit, if it is one."""
+    name = re.sub(r"[\s.]", "", unit.casefold())
+    name = _SPELLINGS.get(name, name)
+    if name in AMBIGUOUS_POUNDS:
+        pounds = _of("mass", "", amount, UNITS["lb"][1])
+        return msgspec.structs.replace(
+            pounds, readings=pounds.readings | {("money", "GBP", canonical(amount))}
+        )
+    if name in CURRENCY_SIGNS:
+        return _of("money", CURRENCY_SIGNS[name], amount)
+    if name in CURRENCY_WORDS:
+        currency, factor = CURRENCY_WORDS[name]
+        return _of("money", currency, amount, factor)
+    if name in UNITS:
+        dimension, factor = UNITS[name]
+        return _of(dimension, "", amount, factor)
+    return None
+
+
+def _money(match: re.Match[str], text: str) -> tuple[Token | None, int]:
+    amount = read_number(match["sum"])
+    code = (match["code"] or "").casefold().rstrip(".")
+    currency = CURRENCY_SIGNS[match["sign"].casefold()] if match["sign"] else CURRENCY_WORDS[code][0]
+    if amount is None:
+        return Token(match[0].casefold(), is_name=True), match.end()
+    if scale := match["sum_scale"] or match["sum_short"]:
+        amount *= (SCALES | SHORT_SCALES)[scale.casefold()]
+    if match["minus"] or match["minus2"]:
+        amount = -amount
+    # "$12.50 USD" says it twice.
+    twice = re.compile(rf"\s?(?:{currency}|dollars)\b", re.IGNORECASE).match(text, match.end())
+    return Token("", _of("money", currency, amount)), twice.end() if twice else match.end()
+
+
+def _day(year: int | None, month: int, day: int | None) -> Reading | None:
+    try:
+        date(year or 2000, month, day or 1)
+    except ValueError:
+        return None
+    return "date", "", f"{year or '?'}-{month:02d}-{day or '?'}"
+
+
+def _dated(*readings: Reading | None) -> Value | None:
+    found = frozenset(reading for reading in readings if reading is not None)
+    return Value(found) if found else None
+
+
+def _iso(match: re.Match[str]) -> Value | None:
+    year, month, day = (int(piece) for piece in re.findall(r"\d+", match[0]))
+    return _dated(_day(year, month, day))
+
+
+def _numeric_date(match: re.Match[str]) -> Value | None:
+    first, second, year = (int(piece) for piece in re.findall(r"\d+", match[0]))
+    if year < 100:
+        year += 2000 if year < 70 else 1900
+    day_first = _day(year, second, first)
+    return _dated(day_first) if match["sep"] == "." else _dated(day_first, _day(year, first, second))
+
+
+def _named_date(match: re.Match[str]) -> Value | None:
+    weekday = re.match(rf"(?:{WEEKDAYS})\b\.?,?\s+", match[0], re.IGNORECASE)
+    said = match[0][weekday.end() :] if weekday else match[0]
+    month = next(MONTHS[word] for word in re.findall(r"[a-z]+", said.casefold()) if word in MONTHS)
+    numbers = [int(piece) for piece in re.findall(r"\d+", said)]
+    year = next((number for number in numbers if number > 31), None)
+    day = next((number for number in numbers if number <= 31), None)
+    return _dated(_day(year, month, day))
+
+
+def _clock(match: re.Match[str]) -> Value | None:
+    said = match[0].casefold()
+    if said in ("noon", "midnight"):
+        return Value(frozenset({("clock", "", "12:00" if said == "noon" else "00:00")}))
+    hour, minute, *_ = [int(piece) for piece in re.findall(r"\d+", said)] + [0]
+    half = re.search(r"[ap](?=\.?m)", said)
+    if minute > 59 or hour > (12 if half else 24) or (half and hour == 0):
+        return None
+    if half:
+        hours = {hour % 12 + (12 if half[0] == "p" else 0)}
+    elif 1 <= hour <= 12 and not said.startswith("0"):
+        hours = {hour, (hour + 12) % 24}
+    else:
+        hours = {hour % 24}
+    return Value(frozenset(("clock", "", f"{each:02d}:{minute:02d}") for each in hours))
+
+
+def _hours(match: re.Match[str]) -> Value | None:
+    hours, minutes = (Decimal(piece) for piece in re.findall(r"\d+", match[0]))
+    return _of("time", "", hours * 60 + minutes, UNITS["min"][1])
+
+
+def _feet(match: re.Match[str]) -> Value | None:
+    feet, inches = (Decimal(piece) for piece in re.findall(r"\d+", match[0]))
+    return _of("length", "", feet * UNITS["ft"][1] + inches * UNITS["inch"][1])
+
+
+def _phone(match: re.Match[str]) -> Value | None:
+    digits = "".join(re.findall(r"\d", match[0]))
+    if (amount := read_number(match[0])) is not None:
+        return _of("number", "", amount)
+    if len(digits) < 7:
+        return None
+    return Value(frozenset({("identifier", "", ("+" if match[0].startswith("+") else "") + digits)}))
+
+
+def _ordinal(match: re.Match[str]) -> Value | None:
+    return _of("ordinal", "", Decimal(re.sub(r"\D", "", match[0])))
+
+
+_READERS: Final[dict[str, Callable[[re.Match[str]], Value | None]]] = {
+    "iso": _iso,
+    "numeric_date": _numeric_date,
+    "day_first": _named_date,
+    "month_first": _named_date,
+    "month_year": _named_date,
+    "clock": _clock,
+    "hours": _hours,
+    "feet": _feet,
+    "phone": _phone,
+    "ordinal": _ordinal,
+}
+_ADDED: Final = frozenset({"time", "length", "mass", "months"})
+"""Dimensions whose amounts are written in several units: 2 h 30 min, 5 ft 10 in, 7 lb 3 oz."""
+
+
+def _summed(found: list[Token]) -> list[Token]:
+    """The tokens, with amounts in falling units of one dimension added up."""
+    made: list[Token] = []
+    pending_and: Token | None = None
+    for token in found:
+        if token.word == "and" and made and made[-1].value and pending_and is None:
+            pending_and = token
+            continue
+        before = made[-1].value if made else None
+        if before and token.value and token.gap != "strong" and _adds_up(before, token.value):
+            total = _amount(before) + _amount(token.value)
+            (kind,) = before.kinds
+            both = Value(
+                frozenset({(kind, "", canonical(total))}), total / token.value.factor, token.value.factor
+            )
+            made[-1] = msgspec.structs.replace(made[-1], value=both)
+        else:
+            made.extend([pending_and] if pending_and else [])
+            made.append(token)
+        pending_and = None
+    return [*made, pending_and] if pending_and else made
+
+
+def _adds_up(before: Value, after: Value) -> bool:
+    return (
+        len(before.readings) == len(after.readings) == 1
+        and before.kinds == after.kinds
+        and before.kinds <= _ADDED
+        and before.factor > after.factor
+    )
+
+
+def _amount(value: Value) -> Decimal:
+    ((_, _, amount),) = value.readings
+    return Decimal(amount)

@@ -1,0 +1,53 @@
+"""One episode judged: whatever the judge does, the attempt has an outcome."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+
+from webgym.core.errors import JudgeError
+from webgym.core.outcome import Ending, Outcome, outcome_of
+from webgym.core.task import Task
+from webgym.core.trajectory import Episode, Failure
+from webgym.core.verdict import Verdict
+from webgym.judge.base import Judge, Pictures
+
+JUDGED = frozenset({Ending.ANSWERED, Ending.BUDGET_SPENT, Ending.STRAGGLER})
+"""How an episode ends that came to an end of its own."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of an episode.
+
+    Attributes:
+        verdict: ``None`` if there is none.
+        failure: why not, if it was asked for.
+        outcome: of the attempt.
+    """
+
+    verdict: Verdict | None
+    failure: Failure | None
+    outcome: Outcome
+
+
+async def find(judge: Judge, task: Task, episode: Episode, pictures: Pictures, seconds: float) -> Found:
+    """Judge an episode within so many seconds; one that did not end of its own is not judged."""
+    if episode.ending not in JUDGED:
+        return Found(None, None, outcome_of(episode.ending, None))
+    try:
+        async with asyncio.timeout(seconds):
+            verdict = await judge.judge(task, episode, pictures)
+    except Exception as error:
+        # Whatever kept the judge from a verdict, the attempt is unjudged and says why.
+        failure = _as_judge_error(error, seconds)
+        return Found(None, Failure(failure.code, failure.message), outcome_of(episode.ending, failure))
+    return Found(verdict, None, outcome_of(episode.ending, verdict))
+
+
+def _as_judge_error(error: Exception, seconds: float) -> JudgeError:
+    if isinstance(error, JudgeError):
+        return error
+    if isinstance(error, TimeoutError):
+        return JudgeError(f"no verdict within {seconds:g} s")
+    return JudgeError(f"the judge failed: {type(error).__name__}: {error}")

@@ -1,0 +1,282 @@
+"""A stored run judged again: as often as one likes, each attempt once per judge.
+
+Trajectories stay as they are. Verdicts are kept by the judge's name (:mod:`webgym.rollout.verdicts`); what a
+judge has said is not asked again, so that a judging that was killed goes on where it was.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.core.errors import RunFolderError
+from webgym.core.outcome import Outcome
+from webgym.core.verdict import Cost, Verdict
+from webgym.judge.base import Judge
+from webgym.rollout.judging import JUDGED, find
+from webgym.rollout.store import RunReader
+from webgym.rollout.verdicts import Judged, VerdictBook, read_verdicts
+
+RECORDED = "recorded"
+"""What the verdicts are called that were made when the run was collected."""
+
+
+class RejudgeConfig(BaseModel):
+    """How many at once, and what is judged again."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    judges: int = Field(default=8, ge=1)
+    """Episodes being judged at the same time."""
+
+    judge_seconds: float = Field(default=600.0, gt=0)
+    """How long one verdict may take before the attempt counts as unjudged."""
+
+    limit: int | None = Field(default=None, ge=1)
+    """Judge so many attempts at most; ``None`` judges all."""
+
+    retry_failures: bool = True
+    """Judge those again that this judge had no verdict on."""
+
+    again: bool = False
+    """Judge everything again; the latest verdict counts."""
+
+
+@dataclass
+class Judging:
+    """How far a judging has come.
+
+    Attributes:
+        judge: its name.
+        total: attempts of the run that can be judged.
+        earlier: how many of them this judge had judged before.
+        skipped: attempts that did not end of their own and are not judged.
+        done: judged by now, the earlier ones included.
+        outcomes: of those.
+        cost: of all verdicts.
+        spent: of the verdicts that were made now.
+    """
+
+    judge: str
+    total: int = 0
+    earlier: int = 0
+    skipped: int = 0
+    done: int = 0
+    outcomes: Counter[Outcome] = field(default_factory=Counter)
+    cost: Cost = field(default_factory=Cost)
+    spent: Cost = field(default_factory=Cost)
+
+    def count(self, judged: Judged, *, now: bool) -> None:
+        """Take note of a judgement."""
+        self.done += 1
+        self.outcomes[judged.outcome] += 1
+        cost = judged.verdict.cost if judged.verdict and judged.verdict.cost else Cost()
+        self.cost += cost
+        if now:
+            self.spent += cost
+
+
+async def judge_run(
+    run: Path,
+    judge: Judge,
+    config: RejudgeConfig | None = None,
+    *,
+    show: Callable[[Judging], None] | None = None,
+) -> Judging:
+    """Judge a stored run.
+
+    Args:
+        run: the run folder; it may still be written to, and is judged as far as it has come.
+        judge: who judges.
+        config: limits.
+        show: is told after every attempt.
+
+    Raises:
+        RunFolderError: the folder is no run, or lacks a task.
+        StoreError: a verdict cannot be kept, or a record cannot be trusted.
+    """
+    config = config or RejudgeConfig()
+    reader = RunReader(run)
+    state = Judging(judge.name)
+    with VerdictBook(run, judge.name) as book:
+        waiting = await asyncio.to_thread(_waiting, reader, book, state, config)
+        if show:
+            show(state)
+        await _judge_all(reader, judge, book, waiting[: config.limit], state, config, show)
+    return state
+
+
+def _waiting(reader: RunReader, book: VerdictBook, state: Judging, config: RejudgeConfig) -> list[str]:
+    """The attempts that are still to be judged. Those that are not are counted."""
+    waiting = []
+    for trajectory in reader.trajectories():
+        episode = trajectory.episode
+        if episode.ending not in JUDGED:
+            state.skipped += 1
+            continue
+        state.total += 1
+        held = book.held.get(episode.attempt_id)
+        is_kept = held is not None and (held.verdict is not None or not config.retry_failures)
+        if held is not None and is_kept and not config.again:
+            state.earlier += 1
+            state.count(held, now=False)
+        else:
+            waiting.append(episode.attempt_id)
+    return waiting
+
+
+async def _judge_all(
+    reader: RunReader,
+    judge: Judge,
+    book: VerdictBook,
+    waiting: list[str],
+    state: Judging,
+    config: RejudgeConfig,
+    show: Callable[[Judging], None] | None,
+) -> None:
+    left = iter(waiting)
+    writing = asyncio.Lock()
+
+    async def pictures(name: str) -> bytes:
+        return await asyncio.to_thread(reader.image, name)
+
+    async def work() -> None:
+        for attempt_id in left:
+            episode = (await asyncio.to_thread(reader.trajectory, attempt_id)).episode
+            task = reader.tasks.get(episode.task_id)
+            if task is None:
+                raise RunFolderError(f"{reader.path} does not hold the task {episode.task_id}")
+            started = time.monotonic()
+            found = await find(judge, task, episode, pictures, config.judge_seconds)
+            seconds = time.monotonic() - started
+            judged = Judged(
+                attempt_id, judge.name, found.outcome, time.time(), seconds, found.verdict, found.failure
+            )
+            async with writing:
+                await asyncio.to_thread(book.append, judged)
+            state.count(judged, now=True)
+            if show:
+                show(state)
+
+    try:
+        async with asyncio.TaskGroup() as group:
+            for _ in range(min(config.judges, len(waiting))):
+                group.create_task(work())
+    except ExceptionGroup as errors:
+        raise errors.exceptions[0] from errors
+
+
+@dataclass(frozen=True)
+class Difference:
+    """An attempt that two judges see differently."""
+
+    attempt_id: str
+    one: Judged
+    other: Judged
+
+    def why(self) -> str:
+        """Where they part, in a few words."""
+        return f"{_found(self.one)} / {_found(self.other)}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two judges on the same attempts.
+
+    Attributes:
+        both: attempts that both gave a reward.
+        agreed: those that got the same from both.
+        unjudged: attempts that only one of them gave a reward, or neither.
+        differences: the attempts with different rewards or different outcomes, in order.
+    """
+
+    both: int
+    agreed: int
+    unjudged: int
+    differences: tuple[Difference, ...]
+
+
+def compare(one: Mapping[str, Judged], other: Mapping[str, Judged]) -> Comparison:
+    """Compare two judges' verdicts, by attempt."""
+    both = agreed = unjudged = 0
+    differences = []
+    for attempt_id in (key for key in one if key in other):
+        a, b = one[attempt_id], other[attempt_id]
+        rewards = [each.verdict.reward if each.verdict else None for each in (a, b)]
+        if None in rewards:
+            unjudged += 1
+        else:
+            both += 1
+            agreed += rewards[0] == rewards[1]
+        if a.outcome != b.outcome or rewards[0] != rewards[1]:
+            differences.append(Difference(attempt_id, a, b))
+    return Comparison(both, agreed, unjudged, tuple(differences))
+
+
+def verdicts_of(run: Path, judge: str) -> tuple[str, dict[str, Judged]]:
+    """A judge's verdicts on a run.
+
+    Args:
+        run: the run folder.
+        judge: its name or how that begins, or :data:`RECORDED`.
+
+    Returns:
+        The judge's whole name and its judgements by attempt.
+
+    Raises:
+        RunFolderError: there are none, or several judges' names begin so.
+    """
+    if judge == RECORDED:
+        return RECORDED, recorded(run)
+    held = read_verdicts(run)
+    fitting = [judge] if judge in held else [name for name in held if name.startswith(judge)]
+    if len(fitting) != 1:
+        known = ", ".join([RECORDED, *held])
+        raise RunFolderError(
+            f"{'no judge' if not fitting else 'more than one judge'} of this run is called {judge!r}",
+            hint=f"there are: {known}",
+        )
+    return fitting[0], held[fitting[0]]
+
+
+def recorded(run: Path) -> dict[str, Judged]:
+    """The verdicts that were made when the run was collected."""
+    found = {}
+    for trajectory in RunReader(run, skip_corrupt=True).trajectories():
+        episode, verdict = trajectory.episode, trajectory.verdict
+        if episode.ending in JUDGED:
+            found[episode.attempt_id] = Judged(
+                episode.attempt_id,
+                verdict.judge if verdict else RECORDED,
+                trajectory.outcome,
+                episode.started_at + episode.seconds,
+                trajectory.judge_seconds,
+                verdict,
+                trajectory.judge_failure,
+            )
+    return found
+
+
+def _found(judged: Judged) -> str:
+    verdict = judged.verdict
+    if verdict is None:
+        return judged.failure.message if judged.failure else "no verdict"
+    return _why(verdict)
+
+
+def _why(verdict: Verdict) -> str:
+    if verdict.blocked.passed:
+        return f"blocked: {verdict.blocked.reason}"
+    for judgement in (verdict.reference, verdict.response):
+        if judgement is not None and not judgement.passed:
+            return judgement.reason
+    failed = next((fact for fact in verdict.facts if not fact.judgement.passed), None)
+    if failed is not None:
+        return f"“{failed.fact}”: {failed.judgement.reason}"
+    return "everything holds" if verdict.reward else "no answer was given"

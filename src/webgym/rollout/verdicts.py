@@ -1,0 +1,163 @@
+"""What judges said of a run after it was collected, beside the trajectories, which are never touched.
+
+``verdicts/<judge>.jsonl`` in the run folder has one checksummed line per judgement,
+``{"sha256":"<hex>","judged":<JSON>}``, synced before it counts. A judge's name holds everything that can
+change its verdicts, so that verdicts of other models, rules or settings lie in other files and are kept. A
+later line about the same attempt stands in place of an earlier one.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import msgspec
+
+from webgym.core.errors import StoreError, StoreLocked
+from webgym.core.outcome import Outcome
+from webgym.core.trajectory import Failure
+from webgym.core.verdict import Verdict
+from webgym.rollout.files import VERDICTS, Log, disk_errors, last_line_end
+from webgym.rollout.records import whole_text
+
+_OPEN = b'{"sha256":"'
+_MIDDLE = b'","judged":'
+_CLOSE = b"}\n"
+_BODY_AT = len(_OPEN) + 64 + len(_MIDDLE)
+
+
+class Judged(msgspec.Struct, frozen=True, omit_defaults=True):
+    """What a judge made of an attempt.
+
+    Attributes:
+        attempt_id: which.
+        judge: its name.
+        outcome: what the attempt's outcome is by this judge.
+        at: when, Unix time, seconds.
+        seconds: wall time of judging.
+        verdict: ``None`` if there is none.
+        failure: why not.
+    """
+
+    attempt_id: str
+    judge: str
+    outcome: Outcome
+    at: float
+    seconds: float
+    verdict: Verdict | None = None
+    failure: Failure | None = None
+
+
+_decoder = msgspec.json.Decoder(Judged)
+
+
+def _seal(judged: Judged) -> bytes:
+    try:
+        body = msgspec.json.encode(judged)
+    except UnicodeEncodeError:  # reasons quote pages and replies
+        body = msgspec.json.encode(whole_text(msgspec.to_builtins(judged)))
+    return b"".join((_OPEN, hashlib.sha256(body).hexdigest().encode(), _MIDDLE, body, _CLOSE))
+
+
+def _unseal(line: bytes) -> Judged | None:
+    """The record of a line; ``None`` if it is not whole."""
+    body = line[_BODY_AT : -len(_CLOSE)]
+    if line != b"".join((_OPEN, hashlib.sha256(body).hexdigest().encode(), _MIDDLE, body, _CLOSE)):
+        return None
+    try:
+        return _decoder.decode(body)
+    except ValueError:
+        return None
+
+
+def book_path(run: Path, judge: str) -> Path:
+    """Where a judge's verdicts on a run lie."""
+    readable = re.sub(r"[^a-z0-9.]+", "-", judge.casefold()).strip("-.")[:60]
+    return run / VERDICTS / f"{readable}-{hashlib.sha256(judge.encode()).hexdigest()[:8]}.jsonl"
+
+
+def _read(path: Path) -> Iterator[Judged]:
+    """The whole records of a file, in order. A torn or changed line does not count: it is judged again."""
+    with disk_errors(f"reading {path}"), path.open("rb") as file:
+        for line in file:
+            if (judged := _unseal(line)) is not None:
+                yield judged
+
+
+def read_verdicts(run: Path) -> dict[str, dict[str, Judged]]:
+    """All verdicts on a run: by judge's name, then by attempt."""
+    found: dict[str, dict[str, Judged]] = {}
+    for path in sorted((run / VERDICTS).glob("*.jsonl")):
+        for judged in _read(path):
+            found.setdefault(judged.judge, {})[judged.attempt_id] = judged
+    return found
+
+
+class VerdictBook:
+    """One judge's verdicts on a run, open for writing; survives kill -9.
+
+    Args:
+        run: the run folder.
+        judge: the judge's name.
+
+    Raises:
+        StoreLocked: another process writes to it.
+        StoreError: it cannot be opened.
+    """
+
+    def __init__(self, run: Path, judge: str) -> None:
+        self.path = book_path(run, judge)
+        self._judge = judge
+        with disk_errors(f"opening {self.path}"):
+            self.path.parent.mkdir(exist_ok=True)
+            self._lock = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            try:
+                fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                os.truncate(self.path, last_line_end(self.path))
+                self._log = Log(self.path)
+            except BlockingIOError as error:
+                os.close(self._lock)
+                raise StoreLocked(
+                    f"another process judges this run as {judge}", hint="wait for it to end, or stop it"
+                ) from error
+            except BaseException:
+                os.close(self._lock)
+                raise
+        self._held = {judged.attempt_id: judged for judged in _read(self.path)}
+
+    @property
+    def held(self) -> Mapping[str, Judged]:
+        """The last judgement on each attempt."""
+        return self._held
+
+    def append(self, judged: Judged) -> None:
+        """Record a judgement: on disk when this returns. Blocks.
+
+        Raises:
+            StoreFull: there is no space; the file is as it was.
+            StoreError: it is another judge's.
+        """
+        if judged.judge != self._judge:
+            raise StoreError(f"a verdict of {judged.judge} does not belong to {self._judge}")
+        with disk_errors("writing a verdict"):
+            self._log.append(_seal(judged), durable=True)
+        self._held[judged.attempt_id] = judged
+
+    def close(self) -> None:
+        """Let the file go."""
+        self._log.close()
+        os.close(self._lock)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

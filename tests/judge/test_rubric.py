@@ -1,0 +1,380 @@
+"""The rubric judge against a judge model behind a real endpoint."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+from pydantic import ValidationError
+from tests.judge.judge_model import Answers, Asked, JudgeModel, serve_judge
+from tests.judge.scenes import TASK, episode, look, picture, pictures
+
+from webgym.core.errors import JudgeError
+from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.trajectory import Episode
+from webgym.core.verdict import Verdict
+from webgym.judge.config import JudgeConfig, StageConfig
+from webgym.judge.factory import JudgeChoice, open_judge
+from webgym.judge.rubric import cited
+from webgym.llm.config import ChatConfig
+
+
+def agrees(asked: Asked) -> str:
+    """Keeps every screenshot, finds every fact, sees no blocking."""
+    if asked.stage == "keypoint":
+        return asked.each(lambda name: True)
+    return asked.verdict(asked.stage != "blocking", "Step 2 shows it.")
+
+
+def without(stage: str, text: str = "") -> Answers:
+    """Agrees, but for one stage, or for one text in it."""
+
+    def answers(asked: Asked) -> str:
+        if asked.stage == stage and text in "\n".join(asked.quotes.values()):
+            return asked.verdict(False, "No screenshot shows it.")
+        return agrees(asked)
+
+    return answers
+
+
+async def judge(model: JudgeModel, task: Task = TASK, made: Episode | None = None, **changes: Any) -> Verdict:
+    choice = JudgeChoice(name="rubric", rubric=model.config(**changes))
+    async with open_judge(choice) as opened:
+        verdict = await opened.judge(task, made or episode(), pictures)
+        assert verdict.judge == opened.name
+        return verdict
+
+
+async def test_everything_holds() -> None:
+    async with serve_judge(agrees) as model:
+        verdict = await judge(model)
+    assert verdict.reward == 1
+    assert verdict.score == 1
+    assert [fact.fact for fact in verdict.facts] == [text for _, _, text in TASK.rubric.facts()]
+    assert verdict.facts[0].judgement.steps == (1,)
+    assert verdict.facts[0].judgement.reason == "Step 2 shows it."
+    assert verdict.response is not None
+    assert verdict.response.passed
+    assert verdict.keypoints == (0, 1, 2)
+    assert verdict.cost is not None
+    assert (verdict.cost.calls, verdict.cost.repeats) == (5, 0)
+    assert (verdict.cost.prompt_tokens, verdict.cost.completion_tokens) == (60, 15)
+    assert [len(model.of(stage)) for stage in ("keypoint", "response", "fact", "blocking", "reference")] == [
+        1,
+        1,
+        3,
+        0,
+        0,
+    ]
+    assert all(asked.body["temperature"] == 0 for asked in model.asked)
+
+
+async def test_one_fact_that_fails_fails_the_attempt_and_shows_in_the_score() -> None:
+    async with serve_judge(without("fact", "Its price is found")) as model:
+        verdict = await judge(model)
+    assert verdict.reward == 0
+    assert verdict.score == pytest.approx(2 / 3)
+    assert [fact.judgement.passed for fact in verdict.facts] == [True, False, True]
+    assert not verdict.blocked.passed
+    assert len(model.of("blocking")) == 1
+
+
+async def test_an_answer_that_was_not_seen_fails_the_attempt() -> None:
+    async with serve_judge(without("response")) as model:
+        verdict = await judge(model)
+    assert verdict.reward == 0
+    assert verdict.score == 1
+
+
+async def test_criterion_a_does_not_see_the_answer() -> None:
+    secret = "Seventeen and a half zorkmids."
+    async with serve_judge(agrees) as model:
+        await judge(model, made=episode(answer=secret))
+    for asked in model.of("fact") + model.of("keypoint"):
+        assert secret not in str(asked.body)
+    assert "gave its answer" in model.of("fact")[0].quotes["actions"]
+    assert model.of("response")[0].quotes["answer"] == secret
+    assert "OR" in model.of("fact")[0].system
+    assert model.of("fact")[0].quotes["group"] == "The Blue Mug"
+
+
+async def test_keypoints_are_chosen_and_the_last_screenshot_always_stays() -> None:
+    seen = ["front", "advert", "mug", "advert", "front", "cart", "end"]
+
+    def answers(asked: Asked) -> str:
+        if asked.stage == "keypoint":
+            return asked.each(lambda name: name in (picture("mug"), picture("cart")))
+        return agrees(asked)
+
+    async with serve_judge(answers) as model:
+        verdict = await judge(model, made=episode(seen), keypoint=StageConfig(images_per_call=3))
+    # Five different screenshots beside the last: asked about once each, in two requests.
+    asked_about = [name for asked in model.of("keypoint") for _, name in asked.shots]
+    assert sorted(asked_about) == sorted(picture(text) for text in ("front", "advert", "mug", "cart"))
+    assert [len(asked.shots) for asked in model.of("keypoint")] in ([3, 1], [1, 3])
+    assert verdict.keypoints == (2, 5, 6)
+    assert [label for label, _ in model.of("fact")[0].shots] == ["step 3", "step 6", "step 7"]
+
+
+async def test_one_screenshot_alone_is_kept_without_asking() -> None:
+    async with serve_judge(agrees) as model:
+        verdict = await judge(model, made=episode(["mug", "mug", "mug"]))
+    assert not model.of("keypoint")
+    assert verdict.keypoints == (2,)
+
+
+async def test_the_last_look_of_an_episode_without_an_answer_is_the_end() -> None:
+    made = episode(["front", "mug"], answer=None, final=look("cart"))
+    async with serve_judge(agrees) as model:
+        verdict = await judge(model, made=made)
+    assert verdict.reward == 0
+    assert verdict.score == 1
+    assert verdict.response is None
+    assert model.of("fact")[0].shots[-1] == ("step 3 (the end)", picture("cart"))
+    assert not model.of("response")
+
+
+async def test_more_screenshots_than_a_request_takes_are_thinned_evenly() -> None:
+    seen = [f"page {number}" for number in range(30)]
+    async with serve_judge(agrees) as model:
+        await judge(model, made=episode(seen), fact=StageConfig(images_per_call=4))
+    labels = [label for label, _ in model.of("fact")[0].shots]
+    assert labels == ["step 1", "step 11", "step 20", "step 30"]
+    assert len(model.of("response")[0].shots) == 12
+
+
+@pytest.mark.parametrize("tokens", [8_000, 12_000, 16_000])
+async def test_requests_stay_within_their_tokens(tokens: int) -> None:
+    seen = [look(f"page {number}", url=f"https://mugs.example/{number}/{'x' * 250}") for number in range(60)]
+    stage = StageConfig(images_per_call=100, request_tokens=tokens)
+    texts = {"history_chars": 4_000, "instruction_chars": 2_000, "answer_chars": 2_000}
+    async with serve_judge(agrees) as model:
+        made = episode(seen, answer="words " * 5_000)
+        long = msgspec.structs.replace(TASK, instruction="Find the Blue Mug. " * 2_000)
+        await judge(
+            model, long, made, keypoint=stage, fact=stage, response=stage, blocking=stage, texts=texts
+        )
+    assert {asked.stage for asked in model.asked} == {"keypoint", "fact", "response"}
+    for asked in model.asked:
+        text = sum(
+            len(part["text"]) for part in asked.body["messages"][1]["content"] if part["type"] == "text"
+        )
+        pixels = 320 * 192 * len(asked.shots)
+        assert (text + len(asked.system)) / 3 + pixels / 784 + 1024 <= tokens, asked.stage
+        assert asked.shots
+
+
+def test_a_request_that_could_hold_no_screenshot_is_refused_early() -> None:
+    chat = ChatConfig(base_url="http://127.0.0.1:1/v1", model="m")
+    with pytest.raises(ValidationError, match="a fact request may take 8192 tokens"):
+        JudgeConfig(chat=chat, fact=StageConfig(request_tokens=8_192))
+
+
+async def test_early_exit_stops_at_the_first_failure() -> None:
+    async with serve_judge(without("fact", "Its price is found")) as model:
+        verdict = await judge(model, early_exit=True)
+    assert verdict.reward == 0
+    assert [fact.judgement.passed for fact in verdict.facts] == [True, False]
+    assert verdict.score is None
+    async with serve_judge(without("response")) as model:
+        assert (await judge(model, early_exit=True)).facts == ()
+        assert not model.of("fact")
+    async with serve_judge(agrees) as model:
+        assert (await judge(model, early_exit=True)).reward == 1
+        unanswered = await judge(model, made=episode(answer=None), early_exit=True)
+    assert unanswered.reward == 0
+    assert unanswered.facts == ()
+
+
+# --- verdicts that are not clear ----------------------------------------------------------------------
+
+
+async def test_an_unclear_reply_is_asked_again_with_the_reason() -> None:
+    def answers(asked: Asked) -> str:
+        if asked.stage == "response" and len(asked.said_before) < 2:
+            return "It looks quite successful to me."
+        return agrees(asked)
+
+    async with serve_judge(answers) as model:
+        verdict = await judge(model)
+    assert verdict.reward == 1
+    assert verdict.cost is not None
+    assert (verdict.cost.calls, verdict.cost.repeats) == (7, 2)
+    last = max(model.of("response"), key=lambda asked: len(asked.said_before))
+    assert last.said_before == ["It looks quite successful to me."] * 2
+    assert "SUCCESS or NOT SUCCESS" in last.body["messages"][-1]["content"]
+
+
+@pytest.mark.parametrize("stage", ["keypoint", "fact", "response", "blocking"])
+@pytest.mark.parametrize(
+    "said",
+    [
+        "It is hard to say.",
+        "",
+        "SUCCESS\nNOT SUCCESS",
+        {"message": {"content": "Fine.\nSUCCESS"}, "finish_reason": "length"},
+        {"message": {"content": "Fine.\nYES"}, "finish_reason": "length"},
+    ],
+)
+async def test_no_clear_verdict_is_an_error_and_never_a_reward(stage: str, said: Any) -> None:
+    def answers(asked: Asked) -> Any:
+        if asked.stage == stage:
+            return said
+        # Blocking is asked about only after a failure.
+        return without("response")(asked) if stage == "blocking" else agrees(asked)
+
+    async with serve_judge(answers) as model:
+        with pytest.raises(JudgeError, match=f"no clear verdict in 2 replies at the {stage} stage"):
+            await judge(model, tries=2)
+
+
+async def test_an_endpoint_that_is_gone_is_an_error_and_never_a_reward() -> None:
+    async with serve_judge(agrees) as model:
+        config = model.config()
+    async with open_judge(JudgeChoice(name="rubric", rubric=config)) as opened:
+        with pytest.raises(JudgeError, match="cannot be reached"):
+            await opened.judge(TASK, episode(), pictures)
+
+
+async def test_a_bare_verdict_counts_unless_it_may_be_an_echo() -> None:
+    def bare(asked: Asked) -> str:
+        if asked.stage == "keypoint":
+            return "\n".join(f"SCREENSHOT {number}: YES" for number in range(1, len(asked.shots) + 1))
+        return "Fine.\nSUCCESS"
+
+    async with serve_judge(bare) as model:
+        assert (await judge(model)).reward == 1
+        with pytest.raises(JudgeError, match="does not carry the code"):
+            await judge(model, made=episode(answer="The payment was a success."))
+        with pytest.raises(JudgeError, match="does not carry the code"):
+            await judge(model, made=episode(["front", "SUCCESS", "cart"]))
+        with pytest.raises(JudgeError):
+            await judge(model, signed_verdicts=True)
+
+
+# --- stages, blocking, reference ----------------------------------------------------------------------
+
+
+async def test_every_stage_has_its_model() -> None:
+    task = msgspec.structs.replace(TASK, reference_answer="twelve and a half dollars, I should say")
+    async with serve_judge(without("response")) as model:
+        chat = model.config().chat
+        stages: dict[str, Any] = {
+            stage: StageConfig(chat=chat.model_copy(update={"model": f"{stage}-model"}))
+            for stage in ("keypoint", "fact", "response", "blocking", "reference")
+        }
+        verdict = await judge(model, task, **stages)
+    assert {asked.body["model"] for asked in model.asked} == {f"{stage}-model" for stage in stages}
+    assert all(asked.body["model"] == f"{asked.stage}-model" for asked in model.asked)
+    assert "fact-model" in verdict.judge
+
+
+async def test_blocking_is_seen_by_rule_or_by_the_model() -> None:
+    challenge = look("Verify you are human", status=403, title="Just a moment...")
+    async with serve_judge(without("response")) as model:
+        verdict = await judge(model, made=episode(["front", challenge]))
+        assert verdict.reward is None
+        assert verdict.blocked.passed
+        assert not model.of("blocking")
+
+    def blocked(asked: Asked) -> Any:
+        return (
+            asked.verdict(True, "Step 3 is a puzzle.")
+            if asked.stage == "blocking"
+            else without("fact")(asked)
+        )
+
+    async with serve_judge(blocked) as model:
+        verdict = await judge(model)
+        assert verdict.reward is None
+        assert verdict.blocked.steps == (2,)
+        assert (await judge(model, blocking_model=False)).reward == 0
+
+
+@pytest.mark.parametrize(
+    ("reference", "fact_fails", "rule", "reward"),
+    [
+        ("$12.50", False, "required", 1),
+        ("$13.50", False, "required", 0),
+        ("$12.50", True, "required", 0),
+        ("$12.50", True, "decides", 1),
+        ("$13.50", False, "decides", 0),
+    ],
+)
+async def test_the_reference_answer_overrides(
+    reference: str, fact_fails: bool, rule: str, reward: int
+) -> None:
+    task = msgspec.structs.replace(TASK, reference_answer=reference)
+    async with serve_judge(without("fact") if fact_fails else agrees) as model:
+        verdict = await judge(model, task, reference_rule=rule)
+        assert not model.of("reference")
+    assert verdict.reward == reward
+    assert verdict.reference is not None
+    assert verdict.reference.passed == (reference == "$12.50")
+
+
+async def test_a_possible_answer_never_overrides() -> None:
+    task = msgspec.structs.replace(TASK, example_answer="$99.00")
+    async with serve_judge(agrees) as model:
+        verdict = await judge(model, task)
+    assert verdict.reward == 1
+    assert verdict.reference is None
+    assert not any("$99.00" in str(asked.body) for asked in model.asked)
+
+
+async def test_where_rules_are_not_sure_a_model_is_asked() -> None:
+    task = msgspec.structs.replace(TASK, reference_answer="a little over twelve dollars")
+    async with serve_judge(agrees) as model:
+        assert (await judge(model, task)).reward == 1
+        assert len(model.of("reference")) == 1
+        verdict = await judge(model, task, reference_ways=("normalised",))
+        assert len(model.of("reference")) == 1
+    assert verdict.reward == 0
+    async with serve_judge(without("reference")) as model:
+        assert (await judge(model, task)).reward == 0
+
+
+async def test_an_empty_answer_makes_no_claim() -> None:
+    async with serve_judge(agrees) as model:
+        verdict = await judge(model, made=episode(answer="  "))
+        assert not model.of("response")
+    assert verdict.reward == 0
+
+
+async def test_the_same_episode_is_asked_about_in_the_same_words() -> None:
+    async with serve_judge(agrees) as model:
+        await judge(model)
+        first = sorted(str(asked.body) for asked in model.asked)
+        model.asked.clear()
+        await judge(model)
+        assert sorted(str(asked.body) for asked in model.asked) == first
+
+
+async def test_a_name_tells_settings_apart() -> None:
+    async with serve_judge(agrees) as model:
+        names = set()
+        for changes in ({}, {"early_exit": True}, {"signed_verdicts": True}, {"concurrency": 3}):
+            async with open_judge(JudgeChoice(name="rubric", rubric=model.config(**changes))) as opened:
+                names.add(opened.name)
+    assert len(names) == 3
+
+
+async def test_large_rubrics_and_long_episodes_are_judged_at_once() -> None:
+    groups = tuple(
+        FactGroup(number, "", tuple(f"fact {number}.{i}" for i in range(5))) for number in range(4)
+    )
+    task = msgspec.structs.replace(TASK, rubric=Rubric(groups))
+    async with serve_judge(agrees) as model:
+        verdict = await judge(model, task, episode([f"page {number}" for number in range(40)]))
+    assert len(verdict.facts) == 20
+    assert len(model.of("keypoint")) == 10
+
+
+def test_cited_steps() -> None:
+    among = range(10)
+    assert cited("Step 3 shows it, and steps 5, 6 and 8 too.", among) == (2, 4, 5, 7)
+    assert cited("steps 2-4", among) == (1, 2, 3)
+    assert cited("steps 2 to 4", [1, 3]) == (1, 3)
+    assert cited("Nothing shows it; 3 of 4 steps failed", among) == ()
+    assert cited("step 40", among) == ()

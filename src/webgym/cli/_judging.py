@@ -7,10 +7,12 @@ from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
 from rich.text import Text
 
 from webgym.core.outcome import Outcome
 from webgym.core.verdict import Cost
+from webgym.llm.ledger import Ledger
 from webgym.rollout.live import COLORS
 from webgym.rollout.rejudge import Judging
 
@@ -56,3 +58,23 @@ def cost_line(cost: Cost) -> str:
     parts.append(f"{cost.prompt_tokens:,} + {cost.completion_tokens:,} tokens")
     parts.append(f"${cost.dollars:.4f}" if cost.dollars else "no price known")
     return ", ".join(parts)
+
+
+def print_account(ledger: Ledger, console: Console) -> None:
+    """What every stage has cost so far, earlier judgings of this run included."""
+    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
+    table.add_column("stage")
+    table.add_column("model")
+    for name in ("paid", "cached", "prompt tokens", "reply tokens", "dollars"):
+        table.add_column(name, justify="right")
+    for (purpose, model), usage in sorted(ledger.rows.items()):
+        table.add_row(
+            purpose,
+            model,
+            f"{usage.calls:,}",
+            f"{usage.hits:,}",
+            f"{usage.prompt_tokens:,}",
+            f"{usage.completion_tokens:,}",
+            "not known" if usage.unpriced else f"{usage.dollars:.4f}",
+        )
+    console.print(table)

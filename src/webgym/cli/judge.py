@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from webgym.rollout.rejudge import Judging
 
 
+REPLIES = "replies.sqlite"
+"""Where a run's judge replies are kept, beside the verdicts: a question is paid for once."""
+
+
 class _RunFirst(TyperGroup):
     """A group whose command ``run`` may be left out."""
 
@@ -73,6 +77,15 @@ def judge_a_run(
     ),
     concurrency: int = typer.Option(8, "--concurrency", min=1, help="Episodes judged at the same time."),
     again: bool = typer.Option(False, "--again", help="Judge what this judge has judged already, too."),
+    price: str | None = typer.Option(
+        None,
+        "--price",
+        help="PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION: dollars per million tokens.",
+        show_default=False,
+    ),
+    prices: Path | None = typer.Option(
+        None, "--prices", help="YAML file of prices by model.", show_default=False
+    ),
     compare: str | None = typer.Option(
         None,
         "--compare",
@@ -89,9 +102,12 @@ def judge_a_run(
     from rich.console import Console
 
     from webgym.cli._judge import judge_choice
+    from webgym.cli._judging import print_account, showing
     from webgym.cli._run import run as run_job
     from webgym.collection import read_config
     from webgym.judge.factory import open_judge
+    from webgym.llm import Ledger, Prices, ReplyCache
+    from webgym.rollout.files import VERDICTS
     from webgym.rollout.rejudge import RejudgeConfig, judge_run, verdicts_of
     from webgym.rollout.rejudge import compare as compare_verdicts
     from webgym.rollout.store import RunReader
@@ -114,14 +130,20 @@ def judge_a_run(
         early_exit=early_exit,
         default=read_config(RunReader(run))[0].judge,
     )
+    known = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
     settings = RejudgeConfig(judges=concurrency, limit=limit, again=again)
 
     async def job() -> Judging:
-        from webgym.cli._judging import showing
-
-        async with open_judge(choice) as opened:
-            with showing(console) as show:
-                return await judge_run(run, opened, settings, show=show)
+        folder = run / VERDICTS
+        folder.mkdir(exist_ok=True)
+        async with ReplyCache(folder / REPLIES) as cache:
+            ledger = Ledger(cache, prices=known)
+            async with open_judge(choice, cache=cache, ledger=ledger) as opened:
+                with showing(console) as show:
+                    state = await judge_run(run, opened, settings, show=show)
+            if choice.name == "rubric":
+                print_account(ledger, console)
+            return state
 
     state = run_job(job)
     _print(state, console)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import msgspec
 
@@ -15,20 +15,10 @@ from webgym.judge.config import JudgeConfig, Stage
 from webgym.judge.images import data_url
 from webgym.judge.untrusted import code_of
 from webgym.judge.verdicts import Finding, NoVerdict, Words, may_be_echoed, read_per_image, read_verdict
-from webgym.llm.client import Completion
-from webgym.llm.config import Sampling
+from webgym.llm.completion import Completes, Completion
+from webgym.llm.prices import Prices
 
 T = TypeVar("T")
-
-
-class Model(Protocol):
-    """Whatever completes chat messages; :class:`webgym.llm.ChatClient` does."""
-
-    async def complete(
-        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
-    ) -> Completion:
-        """One reply; raises LLMError."""
-        ...
 
 
 class Shot(msgspec.Struct, frozen=True):
@@ -67,15 +57,19 @@ class Asker:
         models: by stage.
         config: of the judge.
         pictures: the episode's screenshots.
+        prices: what tokens cost, as far as it is known.
 
     Attributes:
         cost: so far.
     """
 
-    def __init__(self, models: Mapping[Stage, Model], config: JudgeConfig, pictures: Pictures) -> None:
+    def __init__(
+        self, models: Mapping[Stage, Completes], config: JudgeConfig, pictures: Pictures, prices: Prices
+    ) -> None:
         self._models = models
         self._config = config
         self._pictures = pictures
+        self._prices = prices
         self._slots = asyncio.Semaphore(config.concurrency)
         self.cost = Cost()
 
@@ -142,13 +136,16 @@ class Asker:
             reply = await self._models[stage].complete(messages, self._config.stage(stage).sampling)
         except LLMError as error:
             raise JudgeError(f"the {stage} stage: {error.message}", hint=error.hint) from error
-        self.cost += Cost(
-            calls=1,
-            repeats=int(is_repeat),
-            prompt_tokens=reply.prompt_tokens,
-            completion_tokens=reply.completion_tokens,
-        )
+        self.cost += self._cost(stage, reply, is_repeat)
         return reply
+
+    def _cost(self, stage: Stage, reply: Completion, is_repeat: bool) -> Cost:
+        if reply.cached:
+            return Cost(calls=1, cached=1, repeats=int(is_repeat))
+        price = self._prices.of(self._config.chat_of(stage).model)
+        tokens = reply.prompt_tokens, reply.completion_tokens
+        dollars = price.dollars(*tokens, cached_tokens=reply.prompt_tokens_cached) if price else 0.0
+        return Cost(1, 0, int(is_repeat), *tokens, dollars)
 
     async def _images(self, shots: Sequence[Shot]) -> list[dict[str, Any]]:
         content: list[dict[str, Any]] = []

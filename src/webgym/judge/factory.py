@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
+from pathlib import Path
 from typing import Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.errors import ConfigError
-from webgym.judge.asking import Model
 from webgym.judge.base import Judge
 from webgym.judge.config import STAGES, JudgeConfig, PanelConfig, Stage, StageConfig
 from webgym.judge.custom import load_judge
 from webgym.judge.offline import OfflineJudge
 from webgym.judge.panel import Panel
 from webgym.judge.rubric import RubricJudge
+from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
+from webgym.llm.completion import Completes
+from webgym.llm.ledger import Ledger
 
 JUDGE_NAMES: Final = ("offline", "rubric", "module:function")
 
@@ -32,13 +35,23 @@ class JudgeChoice(BaseModel):
     rubric: JudgeConfig | None = None
     """Of the rubric judge: models and rules."""
 
+    cache: Path | None = None
+    """Of the rubric judge: a file that keeps replies, so that no question is paid for twice."""
+
     panel: PanelConfig = Field(default_factory=PanelConfig)
     """Of the rubric judge: several samples by majority."""
 
 
 @asynccontextmanager
-async def open_judge(choice: JudgeChoice) -> AsyncIterator[Judge]:
+async def open_judge(
+    choice: JudgeChoice, *, cache: ReplyCache | None = None, ledger: Ledger | None = None
+) -> AsyncIterator[Judge]:
     """The judge that was chosen, with its models open.
+
+    Args:
+        choice: which.
+        cache: an open one, where replies are kept, so that no question is paid for twice; else the choice's.
+        ledger: counts what is spent, by stage, and knows prices.
 
     Raises:
         ConfigError: there is no such judge, or it lacks what it needs.
@@ -48,10 +61,12 @@ async def open_judge(choice: JudgeChoice) -> AsyncIterator[Judge]:
     elif choice.name == "rubric":
         if choice.rubric is None:
             raise ConfigError(
-                "the rubric judge does not know its endpoint", hint="give --judge-base-url and --judge-model"
+                "the rubric judge does not know its endpoint", hint="give its base URL and model"
             )
-        async with _rubric(choice.rubric, choice.panel) as judge:
-            yield judge
+        async with AsyncExitStack() as stack:
+            if cache is None and choice.cache is not None:
+                cache = await stack.enter_async_context(ReplyCache(choice.cache))
+            yield await _rubric(choice.rubric, choice.panel, stack, cache, ledger or Ledger(cache))
     elif ":" in choice.name:
         yield load_judge(choice.name)
     else:
@@ -60,22 +75,27 @@ async def open_judge(choice: JudgeChoice) -> AsyncIterator[Judge]:
         )
 
 
-@asynccontextmanager
-async def _rubric(config: JudgeConfig, panel: PanelConfig) -> AsyncIterator[Judge]:
-    async with AsyncExitStack() as stack:
-        clients: dict[str, ChatClient] = {}
-        models: dict[Stage, Model] = {}
-        for stage in STAGES:  # stages with the same endpoint and model share one client and its limits
-            chat = config.chat_of(stage)
-            key = chat.model_dump_json()
-            if key not in clients:
-                clients[key] = await stack.enter_async_context(ChatClient(chat))
-            models[stage] = clients[key]
-        if panel.samples == 1:
-            yield RubricJudge(config, models)
-        else:
-            members = [RubricJudge(sample_of(config, panel, seed), models) for seed in range(panel.samples)]
-            yield Panel(members, f"panel of {panel.samples}: {RubricJudge(config, models).name}")
+async def _rubric(
+    config: JudgeConfig,
+    panel: PanelConfig,
+    stack: AsyncExitStack,
+    cache: ReplyCache | None,
+    ledger: Ledger,
+) -> Judge:
+    clients: dict[str, ChatClient] = {}
+    models: dict[Stage, Completes] = {}
+    for stage in STAGES:  # stages with the same endpoint and model share one client and its limits
+        chat = config.chat_of(stage)
+        key = chat.model_dump_json()
+        if key not in clients:
+            clients[key] = await stack.enter_async_context(ChatClient(chat, cache=cache, ledger=ledger))
+        models[stage] = clients[key].labelled(stage)
+    one = RubricJudge(config, models, ledger.prices)
+    if panel.samples == 1:
+        return one
+    samples = [sample_of(config, panel, seed) for seed in range(panel.samples)]
+    members = [RubricJudge(sample, models, ledger.prices) for sample in samples]
+    return Panel(members, f"panel of {panel.samples}: {one.name}")
 
 
 def sample_of(config: JudgeConfig, panel: PanelConfig, seed: int) -> JudgeConfig:

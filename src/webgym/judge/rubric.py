@@ -21,7 +21,7 @@ from webgym.core.task import FactGroup, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge import prompts
-from webgym.judge.asking import Asker, Model, Question, together
+from webgym.judge.asking import Asker, Question, together
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.config import JudgeConfig, Stage
@@ -31,6 +31,8 @@ from webgym.judge.reference import Match, hold_against
 from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, shorten
 from webgym.judge.verdicts import Finding
+from webgym.llm.completion import Completes
+from webgym.llm.prices import Prices
 
 VERSION = "rubric/1"
 """Of the rules and prompts; raised when a change of theirs can change a verdict."""
@@ -49,11 +51,15 @@ class RubricJudge:
     Args:
         config: stages, limits, rules.
         models: who is asked at each stage, open.
+        prices: what tokens cost, for the verdicts' cost.
     """
 
-    def __init__(self, config: JudgeConfig, models: Mapping[Stage, Model]) -> None:
+    def __init__(
+        self, config: JudgeConfig, models: Mapping[Stage, Completes], prices: Prices | None = None
+    ) -> None:
         self._config = config
         self._models = models
+        self._prices = prices or Prices()
         settings = config.model_dump_json(exclude={"concurrency", "tries"})
         self._name = f"{VERSION} {config.chat_of('fact').model}@{code_of(settings)[:6]}"
 
@@ -64,7 +70,7 @@ class RubricJudge:
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`."""
-        asker = Asker(self._models, self._config, pictures)
+        asker = Asker(self._models, self._config, pictures, self._prices)
         return await _Case(self._name, task, episode, asker, self._config).verdict()
 
 

@@ -86,6 +86,8 @@ FORMS: dict[str, Callable[[Path, Records], None]] = {
     "array.json": text(array),
     "one-line.json": text(lambda records: json.dumps(records)),
     "lines.json": text(native.as_lines),
+    "blank-start.json": text(lambda records: " \n\t" + array(records)),
+    "described.json": text(lambda records: json.dumps({"columns": ["a"], "n": 2, "rows": records})),
     "mark.json": text(lambda records: "\ufeff" + array(records).replace("\n", "\r\n")),
     "data.json": text(lambda records: json.dumps({"version": "1.0", "data": records}, indent=1)),
     "splits.json": text(lambda records: json.dumps({"train": records[:1], "test": records[1:]})),
@@ -221,6 +223,50 @@ def test_an_array_that_is_cut_off_gives_what_is_whole(tmp_path: Path) -> None:
     assert [skipped.place for skipped in found.skipped] == ["line 9 (record 2)"]
 
 
+@pytest.mark.parametrize("indent", [None, 2])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        ('"Find a 34', "Find a 34"),
+        ('"buy_monitor": {', '"buy_monitor": '),
+        ("34'' monitor.\"", "34'' monitor."),
+    ],
+)
+def test_a_mapping_with_damage_inside(tmp_path: Path, indent: int | None, damage: tuple[str, str]) -> None:
+    records = {**native.MIND2WEB_2, "third": {"task_description": "Find the third."}}
+    content = json.dumps(records, indent=indent)
+    assert damage[0] in content
+    path = tmp_path / "a.json"
+    path.write_text(content.replace(*damage))
+    found = read("mind2web-2", path)
+    assert [task.id for task in found.tasks] == ["mind2web-2/find_parks", "mind2web-2/third"]
+    assert found.skipped[0].place in ("line 1" if indent is None else "line 6", "key 'buy_monitor'")
+
+
+def test_lists_in_an_object_with_damage_inside(tmp_path: Path) -> None:
+    content = json.dumps({"version": "1", "data": native.ONLINE_MIND2WEB, "end": 1}, indent=1)
+    path = tmp_path / "a.json"
+    path.write_text(content.replace('"easy"', '"easy'))
+    found = read("online-mind2web", path)
+    assert [task.id for task in found.tasks] == ["online-mind2web/b7258ee0"]
+    assert [skipped.place for skipped in found.skipped] == ["line 11 (record 2)"]
+    splits = {"train": native.ONLINE_MIND2WEB, "test": [native.ONLINE_MIND2WEB[1] | {"task_id": "d"}]}
+    path.write_text(json.dumps(splits, indent=1).replace('"b7258ee0"', "b7258ee0"))
+    found = read("online-mind2web", path)
+    assert [task.id for task in found.tasks] == ["online-mind2web/c1", "online-mind2web/d"]
+    assert len(found.skipped) == 1
+
+
+def test_nested_columns_of_a_parquet_file(tmp_path: Path) -> None:
+    for source in ("insta-v3", "mind2web-live", "webgym", "agentsynth-web"):
+        path = tmp_path / f"{source}.parquet"
+        records = native.RECORDS[source][:1]
+        pq.write_table(pa.Table.from_pylist(records), path)
+        lines = tmp_path / f"{source}.jsonl"
+        lines.write_text(native.as_lines(records))
+        assert read(source, path).tasks == read(source, lines).tasks
+
+
 def test_a_broken_entry_of_a_mapping(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     path.write_text(json.dumps({**native.MIND2WEB_2, "c": "a text", "d": {"task_description": None}}))
@@ -306,6 +352,16 @@ def test_a_damaged_parquet_file(tmp_path: Path) -> None:
     assert "damaged" in skipped.reason
 
 
+def test_a_parquet_row_that_is_not_utf_8_costs_itself(tmp_path: Path) -> None:
+    names = ["Find it.", "Find \udcff.", "Find more."]
+    texts = pa.array([name.encode("utf-8", "surrogateescape") for name in names]).view(pa.string())
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"ques": texts, "id": ["1", "2", "3"]}), path)
+    found = read("deepshop", path)
+    assert [task.id for task in found.tasks] == ["deepshop/1", "deepshop/3"]
+    assert [skipped.place for skipped in found.skipped] == ["row 2"]
+
+
 def test_a_folder_is_read_whole_and_says_what_it_passed_over(tmp_path: Path) -> None:
     (tmp_path / "data").mkdir()
     (tmp_path / ".cache").mkdir()
@@ -321,7 +377,7 @@ def test_a_folder_is_read_whole_and_says_what_it_passed_over(tmp_path: Path) -> 
     assert [task.id for task in found.tasks] == ["online-mind2web/c1", "online-mind2web/b7258ee0"]
     assert [(Path(each.file).name, each.place) for each in found.skipped] == [("train.jsonl", "line 2")]
     assert [(Path(each.file).name, each.reason.partition(":")[0]) for each in found.passed_over] == [
-        ("all.zip", f"{tmp_path / 'data' / 'all.zip'} is a zip archive"),
+        ("all.zip", f"{tmp_path / 'data' / 'all.zip'} is of a format that is not read here"),
         ("empty.jsonl", "it is empty"),
         ("human_label.json", "belongs to the tasks beside it"),
         ("other.jsonl", "no record of online-mind2web among 1; the first"),
@@ -344,6 +400,6 @@ def test_what_is_not_there_is_an_error_that_says_so(tmp_path: Path) -> None:
         read("deepshop", tmp_path / "nothing.jsonl")
     with pytest.raises(TaskFileError, match="holds no record"):
         read("deepshop", tmp_path)
-    (tmp_path / "a.zip").write_bytes(b"PK\x03\x04....")
-    with pytest.raises(TaskFileError, match="zip archive"):
-        read("deepshop", tmp_path / "a.zip")
+    (tmp_path / "a.arrow").write_bytes(b"ARROW1")
+    with pytest.raises(TaskFileError, match="a format that is not read here"):
+        read("deepshop", tmp_path / "a.arrow")

@@ -92,6 +92,7 @@ def test_a_later_key_node_gives_the_host_if_the_first_has_none(tmp_path: Path) -
         ("//example.com/x", "https://example.com/x", "given"),
         ("bücher.example", "https://bücher.example/", "given"),
         ("one.example.com, two.example.org", "https://one.example.com/", "derived"),
+        (["one.example.com", "two.example.org"], "https://one.example.com/", "derived"),
         ("the museum's website", None, "inferred"),
         ("ftp://example.com/", None, "inferred"),
         ("https://", None, "inferred"),
@@ -100,7 +101,7 @@ def test_a_later_key_node_gives_the_host_if_the_first_has_none(tmp_path: Path) -
         ("mailto:someone@example.com", None, "inferred"),
     ],
 )
-def test_forms_of_websites(tmp_path: Path, given: str, website: str | None, website_from: str) -> None:
+def test_forms_of_websites(tmp_path: Path, given: object, website: str | None, website_from: str) -> None:
     [task] = read("insta-v3", tmp_path / "a.jsonl", [native.INSTA[0] | {"website": given}]).tasks
     assert (task.website, task.website_from) == (website, website_from)
     assert (BAD_WEBSITE in task.flags) == (website is None)

@@ -15,7 +15,7 @@ _INSTRUCTION = ("task", "instruction")
 
 def _draft(fields: Fields, _: Beside) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
-    draft.website = fields.text("website")
+    draft.website = fields.website("website")
     try:
         draft.example_answer = _final_answer(fields.packed("action_sequence"))
     except Unusable:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Final, TypeAlias
 
-from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
+from webgym.tasks.taxonomy import DOMAIN_OF
 
 Place: TypeAlias = tuple[str, str]
 """Domain and subdomain; empty where they have to be inferred."""
@@ -19,10 +19,12 @@ def subdomain(name: str) -> Place:
 
 
 def named(*names: object) -> Place:
-    """The taxonomy's place that one of a record's own words names, however it is spelled; else unknown.
+    """The subdomain that one of a record's own words names, however it is spelled; else unknown.
+
+    A domain alone is not enough: whoever infers the subdomain infers both.
 
     Args:
-        names: the record's domain, subdomain or category, the most telling first.
+        names: the record's subdomain, domain or category, the most telling first.
     """
     for name in names:
         if isinstance(name, str) and (place := _places().get(_folded(name))):
@@ -32,8 +34,7 @@ def named(*names: object) -> Place:
 
 @cache
 def _places() -> dict[str, Place]:
-    domains = {_folded(domain): (domain, "") for domain in DOMAINS}
-    return domains | {_folded(name): (domain, name) for name, domain in DOMAIN_OF.items()}
+    return {_folded(name): (domain, name) for name, domain in DOMAIN_OF.items()}
 
 
 def _folded(name: str) -> str:

@@ -15,7 +15,7 @@ _TWICE = re.compile(r"\b(\w{2,})\s+\1\b", re.IGNORECASE)
 
 def _draft(fields: Fields, _: Beside) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("id", "task_id"))
-    draft.website = fields.text("web", "website", "url")
+    draft.website = fields.website("web", "website", "url")
     # Its own categories (Electronics, Fashion, Books, ...) are departments of one shop.
     draft.domain, draft.subdomain = subdomain("Shopping")
     hints: list[str] = []

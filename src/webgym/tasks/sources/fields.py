@@ -74,6 +74,10 @@ class Fields:
         found = self.value(*names)
         return None if found is None else as_text(found, names[0])
 
+    def website(self, *names: str) -> str | None:
+        """The first of these fields that is there, as it names a website, or several in a row."""
+        return " ".join(texts(self.value(*names))) or None
+
     def instruction(self, *names: str) -> str:
         """The field that says what to do.
 

@@ -15,7 +15,7 @@ _WITHHELD = "?"
 
 def _draft(fields: Fields, _: Beside) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
-    website = fields.text("web", "website")
+    website = fields.website("web", "website")
     url = website_url(website) if website else None
     if url and site_of(url) == _PLACEHOLDER:
         draft.flags.append(PLACEHOLDER_WEBSITE)

@@ -29,21 +29,21 @@ from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.dates import names_past
 from webgym.tasks.sources.fields import Fields, website_url
 from webgym.tasks.sources.hub import HUB, hub_records
-from webgym.tasks.sources.reading import COMPRESSIONS, SUFFIXES, Found, read_records
+from webgym.tasks.sources.reading import COMPRESSIONS, REFUSED, SUFFIXES, Found, read_records
 
 _HASH_DIGITS = 12
 """Hexadecimal: two of 300,000 tasks get the same with a chance of 1 in 6,000, and then one is renamed."""
 _LONGEST_ID = 200
 """Characters of a native id; a longer one is none."""
-_DATA = frozenset({*SUFFIXES, *COMPRESSIONS, ".zip", ".tar", ".tgz", ".arrow", ".feather", ".xlsx", ".pkl"})
+_DATA = frozenset({*SUFFIXES, *COMPRESSIONS, *REFUSED})
 """Suffixes of files that may hold tasks, those included that are not read, so that they are told."""
 
 
 def read_with(source: Source, where: str | Path, today: date) -> Read:
     """Read a source: see :func:`webgym.tasks.sources.read_source`."""
     collected = _Collected(source, today)
-    if isinstance(where, str) and where.startswith(HUB):
-        collected.add(hub_records(where), Beside(None))
+    if str(where).startswith(HUB):
+        collected.add(hub_records(str(where)), Beside(None))
     else:
         path = Path(where)
         if path.is_dir():

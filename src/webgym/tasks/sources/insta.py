@@ -12,7 +12,7 @@ _INSTRUCTION = ("instruction", "task")
 def _draft(fields: Fields, _: Beside) -> Draft:
     # In v1 the host stands under "domain"; v3 calls it "website".
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
-    draft.website = fields.text("website", "domain")
+    draft.website = fields.website("website", "domain")
     hints: list[str] = []
     for name, word in (("steps", "step"), ("criteria", "criterion")):
         try:

@@ -9,15 +9,20 @@ from typing import NamedTuple
 
 _BLANK = re.compile(r"[\s,]*")
 _KEY = re.compile(r'\{\s*("(?:[^"\\\n]|\\.)*")\s*:')
+_ENTRY = re.compile(r'("(?:[^"\\\n]|\\.)*")\s*:\s*')
+_NEXT_ENTRY = re.compile(r'[}\n]\s*,?\s*("(?:[^"\\\n]|\\.)*"\s*:\s*\{)')
+_HOLDS_OBJECTS = re.compile(r'\{\s*"(?:[^"\\\n]|\\.)*"\s*:\s*\{')
+_HOLDS_ARRAY = re.compile(r'"\s*:\s*\[(?=\s*\{)')
 _DECODER = json.JSONDecoder()
 
 
 class Value(NamedTuple):
-    """A value, where it starts, and whether it is an element of an array."""
+    """A value, where it starts, whether it is an element of something, and the key that it stands under."""
 
     place: str
     value: object
-    in_array: bool
+    inside: bool
+    key: str | None = None
 
 
 class Broken(NamedTuple):
@@ -32,22 +37,48 @@ def json_values(text: str, *, first_line: int = 1) -> Iterator[Value | Broken]:
 
     After a broken element the next one is looked for: an object that starts with the same key as this one or
     the one before does. Where there is none, the rest of the text is one broken value. Missing and
-    superfluous commas between elements do not matter.
+    superfluous commas between elements do not matter. An object that is broken somewhere is gone through in
+    the same way if it holds objects, or an array of them.
 
     Args:
         first_line: number of the first line, for places.
     """
     walk = _Walk(text, first_line)
     while walk.more():
-        if text[walk.at] == "[":
-            walk.at += 1
-            index = 0
-            while walk.more() and text[walk.at] != "]":
-                index += 1
-                yield walk.step(index)
-            walk.at += 1
+        start = walk.at
+        if text[start] == "[":
+            yield from _elements(walk)
+            continue
+        found = walk.step(None)
+        if isinstance(found, Value) or walk.more():
+            yield found
+        elif _HOLDS_OBJECTS.match(text, start):
+            walk.at = start
+            yield from _entries(walk)
+        elif (array := _HOLDS_ARRAY.search(text, start)) is not None:
+            while array is not None:
+                walk.at = array.end() - 1
+                yield from _elements(walk)
+                array = _HOLDS_ARRAY.search(text, walk.at)
+            return  # what stands beside the arrays tells of them
         else:
-            yield walk.step(None)
+            yield found
+
+
+def _elements(walk: _Walk) -> Iterator[Value | Broken]:
+    walk.at += 1
+    index = 0
+    while walk.more() and walk.text[walk.at] != "]":
+        index += 1
+        yield walk.step(index)
+    walk.at += 1
+
+
+def _entries(walk: _Walk) -> Iterator[Value | Broken]:
+    walk.at += 1
+    while walk.more() and walk.text[walk.at] != "}":
+        yield walk.entry()
+    walk.at += 1
 
 
 class _Walk:
@@ -69,17 +100,39 @@ class _Walk:
         key = _KEY.match(self.text, start)
         self._key = key[1] if key else self._key
         try:
-            value, self.at = _DECODER.raw_decode(self.text, start)
-        except RecursionError:
-            reason = "it is nested too deeply"
-        except json.JSONDecodeError as error:
-            reason = f"{error.msg} (line {self._line + self.text.count(chr(10), self._counted, error.pos)})"
+            value, self.at = self._decode(start)
         except ValueError as error:
-            reason = str(error)
-        else:
-            return Value(place, value, index is not None)
-        self.at = self._next_start(start + 1)
-        return Broken(place, reason)
+            self.at = self._next_start(start + 1)
+            return Broken(place, str(error))
+        return Value(place, value, index is not None)
+
+    def entry(self) -> Value | Broken:
+        """Read the key and the value at ``at``; go to the end of them, or to where the next may start."""
+        start, place = self.at, self._place(None)
+        try:
+            if not (key := _ENTRY.match(self.text, start)):
+                raise ValueError("no key")
+            name, _ = self._decode(start)
+            value, self.at = self._decode(key.end())
+        except ValueError as error:
+            following = _NEXT_ENTRY.search(self.text, start + 1)
+            self.at = following.start(1) if following else len(self.text)
+            return Broken(place, str(error))
+        return Value(f"key {name!r}", value, inside=True, key=str(name))
+
+    def _decode(self, start: int) -> tuple[object, int]:
+        """The value at a place, and where it ends.
+
+        Raises:
+            ValueError: there is none; says why.
+        """
+        try:
+            return _DECODER.raw_decode(self.text, start)
+        except json.JSONDecodeError as error:
+            line = self._line + self.text.count("\n", self._counted, error.pos)
+            raise ValueError(f"{error.msg} (line {line})") from error
+        except RecursionError as error:
+            raise ValueError("it is nested too deeply") from error
 
     def _next_start(self, after: int) -> int:
         if self._key is not None:

@@ -16,7 +16,7 @@ _DEEPEST = 64
 
 def _draft(fields: Fields, beside: Beside) -> Draft:
     native_id = fields.native_id("task_id", "id")
-    draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.text("website"))
+    draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.website("website"))
     draft.domain, draft.subdomain = named(
         fields.value("subdomain"), fields.value("category"), fields.value("domain")
     )

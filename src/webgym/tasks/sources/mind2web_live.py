@@ -30,7 +30,7 @@ def _draft(fields: Fields, _: Beside) -> Draft:
         for node in (nodes if isinstance(nodes, list) else [])
         if isinstance(node, dict) and isinstance(node.get("content"), dict)
     ]
-    given = fields.text("website")
+    given = fields.website("website")
     if given:
         draft.website = given
     else:

@@ -12,7 +12,7 @@ _INSTRUCTION = ("confirmed_task", "task", "task_description")
 
 def _draft(fields: Fields, _: Beside) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "annotation_id", "id"))
-    draft.website = fields.text("website", "url", "web")
+    draft.website = fields.website("website", "url", "web")
     draft.domain, draft.subdomain = named(fields.value("subdomain"), fields.value("domain"))
     return draft
 

@@ -32,7 +32,7 @@ def _draft(fields: Fields, _: Beside) -> Draft:
     return Draft(
         instruction,
         task.id.removeprefix(f"{_NAME}/") if "task_id" in given else None,
-        fields.text("website"),
+        fields.website("website"),
         domain=task.domain,
         subdomain=task.subdomain,
         reference_answer=task.reference_answer,

@@ -13,10 +13,10 @@ import io
 import json
 import lzma
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from pathlib import Path
-from typing import IO, NamedTuple, TypeAlias
+from typing import IO, Any, NamedTuple, TypeAlias
 
 import msgspec
 
@@ -28,6 +28,21 @@ from webgym.tasks.sources.json_text import Broken, json_values
 
 SUFFIXES = (".jsonl", ".ndjson", ".json", ".csv", ".tsv", ".parquet")
 COMPRESSIONS = (".gz", ".bz2", ".xz", ".zst")
+REFUSED = (
+    ".zip",
+    ".tar",
+    ".tgz",
+    ".7z",
+    ".rar",
+    ".arrow",
+    ".feather",
+    ".xlsx",
+    ".db",
+    ".sqlite",
+    ".pkl",
+    ".pt",
+)
+"""Suffixes of files that may well hold tasks, in formats that are not read here."""
 _ROWS_AT_ONCE = 512
 """Parquet rows in memory at a time: a TravelPlanner row may take 100 kB."""
 
@@ -63,6 +78,11 @@ def read_records(path: Path, is_record: IsRecord) -> Iterator[Found]:
     Raises:
         TaskFileError: the file cannot be opened, or is of no format known here.
     """
+    if any(suffix.lower() in REFUSED for suffix in path.suffixes[-2:]) and path.is_file():
+        raise TaskFileError(
+            f"{path} is of a format that is not read here",
+            hint="unpack it, or write it as JSON lines, CSV or Parquet",
+        )
     try:
         with path.open("rb") as file:
             magic = file.read(6)
@@ -70,13 +90,13 @@ def read_records(path: Path, is_record: IsRecord) -> Iterator[Found]:
             if magic[:4] == b"PAR1":
                 yield from _parquet_records(path)
                 return
-            with _decompressed(path, file, magic) as stream:
+            with _decompressed(file, magic) as stream:
                 yield from _text_records(path, stream, is_record)
     except OSError as error:
         raise TaskFileError(f"cannot read {path}: {error.strerror or error}") from error
 
 
-def _decompressed(path: Path, file: IO[bytes], magic: bytes) -> IO[bytes]:
+def _decompressed(file: IO[bytes], magic: bytes) -> IO[bytes]:
     if magic[:2] == b"\x1f\x8b":
         return gzip.open(file)  # type: ignore[return-value]
     if magic[:3] == b"BZh":
@@ -87,8 +107,6 @@ def _decompressed(path: Path, file: IO[bytes], magic: bytes) -> IO[bytes]:
         import pyarrow as pa
 
         return io.BufferedReader(pa.CompressedInputStream(file, "zstd"))
-    if magic[:4] == b"PK\x03\x04":
-        raise TaskFileError(f"{path} is a zip archive", hint="unpack it and give the folder")
     return file
 
 
@@ -99,14 +117,14 @@ def _text_records(path: Path, stream: IO[bytes], is_record: IsRecord) -> Iterato
     name = str(path)
     suffix = next((each.lower() for each in reversed(path.suffixes) if each.lower() not in COMPRESSIONS), "")
     lines = _lines(name, stream)
-    first = next((line for line in lines if isinstance(line, Skipped) or line[1]), None)
+    first = next((line for line in lines if isinstance(line, Skipped) or line[1].strip()), None)
     if first is None:
         return
     if isinstance(first, Skipped):
         yield from (first, *(line for line in lines if isinstance(line, Skipped)))
         return
     lines = chain([first], lines)
-    start = first[1][:1]
+    start = first[1].lstrip()[:1]
     if suffix in (".csv", ".tsv") or (start not in b"[{" and suffix not in (".json", ".jsonl", ".ndjson")):
         yield from _csv_records(name, lines)
     elif start == b"[" or (start == b"{" and _goes_on(first[1], suffix)):
@@ -223,8 +241,8 @@ def _json_records(name: str, lines: Iterator[Line], is_record: IsRecord) -> Iter
     for found in json_values(text, first_line=offset):
         if isinstance(found, Broken):
             yield Skipped(name, found.place, f"no JSON: {found.reason}")
-        elif found.in_array:
-            yield _found(name, found.place, found.value)
+        elif found.inside:
+            yield _found(name, found.place, found.value, found.key)
         else:
             yield from _top_level(name, found.place, found.value, is_record)
     yield from damage
@@ -235,18 +253,22 @@ def _top_level(name: str, place: str, value: object, is_record: IsRecord) -> Ite
     if not isinstance(value, dict) or not value or is_record(Fields(value)):
         yield _found(name, place, value)
         return
-    lists = {key: each for key, each in value.items() if isinstance(each, list) and each}
-    if lists and any(isinstance(each, dict) for each in next(iter(lists.values()))):
+    lists = {key: each for key, each in value.items() if isinstance(each, list) and _has_objects(each)}
+    if lists:
         # {"data": [...]}, {"train": [...], "test": [...]}; what stands beside the lists describes them
         for key, each in lists.items():
             for index, record in enumerate(each):
                 yield _found(name, f"{key}[{index}]", record)
         return
-    if not any(isinstance(each, dict) for each in value.values()):
+    if not _has_objects(value.values()):
         yield _found(name, place, value)  # no mapping: a record that lacks its instruction
         return
     for key, record in value.items():
         yield _found(name, f"key {key!r}", record, key)
+
+
+def _has_objects(values: Iterable[object]) -> bool:
+    return any(isinstance(each, dict) for each in values)
 
 
 def _found(name: str, place: str, value: object, key: str | None = None) -> Found:
@@ -281,9 +303,29 @@ def _parquet_records(path: Path) -> Iterator[Found]:
     try:
         with pq.ParquetFile(path) as file:
             for batch in file.iter_batches(batch_size=_ROWS_AT_ONCE):
-                for value in batch.to_pylist():
+                for value in _rows(batch):
                     row += 1
-                    yield Record(str(path), f"row {row}", Fields(value))
+                    place = f"row {row}"
+                    broken = isinstance(value, ValueError)
+                    yield (
+                        Skipped(str(path), place, str(value))
+                        if broken
+                        else Record(str(path), place, Fields(value))
+                    )
     except (pa.ArrowException, *_DAMAGE, ValueError) as error:
         reason = str(error).strip().partition("\n")[0]
         yield Skipped(str(path), f"after row {row}", f"the rest of the Parquet file is damaged: {reason}")
+
+
+def _rows(batch: Any) -> Iterator[Any]:
+    """The rows of a batch; for one that Python cannot hold (a text that is not UTF-8), the error."""
+    try:
+        yield from batch.to_pylist()
+        return
+    except ValueError:
+        pass
+    for index in range(batch.num_rows):
+        try:
+            yield batch.slice(index, 1).to_pylist()[0]
+        except ValueError as error:
+            yield error

@@ -62,7 +62,7 @@ def _answers(data: object) -> dict[str, _Answer]:
 def _draft(fields: Fields, beside: Beside) -> Draft:
     name = fields.text("web_name")
     native_id = fields.native_id("id", "task_id")
-    draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.text("web", "website", "url"))
+    draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.website("web", "website", "url"))
     draft.domain, draft.subdomain = _PLACES.get(name or "", UNKNOWN)
     answer = (beside.load(ANSWERS, _answers) or {}).get(native_id or "")
     if answer and answer.golden:

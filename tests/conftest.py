@@ -11,9 +11,13 @@ from pathlib import Path
 
 import psutil
 import pytest
+from hypothesis import settings
 
 from webgym.browser.find import find_browser
 from webgym.core.errors import BrowserNotFound
+
+settings.register_profile("webgym", deadline=None)  # a busy machine is no reason to fail
+settings.load_profile("webgym")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

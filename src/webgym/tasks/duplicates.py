@@ -20,7 +20,7 @@ import hashlib
 import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Generic, Literal, TypeAlias, TypeVar
 
@@ -174,7 +174,8 @@ class _Text:
     def words(self) -> list[str]:
         """All words but the website's own name."""
         own = self.site.partition(".")[0]
-        return [word for word in self.folded.split() if word != own]
+        words = self.folded.split()
+        return [word for word in words if word != own] if own in words else words
 
     def particulars(self, wanted: set[str]) -> list[str]:
         """Its numbers, and its words among the wanted, in order."""
@@ -196,28 +197,56 @@ def _site(website: str | None) -> str:
         return website.strip().casefold()
 
 
-class _Pile:
-    """The texts that are kept so far, and how to find those that a text repeats."""
+class _Numbers(dict[str, "str | None"]):
+    """The number that a word is or holds, remembered."""
 
-    def __init__(self, texts: Iterable[_Text], limits: DuplicateLimits) -> None:
+    def __missing__(self, word: str) -> str | None:
+        self[word] = value = number(word)
+        return value
+
+
+class _Pile:
+    """The texts that are kept so far, and how to find those that a text repeats.
+
+    Only texts of one block, a website and a bag of numbers, can be near; most blocks hold a single family.
+    """
+
+    def __init__(self, texts: Sequence[_Text], limits: DuplicateLimits) -> None:
         self._limits = limits
-        texts = list(texts)
-        self._crowd = Counter(text.site for text in texts)
-        self._frequency: Counter[str] = Counter()
-        for text in texts:
-            if self._crowd[text.site] > 1:
-                self._frequency.update(text.folded.split())
         self._same: dict[tuple[str, str], str] = {}
         self._near: dict[tuple[int, int], list[_Text]] = {}
-        self._blocks: dict[tuple[str, ...], int] = {}
-        self._words: dict[str, int] = {}
+        self._crowded = self._set_blocks(texts)
+        often = Counter[str]()
+        for text in texts:
+            if text.block in self._crowded:
+                often.update(text.folded.split())
+        self._all = _bits(often.total())
+        self._words = {
+            word: (0, 0) if word in LITTLE else (_bits(often[word]), code)
+            for code, word in enumerate(sorted(often), start=1)
+        }
+
+    @staticmethod
+    def _set_blocks(texts: Sequence[_Text]) -> set[int]:
+        """Say of every text which block it is in; the blocks that hold several families."""
+        numbers = _Numbers()
+        blocks: dict[tuple[str, ...], int] = {}
+        family: dict[int, str] = {}
+        crowded: set[int] = set()
+        for text in texts:
+            values = sorted(value for word in text.words() if (value := numbers[word]) is not None)
+            text.block = blocks.setdefault((text.site, *values), len(blocks))
+            if family.setdefault(text.block, text.family) != text.family:
+                crowded.add(text.block)
+        return crowded
 
     def repeated(self, text: _Text) -> _Finding | None:
         """The kept task that this one repeats, and how."""
         same = self._same.get((text.site, joined(text.folded)))
         if same is not None:
             return same, "same"
-        if self._crowd[text.site] > 1 and self._take_apart(text):
+        if text.block in self._crowded:
+            self._take_apart(text)
             for other in self._candidates(text):
                 if self._overlap(text, other) and self._same_particulars(text, other):
                     return other.id, "near"
@@ -229,50 +258,57 @@ class _Pile:
         for shingle in self._prefix(text):
             self._near.setdefault((text.block, shingle), []).append(text)
 
-    def _take_apart(self, text: _Text) -> bool:
-        """Find a text's words and pairs of words, rarest first, and the block of texts it may repeat."""
-        words = text.words()
-        numbers = [value for word in words if (value := number(word)) is not None]
-        text.block = self._blocks.setdefault((text.site, *sorted(numbers)), len(self._blocks))
-        ids, often = self._words, self._frequency
-        last, last_often, rarity = 0, 0, {}
-        for word in words:
-            if word in LITTLE:
-                continue
-            at, how_often = ids.setdefault(word, len(ids) + 1), often[word]
-            rarity[at] = float(how_often)
-            if last:
-                rarity[last << 32 | at] = min(last_often, how_often) / 2
-            last, last_often = at, how_often
-        text.shingles = array("Q", sorted(rarity, key=lambda shingle: (rarity[shingle], shingle)))
-        return bool(rarity)
+    def _take_apart(self, text: _Text) -> None:
+        """Give every word and pair of words a number, the rarer the smaller: how rare it is, and which it is.
+
+        A pair comes as often as its words would side by side by chance. The order need only be the same for
+        all texts; that it begins with what is rare makes the search quick.
+        """
+        found: set[int] = set()
+        before, last = 0, 0
+        for word in text.words():
+            often, code = self._words[word]
+            if code:
+                found.add(often << 48 | code)
+                if last:
+                    found.add(max(before + often - self._all, 0) << 48 | last << 24 | code)
+                before, last = often, code
+        text.shingles = array("Q", sorted(found))
 
     def _prefix(self, text: _Text) -> array[int]:
         shared = math.ceil(self._limits.similarity * len(text.shingles) - 1e-9)
         return text.shingles[: len(text.shingles) - shared + 1] if text.shingles else _NOTHING
 
-    def _candidates(self, text: _Text) -> Iterable[_Text]:
+    def _candidates(self, text: _Text) -> Iterator[_Text]:
         seen: set[str] = set()
+        least = self._limits.similarity * len(text.shingles)
+        most = len(text.shingles) / self._limits.similarity
         for shingle in self._prefix(text):
             for other in self._near.get((text.block, shingle), ()):
-                if other.family != text.family and other.id not in seen:
+                if (
+                    least <= len(other.shingles) <= most
+                    and other.family != text.family
+                    and other.id not in seen
+                ):
                     yield other
                     seen.add(other.id)
                     if len(seen) == self._limits.compared:
                         return
 
     def _overlap(self, one: _Text, other: _Text) -> bool:
-        smaller, larger = sorted((len(one.shingles), len(other.shingles)))
-        least = self._limits.similarity
-        if smaller < least * larger:
-            return False
-        shared = len(set(one.shingles) & set(other.shingles))
-        return shared >= least * (smaller + larger - shared)
+        shared = len({*one.shingles}.intersection(other.shingles))
+        together = len(one.shingles) + len(other.shingles) - shared
+        return shared >= self._limits.similarity * together
 
     @staticmethod
     def _same_particulars(one: _Text, other: _Text) -> bool:
         wanted = names(one.raw) | names(other.raw)
         return one.particulars(wanted) == other.particulars(wanted)
+
+
+def _bits(count: int) -> int:
+    """A logarithm that fits eight bits and tells frequencies apart by a tenth."""
+    return round(8 * math.log2(count)) if count else 0
 
 
 class _Caps:

@@ -35,6 +35,7 @@ class _Folding(dict[int, int | None]):
 
 _FOLDING: Final = _Folding(dict.fromkeys(map(ord, "'’‘ʼ`´")))
 _THOUSANDS: Final = re.compile(r"(?<=\d),(?=\d{3}(?!\d))")
+_TWO_NUMBERS: Final = re.compile(r"\d \d")
 _NOT_BETWEEN_DIGITS: Final = re.compile(r"(?<!\d) | (?!\d)")
 _DIGITS: Final = re.compile(r"\d+(?: \d+)*")
 _WORD: Final = re.compile(r"(?<![\w'’])[^\W\d_][\w'’]*")
@@ -55,7 +56,9 @@ def fold(text: str) -> str:
 
 def joined(folded: str) -> str:
     """A folded text without white space, which sources disagree on ("Fox Sports", "foxsports")."""
-    return _NOT_BETWEEN_DIGITS.sub("", folded)
+    if _TWO_NUMBERS.search(folded):
+        return _NOT_BETWEEN_DIGITS.sub("", folded)
+    return folded.replace(" ", "")
 
 
 def template(folded: str) -> str:
@@ -65,7 +68,9 @@ def template(folded: str) -> str:
 
 def number(word: str) -> str | None:
     """The number that a folded word is or holds, if it does."""
-    return word if any(map(str.isdigit, word)) else _VALUES.get(word)
+    if word.isalpha():
+        return _VALUES.get(word)
+    return word if any(map(str.isdigit, word)) else None
 
 
 def names(text: str) -> set[str]:

@@ -1,0 +1,255 @@
+"""The figures of a task set (SYSTEM.md 1.6), as PNG and SVG of a column's width; same counts, same bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+from webgym.core.task import LEVELS, Level, level_of
+from webgym.tasks.statistics import DomainRow, Part, Statistics, kernel_density
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLUMN: Final = 3.4
+"""Width of a figure, inches: a column of a two-column paper."""
+_DOTS: Final = 300
+_LAST_BAR: Final = 12
+"""Difficulties from here on share a bar."""
+
+_INK, _MUTED, _GRIDLINE = "#222222", "#666666", "#e4e4e4"
+_LEVELS: Final[dict[Level, str]] = {"easy": "#9ecae1", "medium": "#4292c6", "hard": "#08458f"}
+"""One hue from light to dark, for levels have an order; told apart in grey, too."""
+_DOMAINS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
+"""Okabe and Ito's colours, which people with any colour vision tell apart."""
+_PARTS: Final[dict[Part, str]] = {
+    "train": "Training",
+    "test": "Test",
+    "decomposed": "Decomposed",
+    "unsplit": "Not split",
+}
+
+_STYLE: Final[dict[str, Any]] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same everywhere
+    "font.size": 7,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 6.5,
+    "text.color": _INK,
+    "axes.labelcolor": _INK,
+    "axes.edgecolor": _MUTED,
+    "xtick.color": _MUTED,
+    "ytick.color": _MUTED,
+    "xtick.labelcolor": _INK,
+    "ytick.labelcolor": _INK,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.titlelocation": "left",
+    "grid.color": _GRIDLINE,
+    "grid.linewidth": 0.5,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.hashsalt": "webgym",
+    "svg.fonttype": "path",
+}
+
+_THOUSANDS: Final = FuncFormatter(lambda value, _: f"{value:,.0f}")
+
+
+def draw_figures(found: Statistics, folder: Path) -> list[Path]:
+    """Draw every figure that there is something to draw for, into a folder that is made if need be.
+
+    ``websites`` (tasks per website, sorted), ``difficulty`` (histograms by part), ``domains`` (tasks by
+    subdomain) and, where the statistics have lengths, ``lengths`` (steps per trajectory by level).
+
+    Returns:
+        The files written, a ``.png`` and a ``.svg`` of each.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    painters: dict[str, Callable[[Statistics], Figure]] = {}
+    if found.tasks:
+        painters |= {"websites": _websites, "difficulty": _difficulty, "domains": _domains}
+    if found.lengths:
+        painters["lengths"] = _lengths
+    written = []
+    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]  # typed by 300 literal names
+        for name, paint in painters.items():
+            figure = paint(found)
+            for suffix, metadata in ((".png", {"Software": None}), (".svg", {"Date": None})):
+                path = folder / f"{name}{suffix}"
+                figure.savefig(path, dpi=_DOTS, metadata=metadata)
+                written.append(path)
+    return written
+
+
+def _figure(height: float) -> Figure:
+    figure = Figure(figsize=(COLUMN, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _websites(found: Statistics) -> Figure:
+    sizes = np.repeat([size for size, _ in found.sizes], [count for _, count in found.sizes])
+    edges = np.arange(1, len(sizes) + 1)
+    figure = _figure(2.1)
+    axes = figure.add_subplot()
+    top = len(found.top)
+    axes.fill_between(edges[:top], sizes[:top], 0.7, color=_DOMAINS[1], alpha=0.35, linewidth=0)
+    axes.plot(
+        edges, sizes, color=_DOMAINS[0], linewidth=1.4, drawstyle="steps-post" if top < 5 else "default"
+    )
+    axes.set(xscale="log", yscale="log", xlabel="Websites, by number of tasks", ylabel="Tasks")
+    axes.set(xlim=(1, max(len(sizes), 2)), ylim=(0.7, sizes[0] * 2.0))
+    axes.xaxis.set_major_formatter(_THOUSANDS)
+    axes.yaxis.set_major_formatter(_THOUSANDS)
+    axes.grid(visible=True, axis="y")
+    if len(sizes) > top:
+        axes.axvline(top, color=_MUTED, linewidth=0.6, linestyle=(0, (3, 2)))
+    axes.annotate(
+        f"top {top}: {found.top_share:.0%} of {found.tasks:,} tasks",
+        (top, sizes[0]),
+        xytext=(5, 0),
+        textcoords="offset points",
+        va="center",
+    )
+    return figure
+
+
+def _difficulty(found: Statistics) -> Figure:
+    parts = list(found.difficulties)
+    figure = _figure(0.55 + 0.95 * len(parts))
+    rows = figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0]
+    largest = max(max(counts) for counts in found.difficulties.values())
+    last = min(largest, _LAST_BAR)
+    for axes, part in zip(rows, parts, strict=True):
+        counts = found.difficulties[part]
+        total = sum(counts.values())
+        shares = [
+            100
+            * sum(n for facts, n in counts.items() if facts == bar or (bar == last and facts > last))
+            / total
+            for bar in range(1, last + 1)
+        ]
+        colours = [_LEVELS[level_of(bar)] for bar in range(1, last + 1)]
+        axes.bar(range(1, last + 1), shares, width=0.82, color=colours)
+        axes.set_title(f"{_PARTS[part]}: {total:,} tasks")
+        axes.set_ylabel("Tasks, %")
+        axes.set_ylim(0, max(shares) * 1.12)
+        axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
+        axes.grid(visible=True, axis="y")
+        _level_legend(axes, {level: count / total for level, count in found.levels(part).items()})
+    labels = [str(bar) for bar in range(1, last + 1)]
+    labels[-1] += "+" if largest > last else ""
+    rows[-1].set_xticks(range(1, last + 1), labels)
+    rows[-1].set_xlabel("Difficulty: number of facts")
+    return figure
+
+
+def _level_legend(axes: Axes, shares: Mapping[Level, float]) -> None:
+    """Beside the title, where no bar can be behind it."""
+    handles = [Patch(color=colour, label=f"{level} {shares[level]:.0%}") for level, colour in _LEVELS.items()]
+    axes.legend(
+        handles=handles,
+        loc="lower right",
+        bbox_to_anchor=(1.01, 0.98),
+        ncols=len(handles),
+        frameon=False,
+        borderpad=0,
+        handlelength=0.8,
+        handleheight=0.8,
+        handletextpad=0.3,
+        columnspacing=0.8,
+    )
+
+
+def _domains(found: Statistics) -> Figure:
+    by_domain: dict[str, list[DomainRow]] = {}
+    for row in found.domains:
+        if row.tasks:
+            by_domain.setdefault(row.domain, []).append(row)
+    order = sorted(by_domain, key=lambda domain: (-sum(row.tasks for row in by_domain[domain]), domain))
+    bars = sum(len(rows) for rows in by_domain.values())
+    figure = _figure(0.5 + 0.145 * bars + 0.2 * len(order))
+    axes = figure.add_subplot()
+    place, ticks, labels = 0.0, [], []
+    most = max(row.tasks for rows in by_domain.values() for row in rows)
+    for number, domain in enumerate(order):
+        rows = sorted(by_domain[domain], key=lambda row: (-row.tasks, row.subdomain))
+        share = sum(row.tasks for row in rows) / found.tasks
+        axes.text(
+            0, place, f" {domain or 'No domain'}, {share:.1%}", va="center", weight="bold", fontsize=6.5
+        )
+        colour = _DOMAINS[number % len(_DOMAINS)]
+        for row in rows:
+            place += 1
+            axes.barh(place, row.tasks, height=0.78, color=colour)
+            axes.text(row.tasks + most * 0.012, place, f"{row.tasks:,}", va="center", fontsize=6)
+            ticks.append(place)
+            labels.append(row.subdomain or "no subdomain")
+        place += 1.35
+    axes.set_yticks(ticks, labels)
+    axes.tick_params(axis="y", length=0)
+    axes.set(ylim=(place - 0.5, -0.8), xlim=(0, most * 1.17), xlabel="Tasks")
+    axes.xaxis.set_major_formatter(_THOUSANDS)
+    axes.xaxis.set_major_locator(MaxNLocator(4))
+    axes.grid(visible=True, axis="x")
+    axes.spines["left"].set_visible(False)
+    return figure
+
+
+def _lengths(found: Statistics) -> Figure:
+    figure = _figure(2.3)
+    axes = figure.add_subplot()
+    levels = [level for level in LEVELS if level in found.lengths]
+    for place, level in enumerate(levels):
+        lengths = found.lengths[level]
+        grid, density = kernel_density(lengths.counts)
+        half = 0.4 * density / density.max()
+        axes.fill_betweenx(grid, place - half, place + half, color=_LEVELS[level], linewidth=0)
+        first = place == 0
+        axes.scatter(
+            place, lengths.mean, marker="D", s=18, color="white", edgecolor=_INK, linewidth=0.8, zorder=3,
+            label="mean" if first else None,
+        )  # fmt: skip
+        axes.scatter(
+            place, lengths.mode, marker="o", s=16, color=_INK, zorder=3, label="mode" if first else None
+        )
+        marks = [lengths.mean, lengths.mode]
+        if abs(lengths.mean - lengths.mode) < 0.05 * grid.max():
+            marks.pop()  # its number would stand on the other
+        for mark in marks:
+            axes.annotate(
+                f"{mark:.1f}",
+                (place, mark),
+                xytext=(5, 0),
+                textcoords="offset points",
+                va="center",
+                fontsize=6,
+                bbox={"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.75},
+            )
+    axes.set_xticks(
+        range(len(levels)),
+        [f"{level}\n{found.lengths[level].trajectories:,} trajectories" for level in levels],
+    )
+    axes.set(xlim=(-0.6, len(levels) - 0.4), ylabel="Steps per trajectory")
+    axes.set_ylim(bottom=0)
+    axes.tick_params(axis="x", length=0)
+    axes.grid(visible=True, axis="y")
+    axes.legend(loc="upper left", frameon=False, handletextpad=0.1)
+    return figure

@@ -1,0 +1,265 @@
+"""What a task set holds (paper §3.3; SYSTEM.md 1.6): counts that figures and tables are made from."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final, Literal, NamedTuple, TypeAlias
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from webgym.core.task import LEVELS, Level, Task, level_of
+from webgym.tasks.taxonomy import DOMAINS
+from webgym.tasks.websites import site_of
+
+Part: TypeAlias = Literal["train", "test", "decomposed", "unsplit"]
+PARTS: Final[tuple[Part, ...]] = ("train", "test", "decomposed", "unsplit")
+
+TOP: Final = 20
+"""The websites that are shown by name; in the paper's set they hold about half of all tasks."""
+_GRID: Final = 512
+
+
+class DomainRow(msgspec.Struct, frozen=True):
+    """Tasks of one subdomain, by level."""
+
+    domain: str
+    subdomain: str
+    easy: int
+    medium: int
+    hard: int
+
+    @property
+    def tasks(self) -> int:
+        """Of all levels."""
+        return self.easy + self.medium + self.hard
+
+
+class SourceRow(msgspec.Struct, frozen=True):
+    """Tasks of one source; ``derived`` are among ``tasks``."""
+
+    source: str
+    websites: int
+    tasks: int
+    derived: int
+    train: int
+    test: int
+
+
+class Lengths(msgspec.Struct, frozen=True):
+    """How many steps the trajectories of one level have.
+
+    Attributes:
+        counts: trajectories by number of steps.
+        mean: steps.
+        mode: where a Gaussian kernel density estimate (Scott's bandwidth) is highest, steps.
+    """
+
+    counts: dict[int, int]
+    mean: float
+    mode: float
+
+    @property
+    def trajectories(self) -> int:
+        """How many there are."""
+        return sum(self.counts.values())
+
+
+class Statistics(msgspec.Struct, frozen=True):
+    """Counts of a task set.
+
+    Attributes:
+        tasks: all of them.
+        sizes: (tasks on a website, websites with so many), descending.
+        top: the websites with the most tasks, at most :data:`TOP`, descending, with their tasks.
+        difficulties: tasks by number of facts, for every part that there is. ``decomposed`` tasks are among
+            those of the other parts, too.
+        domains: one row per subdomain of the taxonomy, in its order; then what lies outside it.
+        sources: one row per source, by number of tasks, descending.
+        lengths: by level, easy first; empty where no trajectories were given.
+    """
+
+    tasks: int
+    sizes: list[tuple[int, int]]
+    top: list[tuple[str, int]]
+    difficulties: dict[Part, dict[int, int]]
+    domains: list[DomainRow]
+    sources: list[SourceRow]
+    lengths: dict[Level, Lengths] = {}
+
+    @property
+    def websites(self) -> int:
+        """How many there are."""
+        return sum(count for _, count in self.sizes)
+
+    @property
+    def top_share(self) -> float:
+        """The share of all tasks that the top websites hold, 0 to 1."""
+        return sum(count for _, count in self.top) / self.tasks if self.tasks else 0.0
+
+    def levels(self, part: Part) -> dict[Level, int]:
+        """A part's tasks by level."""
+        found: dict[Level, int] = dict.fromkeys(LEVELS, 0)
+        for facts, count in self.difficulties.get(part, {}).items():
+            found[level_of(facts)] += count
+        return found
+
+
+def describe(tasks: Iterable[Task], lengths: Mapping[Level, Sequence[int]] | None = None) -> Statistics:
+    """Count tasks.
+
+    Args:
+        tasks: of a whole set or a part of it.
+        lengths: steps of each trajectory, by level of its task.
+    """
+    websites: Counter[str] = Counter()
+    difficulties: dict[Part, Counter[int]] = {part: Counter() for part in PARTS}
+    domains: Counter[tuple[str, str, Level]] = Counter()
+    sources: dict[str, Counter[str]] = defaultdict(Counter)
+    homes: dict[str, set[str]] = defaultdict(set)
+    for task in tasks:
+        site, facts = _site(task), task.difficulty
+        websites[site] += 1
+        homes[task.source].add(site)
+        difficulties[task.split or "unsplit"][facts] += 1
+        domains[task.domain, task.subdomain, level_of(facts)] += 1
+        sources[task.source][task.split or "unsplit"] += 1
+        if task.parent_id is not None:
+            difficulties["decomposed"][facts] += 1
+            sources[task.source]["decomposed"] += 1
+    return Statistics(
+        tasks=websites.total(),
+        sizes=sorted(Counter(websites.values()).items(), reverse=True),
+        top=sorted(websites.items(), key=lambda item: (-item[1], item[0]))[:TOP],
+        difficulties={part: dict(sorted(counts.items())) for part, counts in difficulties.items() if counts},
+        domains=_domain_rows(domains),
+        sources=_source_rows(sources, homes),
+        lengths={level: measure(lengths[level]) for level in LEVELS if lengths and lengths.get(level)},
+    )
+
+
+def measure(steps: Sequence[int]) -> Lengths:
+    """Mean and mode of the lengths of at least one trajectory."""
+    counts = dict(sorted(Counter(steps).items()))
+    grid, density = kernel_density(counts)
+    return Lengths(counts, float(np.mean(steps)), float(grid[int(density.argmax())]))
+
+
+def kernel_density(counts: Mapping[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A Gaussian kernel density estimate with Scott's bandwidth, from 0 to beyond the largest value.
+
+    Returns:
+        Grid and density; the density's integral is 1 but for what lies below 0.
+    """
+    values = np.array(list(counts), dtype=float)
+    weights = np.array(list(counts.values()), dtype=float)
+    total = weights.sum()
+    mean = float((values * weights).sum() / total)
+    spread = float(np.sqrt((weights * (values - mean) ** 2).sum() / max(total - 1, 1)))
+    width = (spread or 0.5) * float(total) ** -0.2
+    grid = np.linspace(0.0, values.max() + 3 * width, _GRID)
+    kernels = np.exp(-0.5 * ((grid[:, None] - values[None, :]) / width) ** 2)
+    return grid, kernels @ weights / (total * width * np.sqrt(2 * np.pi))
+
+
+def _site(task: Task) -> str:
+    try:
+        return site_of(task.website)
+    except ValueError:  # counted under what it says
+        return task.website
+
+
+def _domain_rows(counts: Mapping[tuple[str, str, Level], int]) -> list[DomainRow]:
+    known = [(domain, subdomain) for domain, subdomains in DOMAINS.items() for subdomain in subdomains]
+    foreign = sorted({key[:2] for key in counts} - set(known))
+    return [
+        DomainRow(*place, *(counts.get((*place, level), 0) for level in LEVELS))
+        for place in [*known, *foreign]
+    ]
+
+
+def _source_rows(counts: Mapping[str, Counter[str]], homes: Mapping[str, set[str]]) -> list[SourceRow]:
+    rows = [
+        SourceRow(
+            source=source,
+            websites=len(homes[source]),
+            tasks=found["train"] + found["test"] + found["unsplit"],
+            derived=found["decomposed"],
+            train=found["train"],
+            test=found["test"],
+        )
+        for source, found in counts.items()
+    ]
+    return sorted(rows, key=lambda row: (-row.tasks, row.source))
+
+
+class Table(NamedTuple):
+    """A table of text; the first columns are names, the others are figures.
+
+    Attributes:
+        names: how many columns are names.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    names: int = 1
+
+
+def tables(found: Statistics) -> list[Table]:
+    """The same as tables."""
+    made = [
+        Table(
+            "Tasks by source",
+            ("source", "websites", "tasks", "derived", "train", "test"),
+            [
+                (row.source, *_text(row.websites, row.tasks, row.derived, row.train, row.test))
+                for row in found.sources
+            ],
+        ),
+        Table(
+            "Difficulty",
+            ("part", "tasks", *(heading for level in LEVELS for heading in (level, f"{level}, %"))),
+            [_difficulty_row(found, part) for part in found.difficulties],
+        ),
+        Table(
+            "Tasks by domain",
+            ("domain", "subdomain", "tasks", *LEVELS),
+            [
+                (row.domain, row.subdomain, *_text(row.tasks, row.easy, row.medium, row.hard))
+                for row in found.domains
+                if row.tasks
+            ],
+            names=2,
+        ),
+        Table(
+            f"The {len(found.top)} largest of {found.websites:,} websites: {found.top_share:.1%} of tasks",
+            ("website", "tasks"),
+            [(website, str(count)) for website, count in found.top],
+        ),
+    ]
+    if found.lengths:
+        made.append(
+            Table(
+                "Steps per trajectory",
+                ("level", "trajectories", "mean", "mode"),
+                [
+                    (level, str(each.trajectories), f"{each.mean:.1f}", f"{each.mode:.1f}")
+                    for level, each in found.lengths.items()
+                ],
+            )
+        )
+    return made
+
+
+def _text(*counts: int) -> tuple[str, ...]:
+    return tuple(str(count) for count in counts)
+
+
+def _difficulty_row(found: Statistics, part: Part) -> tuple[str, ...]:
+    levels = found.levels(part)
+    total = sum(levels.values())
+    shares = (text for count in levels.values() for text in (str(count), f"{100 * count / total:.1f}"))
+    return (part, str(total), *shares)

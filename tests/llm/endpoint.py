@@ -159,6 +159,9 @@ class Endpoint:
     async def do_html(self, request: Request) -> Response:
         return HTMLResponse(HTML)
 
+    async def do_plain(self, request: Request) -> Response:
+        return Response(json.dumps(self.completion()), 200, media_type="text/plain")
+
     async def do_nothing(self, request: Request) -> Response:
         return Response(b"", 200)
 

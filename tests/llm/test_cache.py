@@ -218,6 +218,16 @@ async def test_a_file_that_is_damaged_later(endpoint: Endpoint, path: Path) -> N
             await client.complete(MESSAGES)
 
 
+async def test_a_full_disk(endpoint: Endpoint, path: Path) -> None:
+    async with ReplyCache(path) as cache, ChatClient(config(endpoint.url()), cache=cache) as client:
+        await client.complete(MESSAGES)
+        endpoint.text = "long " * 20_000
+        await cache.write(lambda connection: connection.execute("pragma max_page_count = 1").fetchone())
+        with pytest.raises(CacheError, match="disk is full"):
+            await client.complete([{"role": "user", "content": "Tell me all."}])
+        assert (await client.complete(MESSAGES)).cached
+
+
 async def test_an_unopened_cache_says_so(path: Path) -> None:
     with pytest.raises(RuntimeError, match="async with"):
         await ReplyCache(path).get(b"")

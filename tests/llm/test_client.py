@@ -64,9 +64,9 @@ async def test_concurrency_is_limited(endpoint: Endpoint) -> None:
 
 
 async def test_the_queue_does_not_count_towards_the_deadline(endpoint: Endpoint) -> None:
-    limits = {"concurrency": 1, "total_seconds": 0.4}
+    limits = {"concurrency": 1, "total_seconds": 1.0}
     async with ChatClient(config(endpoint.url("slow"), **limits)) as client, asyncio.TaskGroup() as group:
-        for _ in range(12):  # 0.6 s of work in all
+        for _ in range(24):  # 1.2 s of work in all
             group.create_task(client.complete(MESSAGES))
 
 
@@ -111,6 +111,17 @@ async def test_a_failing_server_is_tried_as_often_as_agreed(endpoint: Endpoint) 
     with pytest.raises(LLMBadReply):
         await ask(endpoint.url("500"))
     assert len(endpoint.requests) == QUICK.tries
+
+
+async def test_a_busy_server_is_tried_more_often(endpoint: Endpoint) -> None:
+    endpoint.fails_left = 1000
+    with pytest.raises(LLMBadReply, match="429"):
+        await ask(endpoint.url("flaky"), retry=QUICK.model_copy(update={"refused_tries": 7}))
+    assert len(endpoint.requests) == 7
+
+
+async def test_a_completion_is_known_by_what_it_holds(endpoint: Endpoint) -> None:
+    assert await ask(endpoint.url("plain")) == "Hello."
 
 
 async def test_too_many_requests_then_fine(endpoint: Endpoint) -> None:

@@ -78,7 +78,11 @@ class ReplyCache:
     async def __aenter__(self) -> Self:
         busy = self._limits.busy_seconds
         writing = await asyncio.to_thread(self._open, busy)
-        reading = await asyncio.to_thread(connect, self.path, busy)
+        try:
+            reading = await asyncio.to_thread(connect, self.path, busy)
+        except BaseException:
+            writing.close()
+            raise
         most = self._limits.group
         self._reader = Worker(self.path, reading, most=most, commit=False)
         self._writer = Worker(

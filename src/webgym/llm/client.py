@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import email.utils
 import ipaddress
-import math
 import os
 import random
 import time
@@ -42,6 +41,8 @@ _TRY_AGAIN: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
 _TOO_BUSY: Final = frozenset({429, 503, 529})
 _QUOTA: Final = "insufficient_quota"
 """How endpoints name a 429 that no waiting helps against."""
+_MOST_DOUBLINGS: Final = 60
+"""Of a pause; more would not fit into a number."""
 _READING_TOKENS: Final = 50
 """Reading the prompt takes about as long as writing this many tokens. Replies of any length are compared by
 their seconds per token."""
@@ -195,7 +196,7 @@ class ChatClient:
         if is_estimate:
             prompt, said = count_messages(request.messages), count_text(completion.text)
         cached = completion.prompt_tokens_cached
-        dollars = self._ledger.price(request.model, prompt, said, cached=cached)
+        dollars = self._ledger.cost(request.model, prompt, said, cached=cached)
         return Call(purpose, request.model, prompt, said, cached, dollars, is_estimate)
 
     async def _reserve(self, request: Request) -> Reservation | None:
@@ -207,18 +208,15 @@ class ChatClient:
 
     async def _until_answered(self, request: Request) -> tuple[Stored, Reservation | None]:
         """Try until there is a reply, or no sense in trying. Waiting for one's turn is not on the clock."""
-        left = self.config.total_seconds
-        progress = _Progress()
+        progress = _Progress(self.config.total_seconds)
         retry = self.config.retry
         refused = failed = 0
         while True:
-            started = math.inf
             try:
                 async with self._gate.turn(again=progress.last is not None) as turn:
                     reserved = await self._reserve(request)
-                    started = time.monotonic()
                     try:
-                        return await self._try(request.content, turn, left, progress), reserved
+                        return await self._try(request.content, turn, progress), reserved
                     except BaseException:
                         if reserved is not None:
                             reserved.release()
@@ -226,15 +224,16 @@ class ChatClient:
             except _TryAgain as again:
                 progress.last = again.error
                 refused, failed = refused + again.is_refusal, failed + (not again.is_refusal)
-                pause = min(retry.longest_seconds, retry.first_seconds * 2 ** (refused + failed - 1))
+                doublings = min(refused + failed - 1, _MOST_DOUBLINGS)
+                pause = min(retry.longest_seconds, retry.first_seconds * 2**doublings)
                 pause = max(pause * random.uniform(0.5, 1), again.not_before_seconds)
-                left -= time.monotonic() - started + pause
+                progress.left_seconds -= pause
                 is_last = refused >= retry.refused_tries if again.is_refusal else failed >= retry.tries
-                if is_last or left <= 0:
+                if is_last or progress.left_seconds <= 0:
                     raise again.error from again.error.__cause__
             await asyncio.sleep(pause)
 
-    async def _try(self, content: bytes, turn: Turn, seconds: float, progress: _Progress) -> Stored:
+    async def _try(self, content: bytes, turn: Turn, progress: _Progress) -> Stored:
         """One try; the gate is told how it went.
 
         Raises:
@@ -243,7 +242,7 @@ class ChatClient:
         """
         started = time.monotonic()
         try:
-            async with asyncio.timeout(seconds):
+            async with asyncio.timeout(progress.left_seconds):
                 data = await self._once(content, progress)
         except TimeoutError as error:
             turn.refused()
@@ -257,6 +256,8 @@ class ChatClient:
                 is_short = again.not_before_seconds <= self.config.total_seconds
                 turn.refused(again.not_before_seconds if is_short else 0.0)
             raise
+        finally:
+            progress.left_seconds -= time.monotonic() - started
         reply = Stored(data, time.monotonic() - started)
         completion = self._read(reply, cached=False)
         turn.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
@@ -319,7 +320,7 @@ class ChatClient:
         if status == 404:
             return f"does the endpoint serve {self._url} and the model {self.config.model}?"
         if status == 429:
-            return "lower the concurrency or raise the number of tries"
+            return "it allows less than what is asked of it; retry.refused_tries says how often it is asked"
         if 300 <= status < 400:
             return "redirects are not followed; give the address that they lead to"
         return "the endpoint's own log says more" if status >= 500 else "the endpoint refused the request"
@@ -350,9 +351,10 @@ class ChatClient:
 
 
 class _Progress:
-    """How far a request came, for telling why it did not come to its end."""
+    """How far a request came, and how much time it has left for tries and pauses."""
 
-    def __init__(self) -> None:
+    def __init__(self, seconds: float) -> None:
+        self.left_seconds = seconds
         self.last: LLMError | None = None
         self.restart()
 

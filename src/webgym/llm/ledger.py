@@ -71,7 +71,7 @@ class Ledger:
         """Whether there is any limit."""
         return self.budget.dollars is not None or self.budget.tokens is not None
 
-    def price(
+    def cost(
         self,
         model: str,
         prompt_tokens: int,
@@ -105,7 +105,7 @@ class Ledger:
             BudgetSpent: nothing is in flight, and what is left may not be enough.
             ConfigError: the budget is in dollars, and the model's price is not known.
         """
-        dollars = self.price(model, prompt_tokens, completion_tokens)
+        dollars = self.cost(model, prompt_tokens, completion_tokens)
         if dollars is None and self.budget.dollars is not None:
             hint = "give its price (--price PROMPT,COMPLETION), or a budget in tokens"
             raise ConfigError(f"a budget in dollars needs the price of {model}", hint=hint)

@@ -285,7 +285,7 @@ async def asker(endpoint: Endpoint, path: Path, unique: int) -> Any:
 
 
 async def test_kill_9_loses_no_reply_that_was_returned(endpoint: Endpoint, path: Path) -> None:
-    unique, kills, concurrency = 200, 4, 8
+    unique, kills, concurrency = 200, 3, 8
     chance = random.Random(4)
     returned: set[str] = set()
     for turn in range(kills + 1):

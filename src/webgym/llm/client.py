@@ -9,7 +9,7 @@ import os
 import random
 import time
 from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -32,7 +32,7 @@ from webgym.llm.completion import (
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
 from webgym.llm.labelled import Labelled
-from webgym.llm.ledger import Ledger, Reservation
+from webgym.llm.ledger import Ledger
 from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text, most_tokens
 from webgym.llm.usage import Call
@@ -180,15 +180,16 @@ class ChatClient:
 
     @asynccontextmanager
     async def _paid(self, request: Request, purpose: str) -> AsyncIterator[Fresh]:
-        """A reply that was asked for now. What is set aside for it is given back when it is counted."""
-        reply, reserved = await self._until_answered(request)
-        try:
+        """A reply that was asked for now.
+
+        Its place among those in flight, and what is set aside for it, are kept until it is counted: so at
+        most as many replies as may be in flight are paid for and not stored yet, and the budget sees each.
+        """
+        async with AsyncExitStack() as kept:
+            reply = await self._until_answered(request, kept)
             call = self._call(request, self._read(reply, cached=False), purpose)
             yield Fresh(reply, call)
             self._ledger.paid(call)
-        finally:
-            if reserved is not None:
-                reserved.release()
 
     def _call(self, request: Request, completion: Completion, purpose: str) -> Call:
         prompt, said = completion.prompt_tokens, completion.completion_tokens
@@ -199,38 +200,45 @@ class ChatClient:
         dollars = self._ledger.cost(request.model, prompt, said, cached=cached)
         return Call(purpose, request.model, prompt, said, cached, dollars, is_estimate)
 
-    async def _reserve(self, request: Request) -> Reservation | None:
+    @asynccontextmanager
+    async def _reserved(self, request: Request) -> AsyncIterator[None]:
         ledger = self._ledger
         if not ledger.has_budget:
-            return None
+            yield
+            return
         longest = request.longest_reply or ledger.budget.longest_reply
-        return await ledger.reserve(request.model, most_tokens(request.content, request.messages), longest)
+        async with ledger.reserved(request.model, most_tokens(request.content, request.messages), longest):
+            yield
 
-    async def _until_answered(self, request: Request) -> tuple[Stored, Reservation | None]:
-        """Try until there is a reply, or no sense in trying. Waiting for one's turn is not on the clock."""
+    async def _until_answered(self, request: Request, kept: AsyncExitStack) -> Stored:
+        """Try until there is a reply, or no sense in trying. Waiting for one's turn is not on the clock.
+
+        Args:
+            request: what to send.
+            kept: takes over what the successful try holds.
+        """
         progress = _Progress(self.config.total_seconds)
         retry = self.config.retry
         refused = failed = 0
         while True:
             try:
-                async with self._gate.turn(again=progress.last is not None) as turn:
-                    reserved = await self._reserve(request)
-                    try:
-                        return await self._try(request.content, turn, progress), reserved
-                    except BaseException:
-                        if reserved is not None:
-                            reserved.release()
-                        raise
-            except _TryAgain as again:
-                progress.last = again.error
-                refused, failed = refused + again.is_refusal, failed + (not again.is_refusal)
+                async with AsyncExitStack() as held:
+                    again = progress.last is not None
+                    turn = await held.enter_async_context(self._gate.turn(again=again))
+                    await held.enter_async_context(self._reserved(request))
+                    reply = await self._try(request.content, turn, progress)
+                    await kept.enter_async_context(held.pop_all())
+                    return reply
+            except _TryAgain as failure:
+                progress.last = failure.error
+                refused, failed = refused + failure.is_refusal, failed + (not failure.is_refusal)
                 doublings = min(refused + failed - 1, _MOST_DOUBLINGS)
                 pause = min(retry.longest_seconds, retry.first_seconds * 2**doublings)
-                pause = max(pause * random.uniform(0.5, 1), again.not_before_seconds)
+                pause = max(pause * random.uniform(0.5, 1), failure.not_before_seconds)
                 progress.left_seconds -= pause
-                is_last = refused >= retry.refused_tries if again.is_refusal else failed >= retry.tries
+                is_last = refused >= retry.refused_tries if failure.is_refusal else failed >= retry.tries
                 if is_last or progress.left_seconds <= 0:
-                    raise again.error from again.error.__cause__
+                    raise failure.error from failure.error.__cause__
             await asyncio.sleep(pause)
 
     async def _try(self, content: bytes, turn: Turn, progress: _Progress) -> Stored:

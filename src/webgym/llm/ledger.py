@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Mapping
+from contextlib import asynccontextmanager
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -96,8 +97,9 @@ class Ledger:
         if self.cache is None:
             self._own.hit(purpose, model)
 
-    async def reserve(self, model: str, prompt_tokens: int, completion_tokens: int) -> Reservation:
-        """Set aside what a call can cost at most, until its reservation is released.
+    @asynccontextmanager
+    async def reserved(self, model: str, prompt_tokens: int, completion_tokens: int) -> AsyncIterator[None]:
+        """Set aside what a call can cost at most, until the ``async with`` block ends.
 
         Waits while calls in flight may leave enough.
 
@@ -118,7 +120,13 @@ class Ledger:
             await self._freed.wait()
         self._in_flight += 1
         self._add(wanted, 1)
-        return Reservation(self, wanted)
+        try:
+            yield
+        finally:
+            self._in_flight -= 1
+            self._add(wanted, -1)
+            self._freed.set()
+            self._freed = asyncio.Event()
 
     def _fits(self, wanted: Usage) -> bool:
         spent, budget = self.totals.all, self.budget
@@ -139,12 +147,6 @@ class Ledger:
             f" and the next call could use {wanted.tokens:,}"
         )
 
-    def _release(self, reserved: Usage) -> None:
-        self._in_flight -= 1
-        self._add(reserved, -1)
-        self._freed.set()
-        self._freed = asyncio.Event()
-
     def _add(self, usage: Usage, sign: int) -> None:
         self._reserved.prompt_tokens += sign * usage.prompt_tokens
         self._reserved.completion_tokens += sign * usage.completion_tokens
@@ -152,17 +154,3 @@ class Ledger:
         self._reserved.dollars = max(0.0, self._reserved.dollars + sign * usage.dollars)
         if not self._in_flight:
             self._reserved.dollars = 0.0
-
-
-class Reservation:
-    """A part of the budget that is set aside for a call in flight."""
-
-    def __init__(self, ledger: Ledger, reserved: Usage) -> None:
-        self._ledger = ledger
-        self._reserved: Usage | None = reserved
-
-    def release(self) -> None:
-        """Give it back: the call is over, and counted if it was paid. Does nothing the second time."""
-        if self._reserved is not None:
-            reserved, self._reserved = self._reserved, None
-            self._ledger._release(reserved)

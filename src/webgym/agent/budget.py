@@ -30,7 +30,7 @@ _MESSAGE_TOKENS: Final = 6
 """What a chat template writes around a message."""
 
 _PIECE = re.compile(
-    r"(?P<word>(?<![A-Za-z0-9])[A-Z]?[a-z]{1,12}(?![A-Za-z0-9]))|(?P<letters>[A-Za-z]+)"
+    r"(?P<word>(?<!\w)[A-Z]?[a-z]{1,12}(?!\w))|(?P<letters>[A-Za-z]+)"
     r"|(?P<one> (?=[A-Za-z]))|(?P<space>\s+)|(?P<ascii>[\x00-\x7f])|(?P<other>.)",
     re.DOTALL,
 )

@@ -32,7 +32,8 @@ from webgym.core.action import GRID, Action, Mode
 _THINK, _END_THINK = "<think>", "</think>"
 _CALL, _END_CALL = "<tool_call>", "</tool_call>"
 _HEADING = re.compile(
-    r"^[ \t>*#_]*(memory|progress|intention|action)[ \t*_]*[:：]", re.IGNORECASE | re.MULTILINE | re.ASCII
+    r"^[ \t>*#_]*(memory|progress|intention|action)[ \t*_]*[:：][*_]*",
+    re.IGNORECASE | re.MULTILINE | re.ASCII,
 )
 _TAG = re.compile("|".join((_THINK, _END_THINK, _CALL)))
 _FENCE = re.compile(r"```[a-zA-Z]{0,16}\s*\n?")

@@ -1,0 +1,199 @@
+"""Families of models: who is of which, what size their pictures have, how they are sampled."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from webgym.agent import GENERIC, Profile, all_profiles, choose_profile, profile_of, profiles
+from webgym.agent.images import fit
+from webgym.agent.pictures import Multiples, Patches, Tiles
+from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
+from webgym.agent.prompts import tool_declaration
+from webgym.core.errors import ConfigError
+from webgym.llm.config import Sampling
+
+DOCS = Path(__file__).parents[2] / "docs" / "agent.md"
+
+# As transformers 5.23 has them (`smart_resize` of its Qwen2VL processor), width first.
+QWEN3 = {
+    (1280, 768): (1280, 768),
+    (768, 1280): (768, 1280),
+    (1920, 1080): (1920, 1088),
+    (1366, 768): (1376, 768),
+    (1000, 1000): (992, 992),
+    (393, 851): (384, 864),
+    (200, 120): (352, 224),
+    (4096, 4097): (4096, 4096),
+    (8000, 4000): (5792, 2880),
+    (33, 47): (224, 320),
+}
+QWEN25 = {
+    (1280, 768): (1288, 756),
+    (768, 1280): (756, 1288),
+    (1920, 1080): (1932, 1092),
+    (1366, 768): (1372, 756),
+    (1000, 1000): (1008, 1008),
+    (200, 120): (196, 112),
+    (4096, 4097): (3556, 3584),
+    (8000, 4000): (5068, 2520),
+    (33, 47): (56, 84),
+}
+
+
+@pytest.mark.parametrize(
+    ("model", "name"),
+    [
+        ("Qwen/Qwen3-VL-8B-Instruct", "qwen3-vl"),
+        ("qwen3-vl-235b-a22b-instruct-fp8", "qwen3-vl"),
+        ("/models/my-qwen3_vl-step-400", "qwen3-vl"),
+        ("Qwen/Qwen3-VL-8B-Thinking", "qwen3-vl-thinking"),
+        ("qwen3-vl-plus-thinking", "qwen3-vl-thinking"),
+        ("Qwen/Qwen2.5-VL-7B-Instruct", "qwen2.5-vl"),
+        ("gpt-4o", "gpt-4"),
+        ("openai/gpt-4o-2024-08-06", "gpt-4"),
+        ("gpt-4.1", "gpt-4"),
+        ("gpt-4o-mini", "gpt-4o-mini"),
+        ("gpt-4.1-nano", "gpt-4.1-mini"),
+        ("gpt-5", "gpt-5"),
+        ("gpt-5.1-2025-11-13", "gpt-5"),
+        ("o3", "gpt-5"),
+        ("azure:o1-2024-12-17", "gpt-5"),
+        ("gpt-5-mini-2025-08-07", "gpt-5-mini"),
+        ("o4-mini", "gpt-5-mini"),
+    ],
+)
+def test_a_family_is_known_by_the_models_name(model: str, name: str) -> None:
+    assert [profile.name for profile in all_profiles().values() if profile.fits(model)] == [name]
+    assert choose_profile(None, model).name == name
+
+
+@pytest.mark.parametrize("model", ["tiny", "scripted", "gpt-oss-20b", "Qwen/Qwen3-8B", "foo3", "turbo1"])
+def test_other_models_are_of_no_family(model: str) -> None:
+    assert profile_of(model) is None
+    assert choose_profile(None, model) is GENERIC
+
+
+def test_a_profile_may_be_chosen_and_its_mode_changed() -> None:
+    assert choose_profile("qwen3-vl", "my-model").name == "qwen3-vl"
+    assert choose_profile(None, "gpt-4o").mode == "marks"
+    assert choose_profile(None, "gpt-4o", "coordinates").mode == "coordinates"
+    assert choose_profile(None, "gpt-4o").name == choose_profile(None, "gpt-4o", "coordinates").name
+    with pytest.raises(ConfigError, match="no profile 'qwen9'") as caught:
+        choose_profile("qwen9", "my-model")
+    assert "generic, gpt-4" in caught.value.hint
+
+
+@pytest.mark.parametrize(("name", "sizes"), [("qwen3-vl", QWEN3), ("qwen2.5-vl", QWEN25)])
+def test_pictures_get_the_size_that_the_processor_makes(
+    name: str, sizes: dict[tuple[int, int], tuple[int, int]]
+) -> None:
+    rule = all_profiles()[name].pictures
+    assert {size: rule.size(size) for size in sizes} == sizes
+
+
+@pytest.mark.parametrize("name", ["qwen3-vl", "qwen2.5-vl"])
+def test_the_real_processor_leaves_our_pictures_alone(name: str) -> None:
+    """Size for size, and pixel for pixel: the model sees what was sent."""
+    processors = pytest.importorskip(
+        "transformers.models.qwen2_vl.image_processing_pil_qwen2_vl", reason="transformers is not installed"
+    )
+    rule = all_profiles()[name].pictures
+    assert isinstance(rule, Multiples)
+    patch = {"patch_size": rule.factor // 2, "merge_size": 2}
+    area = {"shortest_edge": rule.min_pixels, "longest_edge": rule.max_pixels}
+    processor = processors.Qwen2VLImageProcessorPil(**patch, size=area)
+    for size in [*QWEN3, (641, 400)]:
+        bounds = {"min_pixels": rule.min_pixels, "max_pixels": rule.max_pixels}
+        height, width = processors.smart_resize(size[1], size[0], factor=rule.factor, **bounds)
+        assert rule.size(size) == (width, height)
+    for size in [(1280, 768), (768, 1280), (1366, 768), (641, 400)]:
+        picture = Image.effect_noise(size, 90).convert("RGB")
+        out = io.BytesIO()
+        picture.save(out, "PNG")
+        ours = Image.open(io.BytesIO(fit(out.getvalue(), rule.size(size))))
+        there, here = (processor(images=[each], return_tensors="np") for each in (picture, ours))
+        assert (there["pixel_values"] == here["pixel_values"]).all()
+        assert rule.tokens(size) == there["image_grid_thw"].prod() // 4 + 2
+
+
+@given(st.sampled_from(sorted(all_profiles())), st.integers(30, 6000), st.integers(30, 6000))
+def test_what_a_rule_has_made_it_leaves_alone(name: str, width: int, height: int) -> None:
+    rule = all_profiles()[name].pictures
+    size = rule.size((width, height))
+    assert rule.size(size) == size
+    assert rule.tokens((width, height)) == rule.tokens(size) > 0
+    if isinstance(rule, Multiples):
+        assert {side % rule.factor for side in size} == {0}
+        assert rule.min_pixels <= size[0] * size[1] <= rule.max_pixels
+
+
+@pytest.mark.parametrize(
+    ("rule", "size", "sent", "tokens"),
+    [  # the examples of OpenAI's guide to images
+        (Tiles(base_tokens=85, tile_tokens=170), (1024, 1024), (768, 768), 765),
+        (Tiles(base_tokens=85, tile_tokens=170), (2048, 4096), (768, 1536), 1105),
+        (Tiles(base_tokens=85, tile_tokens=170), (1280, 768), (1280, 768), 1105),
+        (Patches(patch_tokens=1), (1024, 1024), (1024, 1024), 1024),
+        (Patches(patch_tokens=1), (1800, 2400), (1056, 1408), 1452),
+    ],
+)
+def test_what_pictures_cost(
+    rule: Tiles | Patches, size: tuple[int, int], sent: tuple[int, int], tokens: int
+) -> None:
+    assert (rule.size(size), rule.tokens(size)) == (sent, tokens)
+
+
+def test_a_largest_side_goes_before_the_rule() -> None:
+    qwen = all_profiles()["qwen3-vl"]
+    assert qwen.picture_size((1280, 768), 640) == (640, 384)
+    assert qwen.picture_size((1280, 768), 5000) == (1280, 768)
+    assert GENERIC.picture_size((1280, 768), 320) == (320, 192)
+
+
+def test_sampling_in_the_familys_words() -> None:
+    families = all_profiles()
+    assert families["qwen3-vl"].sampling_of(Sampling()) == PAPER_SAMPLING
+    assert GENERIC.sampling_of(Sampling()) == DEFAULT_SAMPLING
+    mine = Sampling(temperature=0, max_tokens=100, extra_body={"seed": 1})
+    assert families["qwen3-vl"].sampling_of(mine) is mine
+    thinks = families["gpt-5"]
+    assert thinks.sampling_of(mine).body() == {"temperature": 0, "max_completion_tokens": 100, "seed": 1}
+    assert set(thinks.sampling_of(Sampling()).body()) == {"max_completion_tokens"}
+    once = thinks.sampling_of(mine)
+    assert thinks.sampling_of(once) == once
+
+
+def test_a_model_that_points_at_pixels_is_told_its_screen() -> None:
+    qwen = all_profiles()["qwen2.5-vl"]
+    screen = qwen.screen(qwen.picture_size((1280, 768)))
+    assert screen == (1288, 756)
+    declared = json.dumps(tool_declaration("coordinates", screen))
+    assert "The screen is 1288x756" in declared
+    assert '"maximum": 1288' in declared
+
+
+def test_a_new_family_is_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The file that the documentation shows is a family as it stands."""
+    shown = DOCS.read_text().partition("<!-- a family -->\n```python\n")[2].partition("```")[0]
+    (tmp_path / "docs_example.py").write_text(shown)
+    monkeypatch.setattr(profiles, "__path__", [*profiles.__path__, str(tmp_path)])
+    found = profile_of("acme/Looker-2-7B")
+    assert isinstance(found, Profile)
+    assert found.name == "looker"
+    assert found.picture_size((1280, 768)) == (1280, 768)
+    assert found.sampling_of(Sampling()).body()["top_k"] == 20
+
+
+def test_no_two_profiles_share_a_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = "from webgym.agent.profile import Profile\nPROFILES = (Profile(name='generic'),)\n"
+    (tmp_path / "twice.py").write_text(text)
+    monkeypatch.setattr(profiles, "__path__", [str(tmp_path)])
+    with pytest.raises(ValueError, match="two profiles 'generic'"):
+        all_profiles()

@@ -170,7 +170,7 @@ async def collect(
     """
     if policy is not None:
         config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
-    config = _resolved(config, policy, tell)
+    config = resolved(config, policy, tell)
     tasks, broken = choose_tasks(config)
     for line in broken:
         _say(tell, f"skipped {line}")
@@ -227,19 +227,29 @@ async def resume(
         return await _carry_out(config, run_id, tasks, company, store, show)
 
 
-def _resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> RunConfig:
-    """The config with what the model's profile decides written out, for the run folder."""
+def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> RunConfig:
+    """The config with what the model's profile decides written out, as the run folder holds it.
+
+    Args:
+        config: as it was given.
+        policy: one of the caller's own, if there is one.
+        tell: is told if no profile knows the model.
+
+    Raises:
+        ConfigError: the config names a profile that is not there.
+    """
     profile = _profile(config, policy)
-    agent = config.agent.model_copy(update={"profile": profile.name, "mode": profile.mode})
-    config = config.model_copy(update={"agent": agent})
+    update: dict[str, Any] = {
+        "agent": config.agent.model_copy(update={"profile": profile.name, "mode": profile.mode})
+    }
     chat = config.policy.chat
-    if policy is not None or chat is None:
-        return config
-    if profile_of(chat.model) is None:
-        told = f"no profile knows the model {chat.model}: the profile {profile.name} is used"
-        _say(tell, f"{told}; --profile chooses another")
-    chat = chat.model_copy(update={"sampling": profile.sampling_of(chat.sampling)})
-    return config.model_copy(update={"policy": config.policy.model_copy(update={"chat": chat})})
+    if policy is None and chat is not None:
+        if config.agent.profile is None and profile_of(chat.model) is None:
+            unknown = f"no profile knows the model {chat.model}: the profile {profile.name} is used"
+            _say(tell, f"{unknown}; --profile chooses another")
+        chat = chat.model_copy(update={"sampling": profile.sampling_of(chat.sampling)})
+        update["policy"] = config.policy.model_copy(update={"chat": chat})
+    return config.model_copy(update=update)
 
 
 def _profile(config: RunConfig, policy: Policy | None) -> Profile:

@@ -5,6 +5,8 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 import pytest
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
 from tests.agent.shop import task
 from tests.llm.endpoint import Endpoint, serve
 
@@ -20,16 +22,29 @@ from webgym.llm import ChatConfig, Retry, Sampling
 CLICK = LeftClick(Target(coordinate=(512, 300)))
 
 
+class Chooses(Endpoint):
+    """Replies with the choice that a test sets."""
+
+    def __init__(self, port: int) -> None:
+        super().__init__(port)
+        self.choice: dict[str, Any] = {}
+
+    async def do_choice(self, request: Request) -> Response:
+        return JSONResponse(self.completion(**self.choice))
+
+
 @pytest.fixture
-async def endpoint() -> AsyncIterator[Endpoint]:
+async def endpoint(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Chooses]:
+    monkeypatch.setattr("tests.llm.endpoint.Endpoint", Chooses)
     async with serve() as endpoint:
+        assert isinstance(endpoint, Chooses)
         endpoint.text = render_reply(CLICK, "memory", description="Click it")
         yield endpoint
 
 
 async def talk(base_url: str, png: bytes, *, turns: int = 1, **config: Any) -> list[Step]:
-    settings: dict[str, Any] = {"retry": Retry(tries=2, first_seconds=0.01)}
-    chat = ChatConfig(base_url=base_url, model="tiny", **(settings | config))
+    settings: dict[str, Any] = {"model": "tiny", "retry": Retry(tries=2, first_seconds=0.01)}
+    chat = ChatConfig(base_url=base_url, **(settings | config))
     async with Agent(OpenAIPolicy(chat), AgentConfig(rounds=1)) as agent:
         conversation = agent.begin(task(), 0, 15)
         return [
@@ -98,3 +113,30 @@ async def test_a_reply_without_an_action_is_a_step(endpoint: Endpoint, png: byte
     (step,) = await talk(endpoint.url("bare"), png)
     assert step.action is None
     assert step.parse_error.startswith("no_tool_call")
+
+
+THOUGHT_CALL = render_reply(CLICK, "memory", description="Perhaps")
+
+
+@pytest.mark.parametrize(
+    ("message", "finish_reason", "found"),
+    [
+        ({"content": f"Hm.</think>{THOUGHT_CALL}"}, "stop", CLICK),
+        ({"content": f"I could {THOUGHT_CALL} but"}, "length", "unfinished_thinking"),
+        ({"content": f"I could {THOUGHT_CALL}"}, "stop", "unfinished_thinking"),
+        ({"content": THOUGHT_CALL, "reasoning_content": "Hm."}, "stop", CLICK),
+        ({"content": THOUGHT_CALL, "reasoning": "Hm.", "reasoning_content": None}, "stop", CLICK),
+        ({"content": None, "reasoning_content": f"I could {THOUGHT_CALL} but"}, "length", "no_tool_call"),
+    ],
+)
+async def test_a_call_that_was_only_thought_of_is_none(
+    endpoint: Chooses, png: bytes, message: dict[str, Any], finish_reason: str, found: object
+) -> None:
+    """A Thinking model's template opens the thinking; an endpoint may take it out of the reply."""
+    endpoint.choice = {"message": {"role": "assistant"} | message, "finish_reason": finish_reason}
+    first, second = await talk(endpoint.url("choice"), png, model="Qwen/Qwen3-VL-8B-Thinking", turns=2)
+    assert found in (first.action, first.parse_error.partition(":")[0])
+    assert first.reply.reasoning == (message.get("reasoning_content") or message.get("reasoning") or "")
+    assert ("it was too long and was cut off" in str(second.messages[-1])) == (finish_reason == "length")
+    assert "I could" not in str(second.messages)
+    assert "Hm." not in str(second.messages)

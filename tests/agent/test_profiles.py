@@ -11,13 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from webgym.agent import GENERIC, Profile, all_profiles, choose_profile, profile_of, profiles
+from webgym.agent import GENERIC, AgentConfig, Profile, all_profiles, choose_profile, profile_of, profiles
 from webgym.agent.images import fit
 from webgym.agent.pictures import Multiples, Patches, Tiles
 from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
 from webgym.agent.prompts import tool_declaration
+from webgym.collection import PolicyChoice, RunConfig, resolved
 from webgym.core.errors import ConfigError
-from webgym.llm.config import Sampling
+from webgym.llm.config import ChatConfig, Sampling
 
 DOCS = Path(__file__).parents[2] / "docs" / "agent.md"
 
@@ -197,3 +198,27 @@ def test_no_two_profiles_share_a_name(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(profiles, "__path__", [str(tmp_path)])
     with pytest.raises(ValueError, match="two profiles 'generic'"):
         all_profiles()
+
+
+@pytest.mark.parametrize(
+    ("model", "chosen", "name", "told"),
+    [
+        ("Qwen/Qwen3-VL-8B-Thinking", None, "qwen3-vl-thinking", 0),
+        ("my-model", None, "generic", 1),
+        ("my-model", "qwen3-vl", "qwen3-vl", 0),
+        ("gpt-4o", None, "gpt-4", 0),
+    ],
+)
+def test_a_run_says_what_it_uses(model: str, chosen: str | None, name: str, told: int) -> None:
+    """In its folder, and to the person who starts it where no profile knows the model."""
+    chat = ChatConfig(base_url="http://127.0.0.1:1/v1", model=model)
+    asked = RunConfig(policy=PolicyChoice(name="openai", chat=chat), agent=AgentConfig(profile=chosen))
+    lines: list[str] = []
+    config = resolved(asked, None, lines.append)
+    profile = all_profiles()[name]
+    assert (config.agent.profile, config.agent.mode) == (name, profile.mode)
+    assert config.policy.chat is not None
+    assert config.policy.chat.sampling == profile.sampling_of(Sampling())
+    assert resolved(config, None, None) == config
+    assert len(lines) == told
+    assert all("my-model" in line and "--profile" in line for line in lines)

@@ -60,6 +60,7 @@ def test_an_unknown_task_file(tmp_path: Path, commands: Commands) -> None:
         (("--out", "x", "--split", "dev"), "split"),
         (("--out", "x", "--policy", "oracle"), "oracle"),
         (("--out", "x", "--policy", "openai"), "--base-url"),
+        (("--out", "x", "--profile", "qwen9"), "choose one of generic, gpt-4"),
         (("--out", "x", "--base-url", "ftp://x", "--model", "m"), "http"),
         (("--out", "x", "--config", "none.yaml"), "none.yaml"),
         (("--resume", "nowhere"), "not a run"),

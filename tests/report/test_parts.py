@@ -19,6 +19,7 @@ from PIL import Image
 
 from webgym.core.action import LeftClick, Target, Type
 from webgym.core.outcome import Outcome
+from webgym.core.trajectory import Revision
 from webgym.report.charts import Histogram, LogAxis, outcome_bar, rate_bar
 from webgym.report.config import ReportConfig
 from webgym.report.content import page, row
@@ -63,6 +64,16 @@ def test_a_mark_that_was_not_recorded_is_still_shown(run_folder: Path) -> None:
     episode = msgspec.structs.replace(made.episode, steps=(step,))
     action = page(msgspec.structs.replace(made, episode=episode), None)["steps"][0]["action"]
     assert action == {"name": "type", "text": "x", "mark": 77}
+
+
+def test_how_a_memory_was_mended_is_told(run_folder: Path) -> None:
+    made = next(RunReader(run_folder).trajectories())
+    revision = Revision(dropped=("price",), rewritten=("size", "colour"))
+    step = msgspec.structs.replace(made.episode.steps[0], revision=revision)
+    episode = msgspec.structs.replace(made.episode, steps=(step, *made.episode.steps[1:]))
+    first, *others = page(msgspec.structs.replace(made, episode=episode), None)["steps"]
+    assert first["memory"] == "left out, kept: price; changed, both values kept: size, colour"
+    assert {other["memory"] for other in others} <= {""}
 
 
 def test_every_fact_has_its_judgement(run_folder: Path) -> None:

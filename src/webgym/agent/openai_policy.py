@@ -69,6 +69,7 @@ class OpenAIPolicy:
             prompt_tokens=completion.prompt_tokens,
             completion_tokens=completion.completion_tokens,
             seconds=completion.seconds,
+            reasoning=completion.reasoning,
         )
 
     async def __aenter__(self) -> Self:

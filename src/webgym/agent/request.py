@@ -27,7 +27,7 @@ def to_openai(messages: Sequence[Message], images: Mapping[str, bytes]) -> list[
 
 
 def request_of(step: Step, model: str, picture: Callable[[str], bytes]) -> dict[str, Any]:
-    """The body of the request that a stored step was the answer to, with its keys in the order sent.
+    """The body of the request that a stored step was the answer to, its fields in the order sent.
 
     Args:
         step: as the run store gives it back.
@@ -41,7 +41,7 @@ def request_of(step: Step, model: str, picture: Callable[[str], bytes]) -> dict[
     sizes = {part.screenshot: (part.width, part.height) for part in parts if isinstance(part, ImageRef)}
     images = {name: fit(picture(name), size) for name, size in sizes.items()}
     asked = {"model": model, "messages": to_openai(step.messages, images), "stream": False}
-    return asked | step.reply.sampling
+    return dict(sorted((asked | step.reply.sampling).items()))
 
 
 def _content(message: Message, images: Mapping[str, bytes]) -> str | list[dict[str, Any]]:

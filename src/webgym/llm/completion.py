@@ -26,6 +26,7 @@ class Completion(msgspec.Struct, frozen=True):
         refusal: in place of the text, where the endpoint tells a refusal apart.
         cached: whether it was paid for before: it comes from the cache, or answers an identical request
             that was in flight.
+        reasoning: thinking, where the endpoint tells it apart from the text.
     """
 
     text: str
@@ -37,6 +38,7 @@ class Completion(msgspec.Struct, frozen=True):
     prompt_tokens_cached: int = 0
     refusal: str = ""
     cached: bool = False
+    reasoning: str = ""
 
 
 class Completes(Protocol):
@@ -94,12 +96,20 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
         prompt_tokens_cached=min(known, prompt_tokens),
         refusal=choice.message.refusal if isinstance(choice.message.refusal, str) else "",
         cached=cached,
+        reasoning=_thought(choice.message),
     )
 
 
 class _Said(msgspec.Struct):
     content: str | None = None
     refusal: Any = None
+    reasoning: Any = None  # OpenRouter, and vLLM of late
+    reasoning_content: Any = None  # vLLM, SGLang
+
+
+def _thought(said: _Said) -> str:
+    found = (said.reasoning, said.reasoning_content)
+    return next((thought for thought in found if isinstance(thought, str)), "")
 
 
 class _Choice(msgspec.Struct):

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
 from webgym.core.observation import Element, Observation
 from webgym.core.task import Task
-from webgym.core.trajectory import Failure, Step, Trajectory
+from webgym.core.trajectory import Failure, Revision, Step, Trajectory
 from webgym.core.verdict import Judgement, Verdict
 from webgym.rollout.summary import environment_milliseconds
 
@@ -165,8 +165,21 @@ def _step(step: Step, waited: float | None) -> dict[str, Any]:
         "waited": None if waited is None else round(waited, 1),
         "changed": step.changed,
         "error": step.parse_error,
+        "memory": _mended(step.revision),
         "action": _action(step.action, step.observation) if step.action else None,
     }
+
+
+def _mended(revision: Revision | None) -> str:
+    """What a reply did to its memory that the append-only rule did not let stand."""
+    if revision is None:
+        return ""
+    parts = {
+        "left out, kept": revision.dropped,
+        "changed, both values kept": revision.rewritten,
+        "no room, not taken in": revision.refused,
+    }
+    return "; ".join(f"{what}: {', '.join(keys)}" for what, keys in parts.items() if keys)
 
 
 def _action(action: Action, seen: Observation) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from webgym.bench.ceiling import APART, SERVER, SHARED
+
 SMALL = (
     "--sessions 2 --rounds 1 --seconds 0.5 --thinkers 2 --think 0.2 --thinking 1 "
     "--dense 2 --calls 2 --burst 2"
@@ -41,7 +43,9 @@ def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path) -> None:
     assert "Density" in said
     assert "thinking" not in figures
     assert figures["density"]["steps"]["failures"] == 0
-    assert all(run["latencies"] for page in figures["ceiling"] for run in page["server"])
+    rounds = [page["rounds"] for page in figures["ceiling"]]
+    assert all(run["latencies"] for page in rounds for runs in page.values() for run in runs)
+    assert {name for page in rounds for name in page} == {SHARED, APART, SERVER}
 
 
 @pytest.mark.browser

@@ -1,14 +1,14 @@
-"""The ceiling: nothing but Chromium and its protocol, many contexts in one browser.
+"""The ceiling: nothing but Chromium and its protocol.
 
 A step is an input event, a fixed pause for the page to react, and a picture. No lease, no HTTP, no
-observation, no waiting for the page to be quiet; everything shares one browser, and nothing is isolated.
+observation, no waiting for the page to be quiet; tabs of one browser are not isolated from each other.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 
 from webgym.browser import BrowserConfig, Egress, ProfileRoot
@@ -69,12 +69,26 @@ class BareTab:
             return shot.data
 
 
-class BareBrowser:
-    """One browser with many tabs. Stopped while others are measured."""
+class BareBrowsers:
+    """Browsers with tabs. Stopped while others are measured."""
 
-    def __init__(self, process: BrowserProcess, tabs: list[BareTab]) -> None:
-        self.process = process
+    def __init__(self, processes: list[BrowserProcess], tabs: list[BareTab]) -> None:
+        self._processes = processes
         self.tabs = tabs
+
+    @property
+    def pids(self) -> list[int]:
+        """Of the browsers."""
+        return [process.pid for process in self._processes]
+
+    @contextmanager
+    def awake(self) -> Iterator[None]:
+        """Let them run for the block."""
+        for process in self._processes:
+            process.thaw()
+        yield
+        for process in self._processes:
+            process.freeze()
 
 
 async def _tab(process: BrowserProcess) -> BareTab:
@@ -99,15 +113,15 @@ async def _tab(process: BrowserProcess) -> BareTab:
 
 
 @asynccontextmanager
-async def bare_browser(executable: Path, tabs: int, config: BrowserConfig) -> AsyncIterator[BareBrowser]:
-    """One browser with so many tabs, for the length of the block."""
-    egress = Egress(config.egress)
-    await egress.start()
-    try:
-        process, _ = await launch_sandboxed(config, executable, ProfileRoot(), None, egress)
-        try:
-            yield BareBrowser(process, [await _tab(process) for _ in range(tabs)])
-        finally:
-            await process.kill()
-    finally:
-        await egress.stop()
+async def bare_browsers(
+    executable: Path, browsers: int, tabs: int, config: BrowserConfig
+) -> AsyncIterator[BareBrowsers]:
+    """So many browsers with so many tabs each, for the length of the block."""
+    async with AsyncExitStack() as stack:
+        egress = await stack.enter_async_context(Egress(config.egress))
+        processes = []
+        for _ in range(browsers):
+            process, _ = await launch_sandboxed(config, executable, ProfileRoot(), None, egress)
+            stack.push_async_callback(process.kill)
+            processes.append(process)
+        yield BareBrowsers(processes, [await _tab(process) for process in processes for _ in range(tabs)])

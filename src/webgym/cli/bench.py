@@ -56,7 +56,8 @@ def server(
     import uvloop
     from rich.console import Console
 
-    from webgym.bench.server import PARTS, BenchPlan, ServerFigures, measure
+    from webgym.bench.server import PARTS, ServerFigures, measure
+    from webgym.bench.stepping import BenchPlan
     from webgym.bench.tables import markdown, server_tables, show
 
     _expect_to_write(json)

@@ -31,7 +31,7 @@ from webgym.tasks.decompose import SYNTHETIC
 from webgym.tasks.families import roots_of
 from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.texts import LITTLE, fold, joined, names, number, template
-from webgym.tasks.websites import site_of
+from webgym.tasks.websites import site_or_text
 
 AnyTask = TypeVar("AnyTask", Task, SourceTask)
 Why: TypeAlias = Literal["same", "near", "parent", "template", "website"]
@@ -167,7 +167,7 @@ class _Text:
     def __init__(self, task: Task | SourceTask, family: str) -> None:
         self.id, self.raw, self.family = task.id, task.instruction, family
         self.folded = fold(task.instruction)
-        self.site = _site(task.website)
+        self.site = "" if task.website is None else site_or_text(task.website)
         self.block = -1
         self.shingles = _NOTHING
 
@@ -186,15 +186,6 @@ class _Text:
             elif word in wanted:
                 found.append(word)
         return found
-
-
-def _site(website: str | None) -> str:
-    if website is None:
-        return ""
-    try:
-        return site_of(website)
-    except ValueError:  # the validation complains; here it is a name like any other
-        return website.strip().casefold()
 
 
 class _Numbers(dict[str, "str | None"]):

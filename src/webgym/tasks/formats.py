@@ -99,13 +99,13 @@ def _read(path: Path, found: Findings) -> None:
         if file.peek(len(_PARQUET)).startswith(_PARQUET):
             from webgym.tasks.parquet import read_parquet  # pyarrow takes its time to import
 
-            read_parquet(path, _split_of(path), found)
+            read_parquet(path, split_of(path), found)
             return
         begin: list[bytes] = []
         is_published = _is_published(file, begin)
         lines = chain(begin, file)
         if is_published:
-            read_published(lines, path, _split_of(path), found)
+            read_published(lines, path, split_of(path), found)
         else:
             read_lines(lines, path, found)
 
@@ -122,7 +122,7 @@ def _write(path: Path, tasks: Iterable[Task], format: Format) -> int:
 
             return write_parquet(file, tasks)
         if format == "published":
-            return write_published(file, tasks, _split_of(path))
+            return write_published(file, tasks, split_of(path))
         return write_lines(file, tasks)
 
 
@@ -149,7 +149,7 @@ def _is_published(lines: Iterator[bytes], begin: list[bytes]) -> bool:
     return False
 
 
-def _split_of(path: Path) -> Literal["train", "test"] | None:
+def split_of(path: Path) -> Literal["train", "test"] | None:
     """The split that a file's name tells: ``test.jsonl``, ``train-00000-of-00002.parquet``."""
     for split in _SPLITS:
         if path.name.startswith(split) and not path.name[len(split) : len(split) + 1].isalnum():
@@ -166,7 +166,7 @@ def _files(path: Path) -> list[Path]:
         return [path]
     names = sorted(each for each in path.iterdir() if each.name.endswith(_ENDINGS) and each.is_file())
     files = _alike([each for each in names if each.name.startswith("tasks.")])[:1] or [
-        file for split in _SPLITS for file in _alike([each for each in names if _split_of(each) == split])
+        file for split in _SPLITS for file in _alike([each for each in names if split_of(each) == split])
     ]
     if not files:
         raise TaskFileError(

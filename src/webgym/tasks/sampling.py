@@ -1,13 +1,342 @@
-"""Choosing tasks."""
+"""Choosing tasks: a sampler that goes on from draw to draw (SYSTEM.md 5), and single draws.
+
+    sampler = Sampler(tasks, SamplerConfig(seed=7, ratio={"easy": 2, "medium": 1, "hard": 1}))
+    batch = sampler.draw(1_024)
+    state = sampler.state()  # small, for JSON; restore() goes on from there
+
+A sampler deals its tasks like cards. Each level that has a share of its own is a deck; a deck is shuffled,
+dealt to its end over as many draws as that takes, and shuffled again. Weights (:func:`near_success`,
+:func:`spread_websites`) change what is likely to come early in a deck, and nothing else.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import math
 import random
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property
 from itertools import zip_longest
-from typing import TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from webgym.core.errors import ConfigError, NothingToDraw
+from webgym.core.task import LEVELS, Level, Task
+from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
+from webgym.tasks.websites import site_of, site_or_text
 
 T = TypeVar("T")
+
+Weigh: TypeAlias = "Callable[[Deck], NDArray[np.float64]]"
+"""How likely each task of a deck is to come next, as the deck orders them; 0 for never. Asked per shuffle."""
+
+_ALL: Final = "all"
+
+
+class SamplerConfig(BaseModel):
+    """Which tasks are drawn, and in which shares."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    seed: int = 0
+    """Of every shuffle."""
+    ratio: dict[Level, float] | None = None
+    """Shares of the levels, such as 2:1:1; a level that is not named is not drawn. ``None`` draws from all
+    tasks alike. Over many draws the shares are exact to one task."""
+    domains: tuple[str, ...] = ()
+    """Draw from these domains and subdomains alone; from all if empty."""
+    without: tuple[str, ...] = ()
+    """Domains and subdomains that are not drawn from."""
+    shard: int = Field(default=0, ge=0)
+    """Which worker this is, from 0. Workers with the same seed and tasks draw from disjoint parts."""
+    shards: int = Field(default=1, ge=1)
+    """How many workers there are; together they have all tasks."""
+
+    @model_validator(mode="after")
+    def _check(self) -> SamplerConfig:
+        if self.shard >= self.shards:
+            raise ValueError(f"there is no shard {self.shard} of {self.shards}: they count from 0")
+        shares = [1.0] if self.ratio is None else list(self.ratio.values())
+        if not all(0 <= share < math.inf for share in shares) or not any(shares):
+            raise ValueError("a ratio needs a share above 0, and none below")
+        return self
+
+
+class Deck:
+    """The tasks of one stratum, and how far they have been dealt.
+
+    Attributes:
+        name: of the stratum: a level, or "all".
+        tasks: in an order that never changes.
+        epoch: how many times the deck has been dealt to its end.
+        position: how many of its tasks have been dealt since.
+        dealt: how many tasks it has given in all.
+    """
+
+    def __init__(self, name: str, tasks: list[Task], seed: int) -> None:
+        self.name = name
+        self.tasks = tasks
+        self.epoch = self.position = self.dealt = 0
+        self._seed = seed
+        self._order: NDArray[np.intp] | None = None
+
+    @cached_property
+    def places(self) -> dict[str, int]:
+        """Where in :attr:`tasks` a task is, by id."""
+        return {task.id: place for place, task in enumerate(self.tasks)}
+
+    @cached_property
+    def sites(self) -> list[str]:
+        """The website of each task, as :func:`site_of` names it."""
+        return [site_or_text(task.website) for task in self.tasks]
+
+    def deal(self, count: int, blocked: set[str], weigh: Weigh | None) -> list[Task]:
+        """The next tasks, those on blocked websites passed over until the next shuffle.
+
+        Raises:
+            NothingToDraw: all of them are passed over.
+        """
+        dealt: list[Task] = []
+        whole, before = self.position == 0, 0
+        while len(dealt) < count:
+            order = self._order if self._order is not None else self._shuffle(weigh)
+            hand = order[self.position : self.position + count - len(dealt)]
+            tasks = [self.tasks[place] for place in hand]
+            if blocked:
+                tasks = [task for task in tasks if site_or_text(task.website) not in blocked]
+            dealt += tasks
+            self.position += len(hand)
+            if self.position == len(order):
+                if whole and len(dealt) == before:
+                    raise NothingToDraw(
+                        f"there is no task left to draw: all {len(order):,} in {self.name!r} are on blocked "
+                        "websites or have no weight",
+                        hint="unblock a website, or give more tasks",
+                    )
+                whole, before = True, len(dealt)
+                self.next_epoch()
+        self.dealt += count
+        return dealt
+
+    def next_epoch(self) -> None:
+        """Shuffle before the next task is dealt."""
+        self.epoch, self.position, self._order = self.epoch + 1, 0, None
+
+    def stand(self, epoch: int, position: int, dealt: int) -> None:
+        """Go to where a deck with the same tasks stood."""
+        self.epoch, self.position, self.dealt, self._order = epoch, position, dealt, None
+
+    def _shuffle(self, weigh: Weigh | None) -> NDArray[np.intp]:
+        """Draw without replacement, each next task in proportion to its weight (Efraimidis and Spirakis)."""
+        rng = _rng(self._seed, "epoch", self.name, self.epoch)
+        keys = -np.log1p(-rng.random(len(self.tasks)))
+        if weigh is not None:
+            weights = weigh(self)
+            keys = np.divide(keys, weights, out=np.full(len(keys), np.inf), where=weights > 0)
+        self._order = np.argsort(keys)[: int(np.isfinite(keys).sum())]
+        return self._order
+
+
+class Sampler:
+    """Draws tasks without replacement until there are none left, and then begins again.
+
+    Args:
+        tasks: the whole set, in the same order for every worker and after every restart.
+        config: which of them, and in which shares.
+        weigh: what should come early; asked anew for every pass through the tasks.
+        anew: draw every time from all tasks, not from those that are left; for weights that change with what
+            happened since. A task may then come again in the next draw, but not in the same.
+
+    Raises:
+        NothingToDraw: there is no task, or none of a level that the ratio asks for.
+    """
+
+    def __init__(
+        self,
+        tasks: Sequence[Task],
+        config: SamplerConfig | None = None,
+        *,
+        weigh: Weigh | None = None,
+        anew: bool = False,
+    ) -> None:
+        self.config = config or SamplerConfig()
+        self._weigh = weigh
+        self._anew = anew
+        self._blocked: set[str] = set()
+        self._draws = 0
+        names = "\n".join(task.id for task in tasks)
+        settings = self.config.model_dump_json()
+        self._of = hashlib.blake2b(f"{settings}\n{names}".encode(), digest_size=8).hexdigest()
+        self._decks = _decks(tasks, self.config)
+        ratio: Mapping[Any, float] = self.config.ratio or {_ALL: 1.0}
+        total = sum(ratio[deck.name] for deck in self._decks)
+        self._shares = [ratio[deck.name] / total for deck in self._decks]
+
+    @property
+    def blocked(self) -> frozenset[str]:
+        """The websites that no task is drawn from, as :func:`site_of` names them."""
+        return frozenset(self._blocked)
+
+    def block(self, *websites: str) -> None:
+        """Draw nothing from these websites from now on."""
+        self._blocked.update(map(site_of, websites))
+
+    def unblock(self, *websites: str) -> None:
+        """Draw from these websites again. What was passed over comes back when its deck is shuffled."""
+        self._blocked.difference_update(map(site_of, websites))
+
+    def draw(self, count: int) -> list[Task]:
+        """The next tasks, levels mixed. A task comes twice only if a pass ends within the draw.
+
+        Raises:
+            NothingToDraw: every task that there is to draw from is blocked.
+        """
+        batch: list[Task] = []
+        for deck, quota in zip(self._decks, self._quotas(count), strict=True):
+            if self._anew and deck.position:
+                deck.next_epoch()
+            batch += deck.deal(quota, self._blocked, self._weigh)
+        order = _rng(self.config.seed, "mix", self._draws).random(count).argsort(kind="stable")
+        self._draws += 1
+        return [batch[place] for place in order]
+
+    def state(self) -> dict[str, Any]:
+        """Where the sampler stands, for JSON: a few numbers per deck, and the blocked websites."""
+        return {
+            "of": self._of,
+            "draws": self._draws,
+            "decks": {deck.name: [deck.epoch, deck.position, deck.dealt] for deck in self._decks},
+            "blocked": sorted(self._blocked),
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Go on from where another sampler of the same tasks, settings and weights stood.
+
+        Raises:
+            ConfigError: the state is of other tasks or settings.
+        """
+        if state.get("of") != self._of:
+            raise ConfigError(
+                "the sampler's state is of other tasks or settings",
+                hint="give the tasks, in their order, and the settings it was saved with; or begin anew",
+            )
+        self._draws = state["draws"]
+        self._blocked = set(state["blocked"])
+        for deck in self._decks:
+            deck.stand(*state["decks"][deck.name])
+
+    def _quotas(self, count: int) -> list[int]:
+        """How many tasks each deck gives, so that all it has given is as near to its share as can be."""
+        total = sum(deck.dealt for deck in self._decks) + count
+        owed = [
+            max(0.0, share * total - deck.dealt)
+            for share, deck in zip(self._shares, self._decks, strict=True)
+        ]
+        quotas = [int(each) for each in owed]
+        rest = sorted(range(len(owed)), key=lambda place: quotas[place] - owed[place])
+        for place in rest[: count - sum(quotas)]:
+            quotas[place] += 1
+        return quotas
+
+
+def near_success(
+    results: Mapping[str, tuple[int, int]], *, target: float = 0.5, width: float = 0.2, least: float = 0.02
+) -> Weigh:
+    """A curriculum: tasks come early that succeed about as often as ``target``; use it with ``anew=True``.
+
+    Args:
+        results: (successes, attempts) by task id; looked at again for every draw, so it may grow. A task
+            without attempts counts as one that is right on target, and one with few leans that way.
+        target: success rate that there is most to learn from, 0 to 1.
+        width: how far from it a rate may be, roughly.
+        least: weight of a task that is hopeless or mastered, against 1 on target.
+    """
+
+    def weigh(deck: Deck) -> NDArray[np.float64]:
+        known = [(deck.places[id], *result) for id, result in results.items() if id in deck.places]
+        places, successes, attempts = np.array(known, dtype=np.intp).reshape(-1, 3).T
+        off = (successes + target) / (attempts + 1) - target
+        weights = np.ones(len(deck.tasks))
+        weights[places] = least + (1 - least) * np.exp(-0.5 * (off / width) ** 2)
+        return weights
+
+    return weigh
+
+
+def spread_websites(power: float = 1.0) -> Weigh:
+    """Diversity: a website with n tasks comes as if it had n^(1 - power) of them: with 1, as if one."""
+
+    def weigh(deck: Deck) -> NDArray[np.float64]:
+        sizes = Counter(deck.sites)
+        return np.array([sizes[site] for site in deck.sites], dtype=float) ** -power
+
+    return weigh
+
+
+def parse_ratio(text: str) -> dict[Level, float]:
+    """Shares of easy, medium and hard tasks from a text such as ``2:1:1``.
+
+    Raises:
+        ConfigError: it is none.
+    """
+    try:
+        easy, medium, hard = (float(part) for part in text.split(":"))
+    except ValueError as error:
+        raise ConfigError(f"{text!r} is no ratio", hint="give easy:medium:hard, such as 2:1:1") from error
+    return {"easy": easy, "medium": medium, "hard": hard}
+
+
+def _decks(tasks: Sequence[Task], config: SamplerConfig) -> list[Deck]:
+    wanted, unwanted = {*config.domains}, {*config.without}
+    if wanted or unwanted:
+        known = {name for task in tasks for name in (task.domain, task.subdomain)}
+        if unknown := (wanted | unwanted).difference(DOMAINS, DOMAIN_OF, known):
+            hint = f"the domains are {', '.join(DOMAINS)}"
+            raise ConfigError(f"there is no domain {min(unknown)!r}", hint=hint)
+    strata: dict[str, list[Task]] = {level: [] for level in LEVELS} if config.ratio else {_ALL: []}
+    for task in tasks:
+        names = (task.domain, task.subdomain)
+        if (not wanted or not wanted.isdisjoint(names)) and unwanted.isdisjoint(names):
+            strata[task.level if config.ratio else _ALL].append(task)
+    if not config.ratio:
+        if not strata[_ALL]:
+            raise NothingToDraw(f"there is no task to draw among {len(tasks):,}", hint="choose more domains")
+        return [_shard(_ALL, strata[_ALL], config)]
+    found = ", ".join(f"{len(members):,} {level}" for level, members in strata.items())
+    decks = []
+    for level, share in config.ratio.items():
+        if not share:
+            continue
+        if not strata[level]:
+            raise NothingToDraw(
+                f"there is no {level} task to draw, and the ratio asks for some: there are {found}",
+                hint="give another ratio, or more tasks",
+            )
+        decks.append(_shard(level, strata[level], config))
+    return decks
+
+
+def _shard(name: str, members: list[Task], config: SamplerConfig) -> Deck:
+    """A worker's part of a stratum: every so many-th of it, shuffled so that the parts are alike."""
+    if config.shards > 1:
+        order = _rng(config.seed, "shards", name).random(len(members)).argsort(kind="stable")
+        members = [members[place] for place in order[config.shard :: config.shards]]
+        if not members:
+            raise NothingToDraw(
+                f"shard {config.shard} of {config.shards} has no task in {name!r}: there are fewer tasks",
+                hint="use fewer shards",
+            )
+    return Deck(name, members, config.seed)
+
+
+def _rng(seed: int, *names: str | int) -> np.random.Generator:
+    """A stream of its own for every purpose."""
+    digest = hashlib.blake2b("/".join(map(str, ("tasks", seed, *names))).encode(), digest_size=16).digest()
+    return np.random.Generator(np.random.PCG64(int.from_bytes(digest, "little")))
 
 
 def draw(tasks: Iterable[T], count: int | None, seed: int) -> list[T]:

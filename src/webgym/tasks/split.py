@@ -72,6 +72,14 @@ class Split:
     left_out: list[LeftOut]
     test: Counter[tuple[str, str]]
 
+    def of_level(self, level: str) -> int:
+        """Test tasks of a level."""
+        return sum(count for pair, count in self.test.items() if pair[0] == level)
+
+    def of_domain(self, domain: str) -> int:
+        """Test tasks of a domain."""
+        return sum(count for pair, count in self.test.items() if pair[1] == domain)
+
 
 def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
     """Choose the test tasks, and drop from training what would give them away.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from webgym.core.task import LEVELS, Level, Task, level_of
 from webgym.tasks.taxonomy import DOMAINS
-from webgym.tasks.websites import site_of
+from webgym.tasks.websites import site_or_text
 
 Part: TypeAlias = Literal["train", "test", "decomposed", "unsplit"]
 PARTS: Final[tuple[Part, ...]] = ("train", "test", "decomposed", "unsplit")
@@ -120,7 +120,7 @@ def describe(tasks: Iterable[Task], lengths: Mapping[Level, Sequence[int]] | Non
     sources: dict[str, Counter[str]] = defaultdict(Counter)
     homes: dict[str, set[str]] = defaultdict(set)
     for task in tasks:
-        site, facts = _site(task), task.difficulty
+        site, facts = site_or_text(task.website), task.difficulty
         websites[site] += 1
         homes[task.source].add(site)
         difficulties[task.split or "unsplit"][facts] += 1
@@ -162,13 +162,6 @@ def kernel_density(counts: Mapping[int, int]) -> tuple[NDArray[np.float64], NDAr
     grid = np.linspace(0.0, values.max() + 3 * width, _GRID)
     kernels = np.exp(-0.5 * ((grid[:, None] - values[None, :]) / width) ** 2)
     return grid, kernels @ weights / (total * width * np.sqrt(2 * np.pi))
-
-
-def _site(task: Task) -> str:
-    try:
-        return site_of(task.website)
-    except ValueError:  # counted under what it says
-        return task.website
 
 
 def _domain_rows(counts: Mapping[tuple[str, str, Level], int]) -> list[DomainRow]:

@@ -10,7 +10,7 @@ from typing import Final, Literal, TypeAlias
 from webgym.core.task import Task
 from webgym.tasks.families import roots_of
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
-from webgym.tasks.websites import site_of
+from webgym.tasks.websites import site_of, site_or_text
 
 Rule: TypeAlias = Literal[
     "id", "instruction", "website", "domain", "difficulty", "split", "distinct", "leak", "family", "derived"
@@ -93,7 +93,7 @@ def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
         tasks: all of a set, training and test tasks together.
         split: whether they have been split; if not, what concerns the split is not checked.
     """
-    sites = [_site(task) for task in tasks]
+    sites = [site_or_text(task.website) for task in tasks]
     by_id: dict[str, Task] = {}
     for task in tasks:
         by_id.setdefault(task.id, task)
@@ -110,13 +110,6 @@ def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
         offenders=sorted(offenders, key=lambda offender: order[offender.rule]),
         orphans=[task.id for task in tasks if task.parent_id is not None and task.parent_id not in by_id],
     )
-
-
-def _site(task: Task) -> str:
-    try:
-        return site_of(task.website)
-    except ValueError:
-        return task.website
 
 
 def _each(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Offender]:

@@ -72,6 +72,14 @@ def site_of(website: str) -> str:
     return _suffixes().privatesuffix(host) or host
 
 
+def site_or_text(website: str) -> str:
+    """As :func:`site_of`, for counting and comparing: what names no website stands for itself."""
+    try:
+        return site_of(website)
+    except ValueError:
+        return website
+
+
 @cache
 def _suffixes() -> PublicSuffixList:
     return PublicSuffixList()

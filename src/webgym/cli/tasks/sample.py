@@ -1,0 +1,136 @@
+"""``webgym tasks sample``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from webgym.tasks.sampling import Sampler, SamplerConfig, Weigh
+
+
+def sample(
+    files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
+    count: int = typer.Option(1_024, "--count", min=1, help="Tasks to draw."),
+    out: Path | None = typer.Option(None, "--out", help="Task file to write.", show_default="print the ids"),
+    split: str | None = typer.Option("train", "--split", help="train, test or all."),
+    ratio: str | None = typer.Option(
+        None, "--ratio", help="Shares of easy:medium:hard, such as 2:1:1.", show_default="as they come"
+    ),
+    domain: list[str] = typer.Option([], "--domain", help="Draw from this domain or subdomain. Repeatable."),
+    without: list[str] = typer.Option([], "--without", help="Do not draw from this one. Repeatable."),
+    block: list[str] = typer.Option([], "--block", help="Draw nothing from this website. Repeatable."),
+    shard: str = typer.Option("0/1", "--shard", help="Which worker of how many, such as 0/4."),
+    seed: int = typer.Option(0, "--seed", help="Of every shuffle."),
+    state: Path | None = typer.Option(
+        None, "--state", help="Go on from this file if it is there, and leave the new state in it."
+    ),
+    spread: bool = typer.Option(
+        False, "--spread-websites", help="Every website alike, however many tasks it has."
+    ),
+    near: list[Path] = typer.Option(
+        [], "--curriculum", help="Prefer tasks that succeeded about half the time in this run. Repeatable."
+    ),
+    target: float = typer.Option(0.5, "--target", min=0.0, max=1.0, help="Success rate to prefer."),
+) -> None:
+    """Draw tasks without replacement; with --state, go on where the last call left off."""
+    from webgym.cli.tasks._files import with_own_ids
+    from webgym.core.errors import ConfigError
+    from webgym.tasks import write_tasks
+    from webgym.tasks.sampling import Sampler, near_success, spread_websites
+
+    if spread and near:
+        raise ConfigError("there are two ways of weighing", hint="give --spread-websites or --curriculum")
+    if split not in ("train", "test", "all"):
+        raise ConfigError(f"there is no split {split!r}", hint="give train, test or all")
+    tasks = [task for task in with_own_ids(files) if split == "all" or task.split in (None, split)]
+    weigh: Weigh | None = spread_websites() if spread else None
+    if near:
+        weigh = near_success(_results(near), target=target)
+    config = _config(seed=seed, ratio=ratio, domains=domain, without=without, shard=shard)
+    sampler = Sampler(tasks, config, weigh=weigh, anew=bool(near))
+    _restore(sampler, state)
+    sampler.block(*map(_checked, block))
+    drawn = sampler.draw(count)
+    if out is not None:
+        write_tasks(out, drawn)
+        print(f"{len(drawn):,} tasks written to {out}")
+    else:
+        print("\n".join(task.id for task in drawn))
+    _keep(sampler, state)
+
+
+def _config(
+    *, seed: int, ratio: str | None, domains: list[str], without: list[str], shard: str
+) -> SamplerConfig:
+    from pydantic import ValidationError
+
+    from webgym.core.errors import ConfigError
+    from webgym.tasks.sampling import SamplerConfig, parse_ratio
+
+    number, slash, of = shard.partition("/")
+    if not (slash and number.isdecimal() and of.isdecimal()):
+        raise ConfigError(f"{shard!r} names no shard", hint="give which of how many, from 0, such as 0/4")
+    try:
+        return SamplerConfig(
+            seed=seed,
+            ratio=parse_ratio(ratio) if ratio is not None else None,
+            domains=tuple(domains),
+            without=tuple(without),
+            shard=int(number),
+            shards=int(of),
+        )
+    except ValidationError as error:
+        raise ConfigError(error.errors()[0]["msg"].removeprefix("Value error, ")) from error
+
+
+def _checked(website: str) -> str:
+    from webgym.core.errors import ConfigError
+    from webgym.tasks.websites import site_of
+
+    try:
+        return site_of(website)
+    except ValueError as error:
+        raise ConfigError(str(error), hint="give a host or a URL to --block") from error
+
+
+def _restore(sampler: Sampler, state: Path | None) -> None:
+    import json
+
+    from webgym.core.errors import ConfigError
+
+    if state is None or not state.exists():
+        return
+    try:
+        held: Any = json.loads(state.read_bytes())
+    except (OSError, ValueError) as error:
+        raise ConfigError(
+            f"{state} is no sampler's state: {error}", hint="remove it to begin anew"
+        ) from error
+    sampler.restore(held if isinstance(held, dict) else {})
+
+
+def _keep(sampler: Sampler, state: Path | None) -> None:
+    import json
+
+    from webgym.tasks.files import whole_file
+
+    if state is not None:
+        with whole_file(state) as file:
+            file.write(json.dumps(sampler.state()).encode() + b"\n")
+
+
+def _results(runs: list[Path]) -> dict[str, tuple[int, int]]:
+    """Successes and attempts that carry a reward, by task."""
+    from webgym.core.outcome import Outcome
+    from webgym.rollout.store import RunReader
+
+    results: dict[str, tuple[int, int]] = {}
+    for path in runs:
+        for entry in RunReader(path).attempts.values():
+            if entry.outcome.is_rewarded:
+                successes, attempts = results.get(entry.task_id, (0, 0))
+                results[entry.task_id] = (successes + (entry.outcome == Outcome.SUCCESS), attempts + 1)
+    return results

@@ -1,0 +1,61 @@
+"""``webgym tasks stats``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from webgym.core.task import Level
+
+
+def stats(
+    files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
+    figures: Path | None = typer.Option(
+        None, "--figures", help="Folder to draw the figures into, as PNG and SVG."
+    ),
+    run: list[Path] = typer.Option(
+        [], "--run", help="Run folder whose trajectories' lengths to count. Repeatable."
+    ),
+    form: str = typer.Option("terminal", "--form", help="terminal, markdown, csv or json."),
+) -> None:
+    """Count a task set by source, difficulty, domain and website; draw its figures."""
+    import sys
+
+    import msgspec
+
+    from webgym.cli.tasks._files import with_own_ids
+    from webgym.cli.tasks._tables import FORMS, as_csv, as_markdown, shown
+    from webgym.core.errors import ConfigError
+    from webgym.tasks.statistics import describe, tables
+
+    if form not in FORMS:
+        raise ConfigError(f"there is no form {form!r}", hint=f"one of {', '.join(FORMS)}")
+    found = describe(with_own_ids(files), _lengths(run))
+    if form == "terminal":
+        shown(tables(found))
+    elif form == "json":
+        print(msgspec.json.format(msgspec.json.encode(found)).decode())
+    else:
+        print(as_markdown(tables(found)) if form == "markdown" else as_csv(tables(found)), end="")
+    if figures is not None:
+        from webgym.tasks.figures import draw_figures
+
+        drawn = draw_figures(found, figures)
+        print(f"{len(drawn)} files drawn into {figures}", file=sys.stderr)
+
+
+def _lengths(runs: list[Path]) -> dict[Level, list[int]]:
+    """Steps of every attempt that carries a reward, by the level of its task."""
+    from webgym.core.task import LEVELS
+    from webgym.rollout.store import RunReader
+
+    lengths: dict[Level, list[int]] = {level: [] for level in LEVELS}
+    for path in runs:
+        reader = RunReader(path)
+        for entry in reader.attempts.values():
+            if entry.outcome.is_rewarded and (task := reader.tasks.get(entry.task_id)) is not None:
+                lengths[task.level].append(len(reader.trajectory(entry.attempt_id).episode.steps))
+    return lengths

@@ -1,0 +1,176 @@
+"""``webgym tasks split``, ``validate``, ``sample`` and ``stats``."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+
+import msgspec
+import pytest
+from tests.tasks.making import task
+
+from webgym.cli import main
+from webgym.core.task import Task
+from webgym.tasks import read_tasks, write_tasks
+from webgym.tasks.taxonomy import DOMAIN_OF
+
+
+class Commands:
+    """``webgym`` commands in this process: (exit code, what they printed)."""
+
+    def __init__(self, captured: pytest.CaptureFixture[str]) -> None:
+        self._captured = captured
+
+    def run(self, *arguments: object) -> tuple[int, str]:
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        printed = self._captured.readouterr()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, printed.out + printed.err
+
+
+@pytest.fixture
+def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
+    return Commands(capsys)
+
+
+def many(count: int = 200, websites: int = 60) -> list[Task]:
+    rng = random.Random(5)
+    return [
+        task(
+            f"s/{number}",
+            f"https://www.site{rng.randrange(websites)}.example/{number}",
+            rng.choice((1, 1, 1, 4, 7)),
+            subdomain=rng.choice(sorted(DOMAIN_OF)),
+        )
+        for number in range(count)
+    ]
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> Path:
+    path = tmp_path / "whole.jsonl"
+    write_tasks(path, many())
+    return path
+
+
+def test_split_then_validate(commands: Commands, tmp_path: Path, whole: Path) -> None:
+    out, left = tmp_path / "set", tmp_path / "left.jsonl"
+    code, output = commands.run("tasks", "split", whole, "--out", out, "--test", 12, "--left-out", left)
+    assert code == 0, output
+    train, test = (read_tasks(out / f"{name}.jsonl").tasks for name in ("train", "test"))
+    assert len(test) == 12
+    gone = [json.loads(line) for line in left.read_text().splitlines()]
+    assert len(train) + 12 + len(gone) == 200
+    assert f"{len(gone)} left out: test website" in output
+    assert "188" not in output or len(train) == 188
+    code, output = commands.run("tasks", "validate", out)
+    assert code == 0, output
+    assert "ok  no training task is on a test website" in output
+    code, again = commands.run("tasks", "validate", out / "train.jsonl", out / "test.jsonl")
+    assert (code, again) == (0, output)
+
+
+def test_validate_names_offenders_in_any_files(commands: Commands, tmp_path: Path) -> None:
+    # The files' names say what they are for; the tasks do not.
+    write_tasks(
+        tmp_path / "test.jsonl", [task("t/1", "https://m.leaky.example/"), task("t/2", "other.example")]
+    )
+    write_tasks(
+        tmp_path / "train.parquet", [task("a/1", "WWW.LEAKY.example:80"), task("t/2", "fine.example")]
+    )
+    report = tmp_path / "report.json"
+    files = (tmp_path / "test.jsonl", tmp_path / "train.parquet")
+    code, output = commands.run("tasks", "validate", *files, "--json", report)
+    assert code == 1
+    assert "BAD no training task is on a test website: 1 do not" in output
+    assert "leak: a/1 (leaky.example): the test task t/1 is on it" in output
+    assert "id: t/2 (fine.example): a second task with this id" in output
+    held = json.loads(report.read_bytes())["report"]
+    assert [(each["rule"], each["id"]) for each in held["offenders"]] == [
+        ("id", "t/2"),
+        ("leak", "a/1"),
+        ("family", "t/2"),
+    ]
+
+
+def test_validate_fails_over_a_broken_record_and_over_tasks_without_a_split(
+    commands: Commands, tmp_path: Path
+) -> None:
+    path = tmp_path / "tasks.jsonl"
+    path.write_bytes(msgspec.json.encode(task("a/1")) + b"\nnonsense\n")
+    code, output = commands.run("tasks", "validate", path, "--unsplit")
+    assert code == 1
+    assert "every record can be read: 1 cannot" in output
+    path.write_bytes(msgspec.json.encode(task("a/1")) + b"\n")
+    assert commands.run("tasks", "validate", path, "--unsplit")[0] == 0
+    code, output = commands.run("tasks", "validate", path)
+    assert code == 1
+    assert "it is for neither training nor testing" in output
+
+
+def test_split_says_how_many_websites_there_are(commands: Commands, tmp_path: Path, whole: Path) -> None:
+    code, output = commands.run("tasks", "split", whole, "--out", tmp_path / "set")
+    assert code == 2
+    assert "1,167 test tasks need as many websites, and there are 5" in output
+    assert not (tmp_path / "set").exists()
+    code, output = commands.run("tasks", "split", whole, whole, "--out", tmp_path / "set", "--test", 1)
+    assert code == 2
+    assert "stands in two of the files" in output
+
+
+def test_sample_goes_on_where_it_left_off(commands: Commands, tmp_path: Path, whole: Path) -> None:
+    state, out = tmp_path / "state.json", tmp_path / "drawn.jsonl"
+    options = ("--count", 80, "--seed", 3, "--state", state)
+    drawn = []
+    for _ in range(2):
+        code, output = commands.run("tasks", "sample", whole, *options, "--out", out)
+        assert code == 0, output
+        drawn += [each.id for each in read_tasks(out).tasks]
+    assert len(set(drawn)) == 160
+    code, output = commands.run("tasks", "sample", whole, "--count", 80, "--seed", 3)
+    assert output.split() == drawn[:80]
+    code, output = commands.run("tasks", "sample", whole, "--count", 80, "--seed", 4, "--state", state)
+    assert code == 2
+    assert "of other tasks or settings" in output
+
+
+def test_sample_chooses(commands: Commands, tmp_path: Path, whole: Path) -> None:
+    out = tmp_path / "drawn.jsonl"
+    options = ("--ratio", "1:1:2", "--without", "Entertainment", "--block", "https://site3.example/x")
+    code, output = commands.run(
+        "tasks", "sample", whole, "--count", 8, *options, "--shard", "1/2", "--out", out
+    )
+    assert code == 0, output
+    drawn = read_tasks(out).tasks
+    assert sorted(each.level for each in drawn) == ["easy"] * 2 + ["hard"] * 4 + ["medium"] * 2
+    assert not [each for each in drawn if each.domain == "Entertainment" or "//www.site3." in each.website]
+    for wrong, said in (
+        (("--ratio", "2:1"), "is no ratio"),
+        (("--shard", "2"), "names no shard"),
+        (("--shard", "2/2"), "there is no shard 2 of 2"),
+        (("--domain", "Cooking"), "there is no domain 'Cooking'"),
+        (("--block", "no website"), "names no website"),
+        (("--split", "all", "--count", "1", "--domain", "News", "--without", "News"), "no task to draw"),
+    ):
+        code, output = commands.run("tasks", "sample", whole, *wrong)
+        assert (code, said in output) == (2, True), output
+
+
+def test_stats_in_every_form(commands: Commands, tmp_path: Path, whole: Path) -> None:
+    figures = tmp_path / "figures"
+    code, output = commands.run("tasks", "stats", whole, "--figures", figures)
+    assert code == 0, output
+    assert "6 files drawn into" in output
+    assert {path.name for path in figures.iterdir()} == {
+        f"{name}.{suffix}" for name in ("websites", "difficulty", "domains") for suffix in ("png", "svg")
+    }
+    code, output = commands.run("tasks", "stats", whole, "--form", "json")
+    assert json.loads(output)["tasks"] == 200
+    code, output = commands.run("tasks", "stats", whole, "--form", "markdown")
+    assert "| source | websites | tasks | derived | train | test |" in output
+    code, output = commands.run("tasks", "stats", whole, "--form", "csv")
+    assert output.startswith("Tasks by source\nsource,websites,tasks,derived,train,test\ninsta-v3,")
+    code, output = commands.run("tasks", "stats", whole, "--form", "pie")
+    assert code == 2

@@ -261,7 +261,8 @@ def _is_qualified(given: Sequence[Token], start: int, end: int) -> bool:
     before = [token.word for token in given[max(0, start - 4) : start]]
     after = [token.word for token in given[end : end + 3]]
     return bool(
-        (_NEGATIONS | _QUALIFIERS) & set(before)
+        _NEGATIONS & set(before)
+        or _QUALIFIERS & set(before[-2:])
         or _NEGATIONS & set(after)
         or {"or", "plus"} & set(after[:1])
         or "or" in before[-1:]

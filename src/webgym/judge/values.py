@@ -72,7 +72,7 @@ class Token(msgspec.Struct, frozen=True):
 
 
 _ARTICLES: Final = frozenset({"the", "a", "an"})
-_FRACTIONS: Final = re.compile(r"(\d*)\s?([¼½¾⅐⅑⅒⅓⅔⅕⅖⅗⅘⅙⅚⅛⅜⅝⅞])")
+_FRACTIONS: Final = re.compile(r"(?:(?<!\d)(\d{1,12})\s?)?([¼½¾⅐⅑⅒⅓⅔⅕⅖⅗⅘⅙⅚⅛⅜⅝⅞])")
 _POWERS: Final = re.compile(r"(?<=\d)[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _GROUPING_SPACE: Final = re.compile(r"(?<=\d)[\u00a0\u2009\u202f](?=\d{3}(?!\d))")
 _BULLET: Final = re.compile(r"^[ \t]*(?:[-*•‣◦]|\d{1,2}[.)])[ \t]+", re.MULTILINE)
@@ -160,7 +160,21 @@ def tokens(text: str) -> list[Token]:
         end = at
         if token is not None:
             found.append(msgspec.structs.replace(token, gap=gap))
-    return _summed(found)
+    return _summed(_without_articles(found))
+
+
+def _without_articles(found: list[Token]) -> list[Token]:
+    """An article belongs to the word after it; where there is none it is a letter or a name."""
+    kept: list[Token] = []
+    gap: Gap | None = None
+    for place, token in enumerate(found):
+        if gap is not None:  # what stood before the article stands before its word
+            token, gap = msgspec.structs.replace(token, gap=gap), None
+        if token.word in _ARTICLES and place + 1 < len(found) and found[place + 1].gap == "none":
+            gap = token.gap
+        else:
+            kept.append(token)
+    return kept
 
 
 def prepare(text: str) -> str:
@@ -176,7 +190,7 @@ def prepare(text: str) -> str:
 
 def _fraction(match: re.Match[str]) -> str:
     value = Decimal(str(round(unicodedata.numeric(match[2]), 6)))
-    return f"{int(match[1] or 0) + value}" if value else match[0]
+    return f"{int(match[1]) + value}" if match[1] else f" {value}"
 
 
 def _without_accents(text: str) -> str:
@@ -220,10 +234,8 @@ def _token(match: re.Match[str], text: str) -> tuple[Token | None, int]:
     return token, match.start() + piece.end()
 
 
-def _word(raw: str) -> Token | None:
+def _word(raw: str) -> Token:
     word = raw.casefold().replace("'", "")
-    if word in _ARTICLES:
-        return None
     return Token(word, is_name=raw[0].isupper() or any(character.isdigit() for character in raw))
 
 
@@ -268,18 +280,19 @@ def _number(match: re.Match[str], text: str) -> tuple[Token | None, int]:
         return Token(raw, is_name=True), match.end()
     after = _UNIT.match(text, match.end())
     assert after is not None
-    if (attached := after["unit"]) and not after["space"] and not after["scale"]:
-        if attached in ("M", "B", "k", "K"):
-            return Token("", _of("number", "", amount * SHORT_SCALES[attached.lower()])), after.end()
-        if attached.casefold() == "in":
-            attached = "inch"
-            return Token("", _of("length", "", amount, UNITS[attached][1])), after.end()
+    attached = "" if after["space"] or after["scale"] else after["unit"] or ""
+    if attached in ("M", "B", "k", "K"):
+        return Token("", _of("number", "", amount * SHORT_SCALES[attached.lower()])), after.end()
+    if (after["unit"] or "").casefold() == "in" and not re.match(
+        r"\s+\w", text[after.end() : after.end() + 9]
+    ):
+        return Token("", _of("length", "", amount, UNITS["inch"][1])), after.end()  # else a preposition
     if after["scale"]:
         amount *= SCALES[after["scale"].casefold()]
     if value := _with_unit(amount, after["unit"] or ""):
         return Token("", value), after.end()
     end = after.end("scale") if after["scale"] else match.end()
-    if end == match.end() and attached and not after["space"]:  # 4x4, 3D, A4: a name that begins with a digit
+    if end == match.end() and attached:  # 4x4, 3D, A4: a name that begins with a digit
         return Token(raw + attached.casefold(), is_name=True), after.end()
     return Token("", _of("number", "", amount)), end
 

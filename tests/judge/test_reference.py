@@ -335,7 +335,7 @@ def test_any_two_texts_can_be_held_against_each_other(reference: str, answer: st
 
 
 PIECES = st.sampled_from(
-    "12 1,234 $ € 5 km h min May 3 2024 : / - . , ; and or not the Blue Mug % 3rd ½ ² ( ) +1 pm noon k".split()
+    "12 1,234 $ € 5 km h min May 3 2024 : / - . , ; and or not the Blue Mug 3rd ½ ² ( ) +1 pm noon k".split()
 )
 
 

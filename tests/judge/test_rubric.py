@@ -141,7 +141,7 @@ async def test_more_screenshots_than_a_request_takes_are_thinned_evenly() -> Non
         await judge(model, made=episode(seen), fact=StageConfig(images_per_call=4))
     labels = [label for label, _ in model.of("fact")[0].shots]
     assert labels == ["step 1", "step 11", "step 20", "step 30"]
-    assert len(model.of("response")[0].shots) == 12
+    assert len(model.of("response")[0].shots) == 24
 
 
 @pytest.mark.parametrize("tokens", [8_000, 12_000, 16_000])

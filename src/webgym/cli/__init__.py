@@ -60,7 +60,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("tasks", "List, check and write task sets.", "app"),
     Verb("llm", "Say what models have cost, and read batch results.", "app"),
     Verb("rollout", "Collect trajectories into a run folder, or resume a run."),
-    Verb("judge", "Judge a stored run again, and compare judges.", "app"),
+    Verb("judge", "Judge a stored run again (webgym judge RUN), and compare judges.", "app"),
     Verb("report", "Write the report of a run."),
     Verb("view", "Browse a run in a web browser."),
     Verb("bench", "Measure this machine: speed, density, settling, faults.", "app"),

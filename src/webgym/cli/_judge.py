@@ -78,6 +78,16 @@ def judge_choice(
         raise ConfigError(f"{file or 'judge options'}: {where}: {first['msg']}") from error
 
 
+def own_choice(config: Mapping[str, Any]) -> JudgeChoice:
+    """The judge that a run was collected with, by its ``config.yaml``; the offline one if it names none."""
+    try:
+        return JudgeChoice.model_validate(config.get("judge") or {})
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        raise ConfigError(f"config.yaml: judge.{where}: {first['msg']}", hint="give --judge") from error
+
+
 def _read(file: Path) -> dict[str, Any]:
     try:
         held = yaml.safe_load(file.read_text()) or {}

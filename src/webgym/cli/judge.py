@@ -39,7 +39,7 @@ app = typer.Typer(
 
 @app.callback()
 def _group() -> None:
-    """Judge a stored run again: `webgym judge RUN` is short for `webgym judge run RUN`."""
+    """Judge a stored run again, and compare judges: `webgym judge RUN` is `webgym judge run RUN`."""
 
 
 @app.command("run")
@@ -101,10 +101,9 @@ def judge_a_run(
     """
     from rich.console import Console
 
-    from webgym.cli._judge import judge_choice
+    from webgym.cli._judge import judge_choice, own_choice
     from webgym.cli._judging import print_account, showing
     from webgym.cli._run import run as run_job
-    from webgym.collection import read_config
     from webgym.judge.factory import open_judge
     from webgym.llm import Ledger, Prices, ReplyCache
     from webgym.rollout.files import VERDICTS
@@ -128,7 +127,7 @@ def judge_a_run(
         stage_models=stages,
         samples=samples,
         early_exit=early_exit,
-        default=read_config(RunReader(run))[0].judge,
+        default=own_choice(RunReader(run).config),
     )
     known = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
     settings = RejudgeConfig(judges=concurrency, limit=limit, again=again)

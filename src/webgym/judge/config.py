@@ -45,10 +45,11 @@ class StageConfig(_Settings):
     sampling: Sampling = Sampling(temperature=0.0, max_tokens=1024)
     """Temperature 0 unless a panel draws several samples. A thinking model needs more tokens."""
 
-    images_per_call: Annotated[int, Field(ge=1)] = 12
-    """Screenshots in one request: what the model and its endpoint take."""
+    images_per_call: Annotated[int, Field(ge=1)] = 24
+    """Screenshots in one request: what model and endpoint take. Beyond it they are thinned evenly, and
+    what only a dropped one shows is then not found."""
 
-    request_tokens: Annotated[int, Field(ge=2048)] = 32_768
+    request_tokens: Annotated[int, Field(ge=2048)] = 65_536
     """What a request may take, by the estimate below; screenshots, then the oldest actions, give way."""
 
 

@@ -1,0 +1,154 @@
+"""``webgym judge`` as a person types it."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from tests.judge.judge_model import Asked, JudgeModel, serve_judge
+from tests.report.conftest import build_run
+
+from webgym.cli import main
+from webgym.rollout.verdicts import read_verdicts
+
+
+@pytest.fixture(scope="module")
+def collected(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "run", 12))
+
+
+@pytest.fixture
+def run(collected: Path, tmp_path: Path) -> Path:
+    return shutil.copytree(collected, tmp_path / "run")
+
+
+@pytest.fixture
+def judge_model() -> Iterator[JudgeModel]:
+    """A model that finds that everything holds, in a thread of its own."""
+    import threading
+
+    started: list[JudgeModel] = []
+    ready, done = threading.Event(), threading.Event()
+
+    def answers(asked: Asked) -> str:
+        if asked.stage == "keypoint":
+            return asked.each(lambda name: True)
+        return asked.verdict(asked.stage != "blocking")
+
+    async def serve() -> None:
+        async with serve_judge(answers) as model:
+            started.append(model)
+            ready.set()
+            while not done.is_set():
+                await asyncio.sleep(0.01)
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    ready.wait()
+    yield started[0]
+    done.set()
+    thread.join()
+
+
+def webgym(*arguments: str | Path) -> int:
+    with pytest.raises(SystemExit) as ended:
+        main([str(argument) for argument in arguments])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code
+
+
+def test_a_run_is_judged_and_compared(
+    run: Path, judge_model: JudgeModel, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [
+        "--base-url",
+        judge_model.url,
+        "--model",
+        "judge-1",
+        "--fact-model",
+        "big-1",
+        "--price",
+        "2,8",
+    ]
+    assert webgym("judge", run, *arguments, "--compare", "recorded") == 0
+    said = capsys.readouterr().out
+    asked = len(judge_model.asked)
+    assert asked > 20
+    assert "judge      rubric/1 big-1@" in said
+    assert f"{asked} replies, {asked * 12:,} + {asked * 3:,} tokens, ${asked * 48 / 1e6:.4f}" in said
+    assert "keypoint" in said
+    assert "compared   rubric/1" in said
+    assert "with       recorded" in said
+    assert "failure / success" in said or "success / failure" in said
+    assert {asked.body["model"] for asked in judge_model.of("fact")} == {"big-1"}
+    # Again: nothing is asked, everything is shown.
+    assert webgym("judge", "run", run, *arguments) == 0
+    said = capsys.readouterr().out
+    assert len(judge_model.asked) == asked
+    assert "of them earlier" in said
+    assert "cost now   no model was asked" in said
+    # Judged anew, every reply comes from the cache.
+    assert webgym("judge", run, *arguments, "--again") == 0
+    assert len(judge_model.asked) == asked
+    assert "from the cache" in capsys.readouterr().out
+    assert len(read_verdicts(run)) == 1
+
+
+def test_a_function_of_ones_own(run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "lenient_judges.py").write_text("def always(task, episode): return True, 'why not'\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert webgym("judge", run, "--judge", "lenient_judges:always", "--limit", "3") == 0
+    (held,) = read_verdicts(run).values()
+    assert len(held) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--judge", "rubric"], "needs an endpoint and a model"),
+        (["--base-url", "http://127.0.0.1:1/v1"], "needs an endpoint and a model"),
+        (["--base-url", "nonsense", "--model", "m"], "base URL"),
+        (["--judge", "nobody"], "no judge 'nobody'"),
+        (["--judge", "nowhere.at.all:f"], "cannot load"),
+        (["--config", "missing.yaml"], "cannot read missing.yaml"),
+        (["--judge", "offline", "--compare", "x"], "no judge of this run is called 'x'"),
+        (["--judge", "offline", "--price", "x"], "no price"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(
+    run: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert webgym("judge", run, *arguments) in (1, 2)
+    told = capsys.readouterr().err.strip().splitlines()
+    assert len(told) == 1
+    assert said in told[0]
+
+
+def test_a_folder_that_is_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert webgym("judge", tmp_path) == 2
+    assert "is not a run" in capsys.readouterr().err
+
+
+def test_settings_from_a_file(run: Path, judge_model: JudgeModel, tmp_path: Path) -> None:
+    file = tmp_path / "judge.yaml"
+    file.write_text(
+        f"name: rubric\nrubric:\n  chat: {{base_url: '{judge_model.url}', model: judge-1}}\n"
+        "  early_exit: true\n  blocking_model: false\npanel: {samples: 3}\n"
+    )
+    assert webgym("judge", run, "--config", file, "--limit", "1") == 0
+    ((name, held),) = read_verdicts(run).items()
+    assert name.startswith("panel of 3: rubric/1 judge-1@")
+    assert len(held) == 1
+
+
+def test_help_is_enough(capsys: pytest.CaptureFixture[str]) -> None:
+    assert webgym("judge", "--help") == 0
+    assert "webgym judge RUN" in capsys.readouterr().out
+    assert webgym("judge", "run", "--help") == 0
+    said = capsys.readouterr().out
+    for option in ("--judge", "--base-url", "--fact-model", "--compare", "--again"):
+        assert option in said

@@ -20,6 +20,7 @@ from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.numbers import numbers
+from webgym.judge.soft import score_of
 
 COUNTED_NOT_READ = 10
 """Whole numbers below this need not be visible: they number a list or count what was seen."""
@@ -74,6 +75,7 @@ class OfflineJudge:
             response=response,
             reference=reference,
             blocked=blocked,
+            score=score_of(task.rubric, facts),
         )
 
     def _fact(

@@ -6,6 +6,7 @@ enters a page: as inert JSON in the file, as text nodes in the document.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, TypedDict
 from urllib.parse import urlsplit
 
@@ -13,8 +14,9 @@ from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Navigate
 from webgym.core.observation import Element, Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Failure, Revision, Step, Trajectory
-from webgym.core.verdict import Judgement, Verdict
+from webgym.core.verdict import Cost, Judgement, Verdict
 from webgym.rollout.summary import environment_milliseconds
+from webgym.rollout.verdicts import Judged
 
 _SNIPPET = 200
 """Characters of an answer that the table can be searched for."""
@@ -66,8 +68,14 @@ def row(trajectory: Trajectory, task: Task | None) -> Row:
     }
 
 
-def page(trajectory: Trajectory, task: Task | None) -> dict[str, Any]:
-    """A trajectory with everything that its own page shows. Boxes and points are percent of the picture."""
+def page(trajectory: Trajectory, task: Task | None, others: Sequence[Judged] = ()) -> dict[str, Any]:
+    """A trajectory with everything that its own page shows. Boxes and points are percent of the picture.
+
+    Args:
+        trajectory: as it was collected.
+        task: ``None`` if the run does not hold it.
+        others: what other judges said of it afterwards.
+    """
     episode, verdict = trajectory.episode, trajectory.verdict
     waited = [*environment_milliseconds(episode.steps), None]
     return {
@@ -84,6 +92,7 @@ def page(trajectory: Trajectory, task: Task | None) -> dict[str, Any]:
         "verdict": _verdict(verdict),
         "failure": _failure(episode.failure),
         "judgeFailure": _failure(trajectory.judge_failure),
+        "others": [_other(judged, task) for judged in others],
         "answer": episode.answer,
         "steps": [_step(step, wait) for step, wait in zip(episode.steps, waited, strict=False)],
         "final": _look(episode.final) if episode.final else None,
@@ -130,7 +139,29 @@ def _verdict(verdict: Verdict | None) -> dict[str, Any] | None:
     return {
         "judge": verdict.judge,
         "reward": verdict.reward,
+        "score": verdict.score,
+        "confidence": verdict.confidence,
+        "cost": _cost(verdict.cost),
         **{name: _judgement(finding) if finding else None for name, finding in findings.items()},
+    }
+
+
+def _cost(cost: Cost | None) -> dict[str, float] | None:
+    if cost is None:
+        return None
+    tokens = cost.prompt_tokens + cost.completion_tokens
+    return {"replies": cost.calls, "cached": cost.cached, "tokens": tokens, "dollars": cost.dollars}
+
+
+def _other(judged: Judged, task: Task | None) -> dict[str, Any]:
+    """Another judge's part of the page, under the names that the collector's own has."""
+    return {
+        "judge": judged.judge,
+        "outcome": judged.outcome.value,
+        "judgeSeconds": judged.seconds,
+        "groups": _groups(task, judged.verdict),
+        "verdict": _verdict(judged.verdict),
+        "judgeFailure": _failure(judged.failure),
     }
 
 

@@ -27,6 +27,7 @@ from webgym.report.content import Row, page, row
 from webgym.report.overview import Overview
 from webgym.report.template import Page
 from webgym.rollout.store import RunReader
+from webgym.rollout.verdicts import VerdictReader
 
 LOOPBACK = "127.0.0.1"
 """The only address served: a run holds hidden truth. From elsewhere, come through a tunnel."""
@@ -43,6 +44,7 @@ class LiveRun:
 
     def __init__(self, path: Path) -> None:
         self.reader = RunReader(path, skip_corrupt=True)
+        self.verdicts = VerdictReader(path)
         self.rows: list[Row] = []
         self.overview = Overview(self.reader)
 
@@ -102,7 +104,8 @@ class _Pages:
 
     def _trajectory(self, attempt_id: str) -> dict[str, Any]:
         trajectory = self._run.reader.trajectory(attempt_id)
-        return page(trajectory, self._run.reader.tasks.get(trajectory.episode.task_id))
+        task = self._run.reader.tasks.get(trajectory.episode.task_id)
+        return page(trajectory, task, self._run.verdicts.of(attempt_id))
 
     async def picture(self, request: Request) -> Response:
         """A screenshot as it was taken."""

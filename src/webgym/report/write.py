@@ -16,6 +16,7 @@ from webgym.report.template import Page
 from webgym.report.thumbnails import thumbnails
 from webgym.rollout.files import REPORT, TORN, disk_errors
 from webgym.rollout.store import RunReader
+from webgym.rollout.verdicts import VerdictReader
 
 
 class ReportProgress(Protocol):
@@ -75,11 +76,13 @@ def _parts(reader: RunReader, config: ReportConfig, progress: ReportProgress) ->
         overview.add(trajectory)
         rows.append(row(trajectory, tasks.get(trajectory.episode.task_id)))
         names |= dict.fromkeys(_shown(trajectory))
+    verdicts = VerdictReader(reader.path)
     document = Page(reader.path.resolve().name, live=False)
     yield document.head(overview.html(), rows)
     for number, told in enumerate(rows):
         trajectory = reader.trajectory(told["id"])
-        yield document.data(f"t-{number}", page(trajectory, tasks.get(trajectory.episode.task_id)))
+        task = tasks.get(trajectory.episode.task_id)
+        yield document.data(f"t-{number}", page(trajectory, task, verdicts.of(told["id"])))
         progress("trajectories", number + 1, len(rows))
     for number, small in enumerate(thumbnails(reader.path, names, config)):
         yield document.picture(small.name, small.data)

@@ -99,6 +99,28 @@ def read_verdicts(run: Path) -> dict[str, dict[str, Judged]]:
     return found
 
 
+class VerdictReader:
+    """What judges said of a run, attempt by attempt; reads only the files that have changed since.
+
+    Args:
+        run: the run folder.
+    """
+
+    def __init__(self, run: Path) -> None:
+        self._folder = run / VERDICTS
+        self._sizes: dict[Path, int] = {}
+        self._books: dict[Path, dict[str, Judged]] = {}
+
+    def of(self, attempt_id: str) -> list[Judged]:
+        """What every judge said last of an attempt, by judge's name. Blocks."""
+        for path in self._folder.glob("*.jsonl"):
+            if self._sizes.get(path) != (size := path.stat().st_size):
+                self._books[path] = {judged.attempt_id: judged for judged in _read(path)}
+                self._sizes[path] = size
+        found = [book[attempt_id] for book in self._books.values() if attempt_id in book]
+        return sorted(found, key=lambda judged: judged.judge)
+
+
 class VerdictBook:
     """One judge's verdicts on a run, open for writing; survives kill -9.
 

@@ -54,7 +54,8 @@ function answerCard(it, go) {
   return h("section", { class: "card", id: "answer" }, h("h2", {}, "Answer"),
     it.answer === null ? h("p", { class: "muted" }, "No answer was given.") : h("p", { class: "answer" }, it.answer),
     it.task.reference && [h("h3", {}, "Reference"), h("p", { class: "answer" }, it.task.reference)],
-    found && found.length > 0 && [h("h3", {}, `Judged by ${verdict.judge}`), h("ul", {}, found)]);
+    found && found.length > 0 && [h("h3", {}, `Judged by ${verdict.judge}`), h("ul", {}, found)],
+    verdict && verdict.confidence !== null && h("p", { class: "muted", id: "confidence" }, `${Math.round(verdict.confidence * 100)}% of the samples say so`));
 }
 
 function failureCard(it) {
@@ -78,9 +79,40 @@ function taskHead(it) {
       fact("ending", ENDINGS[it.ending] || it.ending), fact("took", seconds(it.seconds))));
 }
 
+/** Who judged: the collector's judge, and those that judged the run afterwards. */
+function judgesOf(it) {
+  const own = { judge: it.verdict ? it.verdict.judge : "when it was collected", outcome: it.outcome, groups: it.groups, verdict: it.verdict,
+    judgeFailure: it.judgeFailure, judgeSeconds: it.judgeSeconds };
+  return [own, ...it.others];
+}
+
+function judgeCard(judges, chosen, choose) {
+  if (judges.length < 2) return null;
+  return h("section", { class: "card", id: "judges" }, h("h2", {}, `${judges.length} judges`),
+    h("div", { class: "judges", role: "group", "aria-label": "Judges" }, judges.map((each) =>
+      h("button", { type: "button", class: "judge", "aria-pressed": String(each === chosen), onclick: () => choose(each) },
+        h("span", { class: "judge-name" }, each.judge), outcomeTag(each.outcome)))));
+}
+
+/** What was found on the screenshot of a frame: the facts and claims whose judgement cites it. */
+function foundHere(it, index) {
+  const verdict = it.verdict || {};
+  const all = [...it.groups.flatMap((group) => group.facts), verdict.response && { ...verdict.response, text: "The answer" },
+    verdict.blocked && verdict.blocked.passed && { ...verdict.blocked, passed: null, text: "The website kept the agent out" }];
+  const here = all.filter((each) => each && (each.steps || []).includes(index));
+  return here.length ? h("ul", { class: "here", "aria-label": "Judged by this screenshot" }, here.map((each) =>
+    h("li", { class: "finding", "data-passed": String(each.passed) }, sign(each.passed), h("div", {}, h("div", { class: "what" }, each.text), h("div", { class: "why" }, each.reason))))) : null;
+}
+
+function costOf(verdict) {
+  const cost = verdict && verdict.cost;
+  if (!cost) return null;
+  return `${cost.replies} replies${cost.cached ? `, ${cost.cached} from the cache` : ""}, ${cost.tokens} tokens${cost.dollars ? `, $${cost.dollars.toFixed(4)}` : ""}`;
+}
+
 function aboutCard(it) {
   const facts = [["attempt", it.id], ["policy", it.policy], ["judge", it.verdict && it.verdict.judge], ["split", it.task.split],
-    ["seed", it.seed], ["started", moment(it.started)], ["judging took", it.judgeSeconds && milliseconds(it.judgeSeconds * 1000)]];
+    ["seed", it.seed], ["started", moment(it.started)], ["judging took", it.judgeSeconds && milliseconds(it.judgeSeconds * 1000)], ["judging cost", costOf(it.verdict)]];
   return h("section", { class: "card" }, h("h2", {}, "Attempt"),
     h("dl", { class: "about" }, facts.filter(([, value]) => value).map(([name, value]) => [h("dt", {}, name), h("dd", {}, value)])));
 }
@@ -120,15 +152,16 @@ function frameView(it, frame, count, go, open) {
     h("div", { class: "address", title: frame.title }, frame.status !== null && h("span", { class: `status ${frame.status >= 400 ? "bad" : ""}` }, String(frame.status)),
       h("span", { class: "url" }, frame.url)),
     stage(frame, frame.action, `Screenshot, ${frame.label.toLowerCase()}: ${frame.title}. ${did}`),
-    noticeList(frame), timeList(frame), reply,
+    noticeList(frame), foundHere(it, at - 1), timeList(frame), reply,
   ];
 }
 
-function filmstrip(it, frames, go) {
-  const proven = new Set(it.groups.flatMap((group) => group.facts).filter((fact) => fact.passed).flatMap((fact) => fact.steps || []));
-  return h("div", { class: "film", role: "group", "aria-label": "Steps" }, frames.map((frame, index) =>
+const provenBy = (it) => new Set(it.groups.flatMap((group) => group.facts).filter((fact) => fact.passed).flatMap((fact) => fact.steps || []));
+
+function filmstrip(frames, go) {
+  return h("div", { class: "film", role: "group", "aria-label": "Steps" }, frames.map((frame) =>
     h("button", { type: "button", class: "frame", "data-step": frame.number, "aria-label": `${frame.label}: ${frame.action ? sentence(frame.action) : frame.end ? "after the last action" : "no action"}`, onclick: () => go(frame.number) },
-      image(frame.shot, "", true), proven.has(index) && h("span", { class: "proof", title: "A fact rests on this step" }),
+      image(frame.shot, "", true), h("span", { class: "proof", title: "A fact rests on this step", hidden: true }),
       h("span", { class: "cap" }, h("span", {}, frame.end ? "End" : String(frame.number)), h("span", {}, frame.end ? "" : frame.action ? SHORT[frame.action.name] : "no action")))));
 }
 
@@ -143,7 +176,7 @@ function drawTrajectory(it, place, moved) {
     const reply = view.querySelector("details.reply");
     if (reply) open = reply.open;
     current = number;
-    view.replaceChildren(...frameView(it, frame, frames.length, go, open).filter(Boolean));
+    view.replaceChildren(...frameView(judged, frame, frames.length, go, open).filter(Boolean));
     for (const thumb of film.children) {
       if (Number(thumb.dataset.step) === number) {
         thumb.setAttribute("aria-current", "step");
@@ -152,12 +185,26 @@ function drawTrajectory(it, place, moved) {
     }
     moved(number);
   }
-  const film = filmstrip(it, frames, go);
+  /** Show what one of the judges found. */
+  function choose(judge) {
+    const at = current;
+    judged = { ...it, ...judge };
+    side.replaceChildren(...[failureCard(judged), judgeCard(judges, judge, choose), rubricCard(judged, go), answerCard(judged, go), aboutCard(judged), hint].filter(Boolean));
+    const proven = provenBy(judged);
+    [...film.children].forEach((thumb, index) => { thumb.querySelector(".proof").hidden = !proven.has(index); });
+    current = 0;
+    if (at) go(at);
+  }
+  const film = filmstrip(frames, go);
+  const judges = judgesOf(it);
+  let judged = it;
+  const side = h("aside", { class: "side" });
+  const hint = h("p", { class: "hint" }, h("span", {}, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " steps"), h("span", {}, h("kbd", {}, "["), " ", h("kbd", {}, "]"), " trajectories"), h("span", {}, h("kbd", {}, "Esc"), " list"));
   const player = frames.length ? h("section", { class: "card player", "aria-label": "Steps" }, h("div", { class: "reel" }, film), view)
     : h("section", { class: "card" }, h("p", { class: "muted" }, "Nothing was seen: the attempt ended before its first step."));
   place.replaceChildren(taskHead(it), h("div", { class: "columns" },
     h("div", {}, player),
-    h("aside", { class: "side" }, failureCard(it), rubricCard(it, go), answerCard(it, go), aboutCard(it),
-      h("p", { class: "hint" }, h("span", {}, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " steps"), h("span", {}, h("kbd", {}, "["), " ", h("kbd", {}, "]"), " trajectories"), h("span", {}, h("kbd", {}, "Esc"), " list")))));
+    side));
+  choose(judges[0]);
   return { go, get current() { return current; }, count: frames.length };
 }

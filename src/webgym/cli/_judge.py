@@ -27,6 +27,7 @@ def judge_choice(
     stage_models: Mapping[str, str | None] | None = None,
     samples: int | None = None,
     early_exit: bool | None = None,
+    without_rubric: bool | None = None,
     default: JudgeChoice | None = None,
 ) -> JudgeChoice:
     """A judge from a file of settings and from options, which override it; an endpoint means a rubric judge.
@@ -38,6 +39,7 @@ def judge_choice(
         stage_models: models of single stages at the same endpoint.
         samples: of a panel.
         early_exit: of the rubric judge.
+        without_rubric: judge the task as a whole.
         default: what holds where nothing is given.
 
     Raises:
@@ -70,6 +72,8 @@ def judge_choice(
         raise ConfigError(f"the judge {held['name']} has no endpoint", hint="leave the base URL out")
     if samples is not None:
         held["panel"] = dict(held.get("panel") or {}) | {"samples": samples}
+    if without_rubric is not None:
+        held["without_rubric"] = without_rubric
     try:
         return JudgeChoice.model_validate(held)
     except ValidationError as error:

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer.core import TyperGroup
 
+from webgym.cli._agreement import agreement_command
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -72,6 +74,9 @@ def judge_a_run(
     early_exit: bool | None = typer.Option(
         None, "--early-exit/--all-facts", help="Stop at the first criterion that fails.", show_default=False
     ),
+    without_rubric: bool | None = typer.Option(
+        None, "--without-rubric/--with-rubric", help="Judge tasks as a whole.", show_default=False
+    ),
     limit: int | None = typer.Option(
         None, "--limit", min=1, help="Judge so many attempts.", show_default=False
     ),
@@ -127,6 +132,7 @@ def judge_a_run(
         stage_models=stages,
         samples=samples,
         early_exit=early_exit,
+        without_rubric=without_rubric,
         default=own_choice(RunReader(run).config),
     )
     known = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
@@ -150,6 +156,9 @@ def judge_a_run(
         _, mine = verdicts_of(run, state.judge)
         name, theirs = verdicts_of(run, compare)
         _print_comparison(state.judge, name, compare_verdicts(mine, theirs), console)
+
+
+app.command("agreement")(agreement_command)
 
 
 def _print(state: Judging, console: Console) -> None:

@@ -16,6 +16,7 @@ from webgym.judge.custom import load_judge
 from webgym.judge.offline import OfflineJudge
 from webgym.judge.panel import Panel
 from webgym.judge.rubric import RubricJudge
+from webgym.judge.without_rubric import WithoutRubric
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completes
@@ -41,6 +42,9 @@ class JudgeChoice(BaseModel):
     panel: PanelConfig = Field(default_factory=PanelConfig)
     """Of the rubric judge: several samples by majority."""
 
+    without_rubric: bool = False
+    """Judge the task as a whole, for comparison; not for the offline judge, which knows truths by fact."""
+
 
 @asynccontextmanager
 async def open_judge(
@@ -56,6 +60,16 @@ async def open_judge(
     Raises:
         ConfigError: there is no such judge, or it lacks what it needs.
     """
+    if choice.without_rubric and choice.name == "offline":
+        raise ConfigError("the offline judge cannot judge without rubric", hint="choose another judge")
+    async with _opened(choice, cache, ledger) as judge:
+        yield WithoutRubric(judge) if choice.without_rubric else judge
+
+
+@asynccontextmanager
+async def _opened(
+    choice: JudgeChoice, cache: ReplyCache | None, ledger: Ledger | None
+) -> AsyncIterator[Judge]:
     if choice.name == "offline":
         yield OfflineJudge()
     elif choice.name == "rubric":

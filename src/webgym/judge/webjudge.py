@@ -9,13 +9,16 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
 import msgspec
 
 from webgym.core.errors import UsageError
+from webgym.judge.agreement import Case
+from webgym.judge.labels import BrokenLabel, Humans, Label, settled
 from webgym.judge.verdicts import plain
 
 _STATUS: Final = re.compile(r"(?:final )?status\s?[:=–—-]\s?(?P<said>[a-z -]+)")
@@ -84,26 +87,33 @@ def read_status(reply: str) -> bool | None:
     return found.pop() if len(found) == 1 else None
 
 
-def read_labelled(path: Path) -> Iterator[Labelled]:
+def read_labelled(path: Path, broken: list[BrokenLabel] | None = None) -> Iterator[Labelled]:
     """The records of a file, in order.
 
+    Args:
+        path: of the file.
+        broken: takes lines that are no such records, which are then skipped.
+
     Raises:
-        UsageError: the file cannot be read, or a line is no such record; names the line.
+        UsageError: the file cannot be read, or a line is no such record and ``broken`` is not given.
     """
     try:
         with path.open("rb") as file:
             for number, line in enumerate(file, 1):
-                if line.strip():
-                    yield _labelled(line, f"{path} line {number}")
+                if not line.strip():
+                    continue
+                try:
+                    yield _labelled(line)
+                except ValueError as error:
+                    if broken is None:
+                        raise UsageError(f"{path} line {number} is no judge record: {error}") from error
+                    broken.append(BrokenLabel(f"line {number}", str(error)))
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from error
 
 
-def _labelled(line: bytes, where: str) -> Labelled:
-    try:
-        record = msgspec.json.decode(line, type=_Record)
-    except ValueError as error:
-        raise UsageError(f"{where} is no judge record: {error}") from error
+def _labelled(line: bytes) -> Labelled:
+    record = msgspec.json.decode(line, type=_Record)
     labels = [str(label.get("success", "")).strip().casefold() for label in record.human]
     humans = tuple({"successful": True, "unsuccessful": False}.get(label) for label in labels)
     status = (record.judge_status or "").strip().casefold()
@@ -113,3 +123,76 @@ def _labelled(line: bytes, where: str) -> Labelled:
         _SAID.get(status),
         humans,
     )
+
+
+class Pairs(msgspec.Struct, frozen=True):
+    """Records as cases for :func:`webgym.judge.agreement.agreement`.
+
+    Attributes:
+        judges: every judge twice: as the study read its replies (``..., as recorded``; not where it did not),
+            then as we read them. A recorded verdict does not count for a reply without one.
+        cases: trajectories that all of the judges have a record of.
+        left_out: why others are not among them, and how many.
+        apart: keys of the records that the two readings differ on.
+    """
+
+    judges: tuple[str, ...]
+    cases: list[Case]
+    left_out: Counter[str]
+    apart: tuple[tuple[str, str, str, str], ...]
+
+
+def pairs_of(records: Iterable[Labelled], humans: Humans = "first", *, unsure_fails: bool = True) -> Pairs:
+    """Put the records of one or several judges side by side.
+
+    Args:
+        records: of any number of judges.
+        humans: whose label counts.
+        unsure_fails: count an annotator's "unsure" as "no success", as the study does; else leave it out.
+    """
+    held = _by_key(records)
+    names = list(dict.fromkeys(record.key[0] for record in held.values()))
+    recorded = [
+        name
+        for name in names
+        if any(one.recorded is not None and one.key[0] == name for one in held.values())
+    ]
+    cases, left_out = [], Counter[str]()
+    for trajectory in dict.fromkeys(key[1:] for key in held):
+        found = [held.get((name, *trajectory)) for name in names]
+        ours = [one for one in found if one is not None]
+        human = _human(ours[0].humans, humans, unsure_fails)
+        if len(ours) < len(names):
+            left_out["not judged by every judge"] += 1
+        elif isinstance(human, str):
+            left_out[human] += 1
+        else:
+            verdicts = [
+                one.recorded if one.verdict is not None else None for one in ours if one.key[0] in recorded
+            ]
+            verdicts += [one.verdict for one in ours]
+            benchmark, _, task = ours[0].key[1:]
+            cases.append(Case(human, tuple(verdicts), task=f"{benchmark}/{task}" if task else ""))
+    apart = tuple(one.key for one in held.values() if one.key[0] in recorded and one.verdict != one.recorded)
+    return Pairs((*(f"{name}, as recorded" for name in recorded), *names), cases, left_out, apart)
+
+
+def _by_key(records: Iterable[Labelled]) -> dict[tuple[str, ...], Labelled]:
+    """Records by judge and trajectory. Those that tell no trajectory apart are trajectories of their own."""
+    held: dict[tuple[str, ...], Labelled] = {}
+    often: Counter[tuple[str, ...]] = Counter()
+    for record in records:
+        held[*record.key, str(often[record.key])] = record
+        often[record.key] += 1
+    return held
+
+
+def _human(said: tuple[bool | None, ...], humans: Humans, unsure_fails: bool) -> bool | str:
+    """What people say, or why that counts for nothing."""
+    words: dict[bool | None, Label] = {True: "success", False: "failure", None: "unsure"}
+    label = settled([words[one] for one in said], humans)
+    if label == "unsure":
+        return False if unsure_fails else "the annotators are unsure"
+    if label is None:
+        return "the annotators do not agree" if said else "nobody labelled it"
+    return label == "success"

@@ -4,69 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from webgym.core.task import LEVELS, Level, level_of
+from webgym.plotting import CATEGORIES, COLUMN, INK, MUTED, new_figure, save, styled
 from webgym.tasks.statistics import DomainRow, Part, Statistics, kernel_density
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLUMN: Final = 3.4
-"""Width of a figure, inches: a column of a two-column paper."""
-_DOTS: Final = 300
 _LAST_BAR: Final = 12
 """Difficulties from here on share a bar."""
 
-_INK, _MUTED, _GRIDLINE = "#222222", "#666666", "#e4e4e4"
 _LEVELS: Final[dict[Level, str]] = {"easy": "#9ecae1", "medium": "#4292c6", "hard": "#08458f"}
 """One hue from light to dark, for levels have an order; told apart in grey, too."""
-_DOMAINS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
-"""Okabe and Ito's colours, which people with any colour vision tell apart."""
 _PARTS: Final[dict[Part, str]] = {
     "train": "Training",
     "test": "Test",
     "decomposed": "Decomposed",
     "unsplit": "Not split",
-}
-
-_STYLE: Final[dict[str, Any]] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same everywhere
-    "font.size": 7,
-    "axes.titlesize": 7.5,
-    "axes.labelsize": 7,
-    "xtick.labelsize": 6.5,
-    "ytick.labelsize": 6.5,
-    "legend.fontsize": 6.5,
-    "text.color": _INK,
-    "axes.labelcolor": _INK,
-    "axes.edgecolor": _MUTED,
-    "xtick.color": _MUTED,
-    "ytick.color": _MUTED,
-    "xtick.labelcolor": _INK,
-    "ytick.labelcolor": _INK,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "axes.titlelocation": "left",
-    "grid.color": _GRIDLINE,
-    "grid.linewidth": 0.5,
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-    "svg.hashsalt": "webgym",
-    "svg.fonttype": "path",
 }
 
 _THOUSANDS: Final = FuncFormatter(lambda value, _: f"{value:,.0f}")
@@ -88,20 +49,18 @@ def draw_figures(found: Statistics, folder: Path) -> list[Path]:
     if found.lengths:
         painters["lengths"] = _lengths
     written = []
-    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]  # typed by 300 literal names
+    with styled():
         for name, paint in painters.items():
             figure = paint(found)
-            for suffix, metadata in ((".png", {"Software": None}), (".svg", {"Date": None})):
+            for suffix in (".png", ".svg"):
                 path = folder / f"{name}{suffix}"
-                figure.savefig(path, dpi=_DOTS, metadata=metadata)
+                save(figure, path)
                 written.append(path)
     return written
 
 
 def _figure(height: float) -> Figure:
-    figure = Figure(figsize=(COLUMN, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return new_figure(COLUMN, height)
 
 
 def _websites(found: Statistics) -> Figure:
@@ -110,9 +69,9 @@ def _websites(found: Statistics) -> Figure:
     figure = _figure(2.1)
     axes = figure.add_subplot()
     top = len(found.top)
-    axes.fill_between(edges[:top], sizes[:top], 0.7, color=_DOMAINS[1], alpha=0.35, linewidth=0)
+    axes.fill_between(edges[:top], sizes[:top], 0.7, color=CATEGORIES[1], alpha=0.35, linewidth=0)
     axes.plot(
-        edges, sizes, color=_DOMAINS[0], linewidth=1.4, drawstyle="steps-post" if top < 5 else "default"
+        edges, sizes, color=CATEGORIES[0], linewidth=1.4, drawstyle="steps-post" if top < 5 else "default"
     )
     axes.set(xscale="log", yscale="log", xlabel="Websites, by number of tasks", ylabel="Tasks")
     axes.set(xlim=(1, max(len(sizes), 2)), ylim=(0.7, sizes[0] * 2.0))
@@ -120,7 +79,7 @@ def _websites(found: Statistics) -> Figure:
     axes.yaxis.set_major_formatter(_THOUSANDS)
     axes.grid(visible=True, axis="y")
     if len(sizes) > top:
-        axes.axvline(top, color=_MUTED, linewidth=0.6, linestyle=(0, (3, 2)))
+        axes.axvline(top, color=MUTED, linewidth=0.6, linestyle=(0, (3, 2)))
     axes.annotate(
         f"top {top}: {found.top_share:.0%} of {found.tasks:,} tasks",
         (top, sizes[0]),
@@ -195,7 +154,7 @@ def _domains(found: Statistics) -> Figure:
         axes.text(
             0, place, f" {domain or 'No domain'}, {share:.1%}", va="center", weight="bold", fontsize=6.5
         )
-        colour = _DOMAINS[number % len(_DOMAINS)]
+        colour = CATEGORIES[number % len(CATEGORIES)]
         for row in rows:
             place += 1
             axes.barh(place, row.tasks, height=0.78, color=colour)
@@ -224,11 +183,11 @@ def _lengths(found: Statistics) -> Figure:
         axes.fill_betweenx(grid, place - half, place + half, color=_LEVELS[level], linewidth=0)
         first = place == 0
         axes.scatter(
-            place, lengths.mean, marker="D", s=18, color="white", edgecolor=_INK, linewidth=0.8, zorder=3,
+            place, lengths.mean, marker="D", s=18, color="white", edgecolor=INK, linewidth=0.8, zorder=3,
             label="mean" if first else None,
         )  # fmt: skip
         axes.scatter(
-            place, lengths.mode, marker="o", s=16, color=_INK, zorder=3, label="mode" if first else None
+            place, lengths.mode, marker="o", s=16, color=INK, zorder=3, label="mode" if first else None
         )
         marks = [lengths.mean, lengths.mode]
         if abs(lengths.mean - lengths.mode) < 0.05 * grid.max():

@@ -1,0 +1,93 @@
+"""How figures for a paper look, and how they are written: same figures, same bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from webgym.core.errors import UsageError
+
+COLUMN: Final = 3.4
+"""Width of a figure, inches: a column of a two-column paper."""
+PAGE: Final = 7.0
+"""Both columns, inches."""
+
+INK, MUTED, GRIDLINE = "#222222", "#666666", "#e4e4e4"
+CATEGORIES: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
+"""Okabe and Ito's colours, which people with any colour vision tell apart."""
+
+_DOTS: Final = 300
+_METADATA: Final[dict[str, dict[str, None]]] = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None},
+    ".pdf": {"CreationDate": None},
+}
+"""What would make two files of one figure differ."""
+
+_STYLE: Final[dict[str, Any]] = {
+    "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same everywhere
+    "font.size": 7,
+    "axes.titlesize": 7.5,
+    "axes.labelsize": 7,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "legend.fontsize": 6.5,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": MUTED,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "axes.linewidth": 0.6,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.titlelocation": "left",
+    "grid.color": GRIDLINE,
+    "grid.linewidth": 0.5,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.hashsalt": "webgym",
+    "svg.fonttype": "path",
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Figures that are made and saved inside look alike."""
+    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]  # typed by 300 literal names
+        yield
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure; inches."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure in the format that its suffix names (``.png``, ``.svg``, ``.pdf``).
+
+    Raises:
+        UsageError: it cannot be written there, or in no such format.
+    """
+    suffix = path.suffix.casefold()
+    if suffix not in _METADATA:
+        known = ", ".join(_METADATA)
+        raise UsageError(f"{path.name} names no format of figures", hint=f"end it in one of {known}")
+    try:
+        figure.savefig(path, dpi=_DOTS, metadata=_METADATA[suffix])
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from error

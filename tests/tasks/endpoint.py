@@ -24,7 +24,7 @@ from starlette.routing import Route
 
 from webgym.tasks.taxonomy import DOMAIN_OF
 
-HOSTS = [f"https://www.inferred-{number}.example.org/" for number in range(40)]
+HOSTS = [f"https://www.inferred-{number}.org/" for number in range(40)]
 _SUBDOMAINS = list(DOMAIN_OF)
 _WORD = re.compile(r"[A-Za-zÀ-ÿ0-9]+")
 _DULL = frozenset(
@@ -95,7 +95,7 @@ class Endpoint:
         task = asked.split(":\n", 1)[1].split("\n\nWebsite:", 1)[0].split("\n\nNotes of", 1)[0]
         task = task.split("\n\nWebsite given:", 1)[0].split("\n\nAnswer with JSON", 1)[0]
         mood = draw(task, "mood") % 12 if self.misbehaves else 11
-        bad = tries == 0 or (self.stubborn and draw(task, "stubborn") % 25 == 0)
+        bad = tries == 0 or (self.stubborn and draw(task, "stubborn") % 9 == 0)
         if system.startswith("You sort"):
             self.kinds["website"] += 1
             return self._website(task, mood if bad else 11), "stop"

@@ -1,0 +1,233 @@
+"""What a build is told: sources, models, limits. Every key is read by something."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from webgym.core.errors import ConfigError
+from webgym.llm import Budget, ChatConfig, Price, Sampling
+from webgym.tasks.decompose import Decomposing
+from webgym.tasks.duplicates import DuplicateLimits
+from webgym.tasks.sources import SOURCES
+from webgym.tasks.split import SplitConfig
+from webgym.tasks.writing import WritingLimits
+
+Purpose: TypeAlias = Literal["website", "rubric", "rewriting"]
+PURPOSES: Final[tuple[Purpose, ...]] = ("website", "rubric", "rewriting")
+"""What models are asked for, in the order of the stages."""
+
+
+class SourceChoice(BaseModel):
+    """One source of tasks."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    path: str
+    """A file, a folder, or ``hub:<datasets id>``."""
+
+    at_most: int | None = Field(default=None, ge=1)
+    """Take so many of its tasks, drawn by the seed before anything is asked; all if not given. A larger
+    number takes the same ones and more, so that what a trial run has paid for serves the whole."""
+
+
+class ModelChoice(BaseModel):
+    """A model for one purpose, where it is not the build's own. What is not given stays as it is there."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    base_url: str | None = None
+    """Another endpoint."""
+
+    model: str | None = None
+    """Another model."""
+
+    api_key_env: str | None = None
+    """Environment variable of that endpoint's key."""
+
+    sampling: Sampling | None = None
+    """Other sampling parameters, all of them together."""
+
+
+class Assumptions(BaseModel):
+    """What an estimate takes for granted until the cache holds enough replies to measure it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    measured_from: int = Field(default=30, ge=1)
+    """Finished things of a purpose from which on what is known of them replaces the numbers below."""
+
+    asked_again: float = Field(default=0.1, ge=0)
+    """Calls beyond the first per thing: replies that are refused and asked for again."""
+
+    reply_tokens: dict[Purpose, int] = {"website": 40, "rubric": 250, "rewriting": 80}
+    """Tokens of a reply. A model that thinks writes many more: measure it with a small run."""
+
+    derived_per_task: float = Field(default=0.1, ge=0)
+    """Tasks that are derived from one, on average over those whose rubric is not there yet."""
+
+
+class BuildConfig(BaseModel):
+    """A build of a task set."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    sources: dict[str, SourceChoice] = Field(min_length=1)
+    """By the names of :data:`webgym.tasks.sources.SOURCES`. A plain path stands for itself."""
+
+    model: ChatConfig | None = None
+    """Endpoint and model for all purposes. Not needed where nothing has to be asked."""
+
+    models: dict[Purpose, ModelChoice] = {}
+    """Other ones for some purposes: ``website``, ``rubric``, ``rewriting``."""
+
+    prices: dict[str, Price] = {}
+    """Dollars per million tokens, by model; ``*`` stands for every other. None are known by themselves."""
+
+    budget: Budget = Budget()
+    """What may be spent, all runs into the same cache together."""
+
+    seed: int = 0
+    """Of every choice that is drawn: tasks of a source, caps, the split."""
+
+    today: date | None = None
+    """What lies before it is flagged as dated. The day of a build's first run if not given; later runs into
+    the same folder keep it."""
+
+    plaintext: tuple[str, ...] = ()
+    """Sources that are published encrypted, and may be sent to the model and written all the same
+    (``browsecomp``). Without their names here their tasks are left out before anything is asked."""
+
+    writing: WritingLimits = WritingLimits()
+    """How often to ask, and what rewritten tasks may look like."""
+
+    decomposing: Decomposing = Decomposing()
+    """How many tasks may be derived from one."""
+
+    duplicates: DuplicateLimits = DuplicateLimits()
+    """What counts as the same task, and how much the synthetic sources may bring."""
+
+    split: SplitConfig = SplitConfig()
+    """Size of the test set."""
+
+    assumptions: Assumptions = Assumptions()
+    """For ``--dry-run``."""
+
+    endpoint_failures: int = Field(default=20, ge=1)
+    """So many calls in a row that the endpoint fails, for whatever reason, end the build."""
+
+    @field_validator("sources", mode="before")
+    @classmethod
+    def _plain_paths(cls, value: Any) -> Any:
+        if not isinstance(value, Mapping):
+            return value
+        return {name: {"path": each} if isinstance(each, str) else each for name, each in value.items()}
+
+    @field_validator("sources")
+    @classmethod
+    def _known(cls, value: dict[str, SourceChoice]) -> dict[str, SourceChoice]:
+        unknown = value.keys() - SOURCES.keys()
+        if unknown:
+            raise ValueError(
+                f"unknown source {', '.join(sorted(unknown))}; the sources are {', '.join(SOURCES)}"
+            )
+        return {name: value[name] for name in SOURCES if name in value}
+
+    @field_validator("plaintext")
+    @classmethod
+    def _named(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        if unknown := set(value) - SOURCES.keys():
+            raise ValueError(f"unknown source {', '.join(sorted(unknown))}")
+        return tuple(sorted(set(value)))
+
+    def seeded(self) -> BuildConfig:
+        """This config, with its seed in the parts that draw."""
+        return self.model_copy(
+            update={
+                "duplicates": self.duplicates.model_copy(update={"seed": self.seed}),
+                "split": self.split.model_copy(update={"seed": self.seed}),
+            }
+        )
+
+    def chat(self, purpose: Purpose) -> ChatConfig:
+        """Endpoint and model for a purpose.
+
+        Raises:
+            ConfigError: none is given.
+        """
+        choice = self.models.get(purpose, ModelChoice())
+        changes = choice.model_dump(exclude_none=True)
+        if choice.sampling is not None:
+            changes["sampling"] = choice.sampling
+        if self.model is not None:
+            return ChatConfig.model_validate(self.model.model_dump() | changes)
+        if choice.base_url is None or choice.model is None:
+            raise ConfigError(
+                f"no model is given for the {purpose} stage",
+                hint="give --base-url and --model, or `model:` in the config file",
+            )
+        return ChatConfig.model_validate(changes)
+
+
+def read_config(
+    path: Path | None, overrides: Mapping[str, Any], *, at_most: int | None = None
+) -> BuildConfig:
+    """A build's config from a YAML file, some of it overridden; ``None`` overrides nothing.
+
+    Args:
+        path: of the file.
+        overrides: in its shape.
+        at_most: for every source that sets no smaller number.
+
+    Raises:
+        ConfigError: the file cannot be read, or a setting is missing, unknown or out of range.
+    """
+    held: Any = {}
+    if path is not None:
+        try:
+            held = yaml.safe_load(path.read_text("utf-8")) or {}
+        except OSError as error:
+            raise ConfigError(f"cannot read {path}: {error.strerror}") from error
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+        if not isinstance(held, dict):
+            raise ConfigError(f"{path} holds no settings", hint="see configs/tasks.yaml for an example")
+    try:
+        config = BuildConfig.model_validate(_without_nothing(_merged(held, overrides)))
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "settings"
+        hint = (
+            "give --source NAME=PATH, or `sources:` in a config file" if first["loc"] == ("sources",) else ""
+        )
+        raise ConfigError(f"{path or 'options'}: {where}: {first['msg']}", hint=hint) from error
+    if at_most is not None:
+        limited = {
+            name: choice.model_copy(update={"at_most": min(at_most, choice.at_most or at_most)})
+            for name, choice in config.sources.items()
+        }
+        config = config.model_copy(update={"sources": limited})
+    return config
+
+
+def _without_nothing(settings: dict[str, Any]) -> dict[str, Any]:
+    """Without parts that neither the file nor an option says anything about."""
+    return {key: value for key, value in settings.items() if value != {}}
+
+
+def _merged(held: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(held)
+    for key, value in overrides.items():
+        if isinstance(value, Mapping):
+            below = merged.get(key)
+            if isinstance(below, str):  # a source that is given by its path alone
+                below = {"path": below}
+            merged[key] = _merged(below if isinstance(below, Mapping) else {}, value)
+        elif value is not None:
+            merged[key] = value
+    return merged

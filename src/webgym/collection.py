@@ -36,6 +36,7 @@ from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
 from webgym.offline.client import SitesClient
 from webgym.rollout.attempt import AttemptConfig, Backstage, Stage
+from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
@@ -43,6 +44,7 @@ from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
 from webgym.tasks import BrokenRecord, draw, draw_spread, read_tasks
+from webgym.tasks.websites import site_or_text
 
 
 class _Settings(BaseModel):
@@ -109,6 +111,7 @@ class RunConfig(_Settings):
     sites: SitesConfig = SitesConfig()
     attempt: AttemptConfig = AttemptConfig()
     collector: CollectorConfig = CollectorConfig()
+    blocklist: BlocklistConfig = BlocklistConfig()
     limits: ClientLimits = ClientLimits()
 
 
@@ -139,8 +142,13 @@ def choose_tasks(config: RunConfig) -> tuple[list[Task], list[BrokenRecord]]:
         found = read_tasks(choice.file)
         broken = found.broken
         tasks = [task for task in found.tasks if choice.split in (None, task.split)]
+    blocked = Blocklist(config.blocklist).blocked()
+    tasks = [task for task in tasks if site_or_text(task.website) not in blocked] if blocked else tasks
     if not tasks:
-        raise ConfigError(f"there is no task in the split {choice.split!r}", hint="choose another split")
+        where = ", or all websites are blocked for now" if blocked else ""
+        raise ConfigError(
+            f"there is no task in the split {choice.split!r}{where}", hint="choose another split"
+        )
     if choice.spread:
         return draw_spread(tasks, choice.count, config.seed, key=lambda task: task.website), broken
     return draw(tasks, choice.count, config.seed), broken
@@ -330,7 +338,8 @@ async def _carry_out(
     )
     try:
         async with show(progress) if show else nullcontext():
-            await Collector(stage, judge, _pictures(store.path), config.collector).run(plan)
+            blocklist = Blocklist(config.blocklist)
+            await Collector(stage, judge, _pictures(store.path), config.collector, blocklist).run(plan)
     finally:
         # Also of a run that was stopped: what is on disk has a summary.
         summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge)

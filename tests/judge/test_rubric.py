@@ -354,10 +354,19 @@ async def test_the_same_episode_is_asked_about_in_the_same_words() -> None:
 async def test_a_name_tells_settings_apart() -> None:
     async with serve_judge(agrees) as model:
         names = set()
-        for changes in ({}, {"early_exit": True}, {"signed_verdicts": True}, {"concurrency": 3}):
-            async with open_judge(JudgeChoice(name="rubric", rubric=model.config(**changes))) as opened:
+        elsewhere = ChatConfig(base_url="http://127.0.0.1:1/v1", model="judge-1", concurrency=2)
+        changes: tuple[dict[str, Any], ...] = (
+            {},
+            {"concurrency": 3},
+            {"chat": elsewhere},
+            {"early_exit": True},
+            {"signed_verdicts": True},
+            {"keypoint": StageConfig(images_per_call=2)},
+        )
+        for change in changes:
+            async with open_judge(JudgeChoice(name="rubric", rubric=model.config(**change))) as opened:
                 names.add(opened.name)
-    assert len(names) == 3
+    assert len(names) == 4  # where a model is served, and how many at once, changes no verdict
 
 
 async def test_large_rubrics_and_long_episodes_are_judged_at_once() -> None:

@@ -155,7 +155,8 @@ def test_a_verdict_is_always_the_last_line(words: list[str]) -> None:
     text = " ".join(words)
     found = criterion(text)
     if found is not None:
-        last = [line for line in text.splitlines() if plain(line)][-1]
+        said = text.split("</think>")[-1]
+        last = [line for line in said.splitlines() if plain(line)][-1]
         assert ("not" in plain(last).split()) is not found
 
 

@@ -20,10 +20,12 @@ from webgym.core.trajectory import Trajectory
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
 from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.tasks import draw, write_tasks
+from webgym.tasks.websites import site_of
 
 pytestmark = pytest.mark.browser
 
@@ -92,9 +94,11 @@ async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path) -> Non
         fitting = [task for task in web.tasks_of(host) if task.truth and task.truth.expects == end]
         picked.append(min(fitting, key=lambda task: len(task.truth.moves) if task.truth else 0))
     write_tasks(tmp_path / "tasks.jsonl", picked)
-    await collect(config(tmp_path / "tasks.jsonl", retries=0), tmp_path / "run")
+    kept = BlocklistConfig(file=tmp_path / "blocked.jsonl")
+    await collect(config(tmp_path / "tasks.jsonl", retries=0, blocklist=kept), tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
+    assert set(Blocklist(kept).blocked()) == {site_of(picked[0].website)}
     assert {each.outcome for each in trajectories} == {
         Outcome.BLOCKED,
         Outcome.ENVIRONMENT_ERROR,

@@ -12,6 +12,7 @@ unjudged.
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -24,7 +25,7 @@ from webgym.judge import prompts
 from webgym.judge.asking import Asker, Question, together
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.config import JudgeConfig, Stage
+from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.history import action_history
 from webgym.judge.keypoints import page_texts, select, shown
 from webgym.judge.reference import Match, hold_against
@@ -60,8 +61,7 @@ class RubricJudge:
         self._config = config
         self._models = models
         self._prices = prices or Prices()
-        settings = config.model_dump_json(exclude={"concurrency", "tries"})
-        self._name = f"{VERSION} {config.chat_of('fact').model}@{code_of(settings)[:6]}"
+        self._name = f"{VERSION} {config.chat_of('fact').model}@{_digest(config)}"
 
     @property
     def name(self) -> str:
@@ -72,6 +72,17 @@ class RubricJudge:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`."""
         asker = Asker(self._models, self._config, pictures, self._prices)
         return await _Case(self._name, task, episode, asker, self._config).verdict()
+
+
+def _digest(config: JudgeConfig) -> str:
+    """Of every setting that can change a verdict; not of where a model is served, or how patiently."""
+    stages = {
+        name: config.stage(name).model_dump(mode="json", exclude={"chat"})
+        | {"model": config.chat_of(name).model}
+        for name in STAGES
+    }
+    rules = config.model_dump(mode="json", exclude={"chat", "concurrency", "tries", *STAGES})
+    return code_of(json.dumps([stages, rules], sort_keys=True))[:6]
 
 
 class _Case:

@@ -20,6 +20,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.judge.base import Judge, Pictures
 from webgym.rollout.attempt import Attempt, Stage
+from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.judging import Found, find
 from webgym.rollout.plan import Plan, Planned
 from webgym.server import Session
@@ -67,9 +68,18 @@ class Collector:
         judge: turns episodes into verdicts.
         pictures: gives the judge the screenshots.
         config: limits.
+        blocklist: is told of websites that kept the agent out.
     """
 
-    def __init__(self, stage: Stage, judge: Judge, pictures: Pictures, config: CollectorConfig) -> None:
+    def __init__(
+        self,
+        stage: Stage,
+        judge: Judge,
+        pictures: Pictures,
+        config: CollectorConfig,
+        blocklist: Blocklist | None = None,
+    ) -> None:
+        self._blocklist = blocklist
         self._stage = stage
         self._judge = judge
         self._pictures = pictures
@@ -156,6 +166,9 @@ class Collector:
         finally:
             progress.move("judging", None)
             self._free_judges.release()
+        if self._blocklist and judged.outcome is Outcome.BLOCKED and judged.verdict is not None:
+            reason = judged.verdict.blocked.reason
+            await asyncio.to_thread(self._blocklist.add, planned.task.website, reason)
         await plan.settle(planned, judged.outcome)
         progress.done = plan.done
         self._watch(episode)

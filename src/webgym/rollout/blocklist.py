@@ -1,0 +1,102 @@
+"""Websites that kept the agent out are left alone for a while (paper §4; 12 h in the authors' code).
+
+A file of lines ``{"site", "at", "reason"}`` that grows by one line per blocked attempt and may be shared by
+the runs of one machine. The registrable domain decides (:mod:`webgym.tasks.websites`): whoever blocks on one
+host of a website blocks on the others.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.rollout.files import Log, disk_errors
+from webgym.tasks.websites import site_or_text
+
+
+class BlocklistConfig(BaseModel):
+    """Where it is kept, and for how long a website stays on it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    file: Path | None = None
+    """Where; without one, nobody is left out and nothing is noted."""
+
+    hours: float = Field(default=12.0, ge=0)
+    """How long after it blocked an attempt a website is left out."""
+
+
+class Block(msgspec.Struct, frozen=True):
+    """A website that blocked an attempt.
+
+    Attributes:
+        site: its registrable domain.
+        at: when, Unix time, seconds.
+        reason: the judge's.
+    """
+
+    site: str
+    at: float
+    reason: str = ""
+
+
+class Blocklist:
+    """The websites that have blocked somebody lately. Blocks: call it from a thread.
+
+    Args:
+        config: where, and for how long.
+        now: tells the time, Unix, seconds.
+    """
+
+    def __init__(self, config: BlocklistConfig, now: Callable[[], float] = time.time) -> None:
+        self._config = config
+        self._now = now
+
+    def blocked(self) -> dict[str, Block]:
+        """The last block of every website that is still left out.
+
+        Raises:
+            StoreError: the file is there and cannot be read. A line that is none, as of a writer that was
+                killed, is passed over.
+        """
+        file = self._config.file
+        if file is None or not file.exists():
+            return {}
+        found: dict[str, Block] = {}
+        since = self._now() - self._config.hours * 3600
+        with disk_errors(f"reading {file}"), file.open("rb") as lines:
+            for line in lines:
+                try:
+                    block = msgspec.json.decode(line, type=Block)
+                except msgspec.DecodeError:
+                    continue
+                if block.at > since and block.at >= found.get(block.site, block).at:
+                    found[block.site] = block
+        return found
+
+    def is_blocked(self, website: str) -> bool:
+        """Whether a website is left out now."""
+        return site_or_text(website) in self.blocked()
+
+    def add(self, website: str, reason: str) -> None:
+        """Note that a website blocked an attempt just now.
+
+        Raises:
+            StoreError: it cannot be written down.
+        """
+        file = self._config.file
+        if file is None:
+            return
+        with disk_errors(f"writing {file}"):
+            file.parent.mkdir(parents=True, exist_ok=True)
+            log = Log(file)
+            try:
+                block = Block(site_or_text(website), self._now(), reason)
+                # In front, too: a line that a dead writer left unfinished must not swallow this one.
+                log.append(b"\n" + msgspec.json.encode(block) + b"\n", durable=True)
+            finally:
+                log.close()

@@ -1,0 +1,74 @@
+"""Websites that blocked the agent are left out for a while."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from webgym.collection import RunConfig, TaskChoice, choose_tasks
+from webgym.core.errors import ConfigError, StoreError
+from webgym.core.task import FactGroup, Rubric, Task
+from webgym.rollout.blocklist import Blocklist, BlocklistConfig
+from webgym.tasks import write_tasks
+
+
+class Clock:
+    now = 1_000_000.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def made(file: Path | None, clock: Clock, hours: float = 12.0) -> Blocklist:
+    return Blocklist(BlocklistConfig(file=file, hours=hours), clock)
+
+
+def test_a_website_is_left_out_for_twelve_hours(tmp_path: Path) -> None:
+    clock, file = Clock(), tmp_path / "below" / "blocked.jsonl"
+    made(file, clock).add("https://www.shop.example/a?b", "a challenge")
+    blocklist = made(file, clock)
+    assert blocklist.is_blocked("http://mobile.shop.example:8080/")
+    assert not blocklist.is_blocked("https://other.example/")
+    (block,) = blocklist.blocked().values()
+    assert (block.site, block.at, block.reason) == ("shop.example", clock.now, "a challenge")
+    clock.now += 11 * 3600
+    assert blocklist.is_blocked("shop.example")
+    made(file, clock).add("shop.example", "again")
+    clock.now += 11 * 3600
+    assert blocklist.blocked()["shop.example"].reason == "again"
+    clock.now += 3600
+    assert not blocklist.is_blocked("shop.example")
+
+
+def test_a_torn_line_swallows_nothing(tmp_path: Path) -> None:
+    clock, file = Clock(), tmp_path / "blocked.jsonl"
+    made(file, clock).add("a.example", "x")
+    file.write_bytes(file.read_bytes() + b'{"site":"b.exam')
+    made(file, clock).add("c.example", "x")
+    assert set(made(file, clock).blocked()) == {"a.example", "c.example"}
+
+
+def test_without_a_file_nothing_is_noted(tmp_path: Path) -> None:
+    blocklist = made(None, Clock())
+    blocklist.add("a.example", "x")
+    assert blocklist.blocked() == {}
+    with pytest.raises(StoreError):
+        made(tmp_path, Clock()).blocked()
+
+
+def test_tasks_of_blocked_websites_are_not_drawn(tmp_path: Path) -> None:
+    rubric = Rubric((FactGroup(1, "", ("it is found",)),))
+    tasks = [
+        Task(f"made-up/{host}", "Find it.", f"https://{host}/", "Misc.", "News", rubric, "made-up")
+        for host in ("a.example", "www.b.example", "c.example")
+    ]
+    write_tasks(tmp_path / "tasks.jsonl", tasks)
+    kept = BlocklistConfig(file=tmp_path / "blocked.jsonl")
+    config = RunConfig(tasks=TaskChoice(file=tmp_path / "tasks.jsonl"), blocklist=kept)
+    Blocklist(kept).add("https://b.example/", "x")
+    assert {task.id for task in choose_tasks(config)[0]} == {"made-up/a.example", "made-up/c.example"}
+    for host in ("a.example", "c.example"):
+        Blocklist(kept).add(host, "x")
+    with pytest.raises(ConfigError, match="blocked"):
+        choose_tasks(config)

@@ -27,8 +27,10 @@ from webgym.tasks.build import BuildConfig, Stages, read_config
 from webgym.tasks.build.asking import Done, Failed, Pending, ask_all
 from webgym.tasks.build.books import Books, BooksDoNotBalance
 from webgym.tasks.build.importing import draw
+from webgym.tasks.rules import RULES
 from webgym.tasks.sources import SourceTask
 
+ROOT = Path(__file__).resolve().parents[2]
 SOURCES = {"deepshop": "a.jsonl"}
 MODEL = {"base_url": "http://127.0.0.1:1/v1", "model": "large"}
 
@@ -46,6 +48,20 @@ def test_options_go_before_the_file_and_nothing_overrides_nothing(tmp_path: Path
     assert config.sources["deepshop"].path == "c"
     assert read_config(path, {}, at_most=10).sources["gaia-web"].at_most == 7
     assert read_config(path, {}, at_most=5).sources["gaia-web"].at_most == 5
+
+
+def test_the_preset_holds_every_source_of_the_paper() -> None:
+    preset = read_config(ROOT / "configs" / "task-set.yaml", {})
+    assert len(preset.sources) == 10
+    assert preset.split.test_tasks == 1167
+    assert preset.chat("website").sampling.max_tokens == 400
+
+
+def test_every_rule_of_the_rubric_is_in_the_documentation() -> None:
+    page = (ROOT / "docs" / "task-set.md").read_text("utf-8")
+    for rule in RULES:
+        asked = "refused" if rule.severity == "error" else "remark"
+        assert f"| `{rule.id}` | {asked} | {rule.about} |" in page
 
 
 def test_sources_stand_in_the_order_of_the_paper() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any, Final, TypeVar
 
 import msgspec
@@ -180,10 +181,12 @@ def _with_schema(messages: Sequence[Message], schema: Mapping[str, Any]) -> list
     return [*others, {**last, "content": [*content, {"type": "text", "text": told}]}]
 
 
+@cache
 def strict_schema(type: Any) -> dict[str, Any]:
     """A type's JSON schema as endpoints want it that hold a model to it.
 
     The root is spelt out, every object is closed, and all its properties are required, in the type's order.
+    Worked out once for a type, and shared by all who ask: it must not be changed.
     """
     schema = msgspec.json.schema(type)
     definitions = schema.pop("$defs", {})

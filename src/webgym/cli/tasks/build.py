@@ -147,7 +147,9 @@ def _tell_estimate(found: Estimate, console: Console) -> None:
     console.print(table)
     for line in found.lines:
         if line.basis:
-            console.print(f"{line.purpose} ({line.model}): {line.basis}", highlight=False, markup=False)
+            console.print(
+                f"{line.purpose} ({line.model}): {line.basis}", highlight=False, markup=False, soft_wrap=True
+            )
     if found.dollars is None:
         console.print("no price is known: give --price, or `prices:` in the config", highlight=False)
 

@@ -53,10 +53,6 @@ class Stages:
         bars, bar = self._bars, self._bars.add_task(name, total=total)
         yield lambda count: bars.advance(bar, count)
 
-    def note(self, text: str) -> None:
-        """A line about what just happened."""
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
-
 
 class _PlainStage:
     def __init__(self, console: Console, name: str, total: int) -> None:
@@ -68,7 +64,7 @@ class _PlainStage:
 
     def advance(self, count: int) -> None:
         self._done += count
-        if self._done >= self._next or self._done == self._total:
+        if self._total and (self._done >= self._next or self._done == self._total):
             self._next = self._done + max(1, -(-self._total // _LINES))
             self._tell()
 

@@ -160,20 +160,23 @@ def split_of(path: Path) -> Literal["train", "test"] | None:
 # --- folders ----------------------------------------------------------------------------------------
 
 
+def task_files(folder: Path) -> list[Path]:
+    """The task files of a folder: ``tasks.*`` if there is one, else those of the splits; maybe none."""
+    files = sorted(each for each in folder.iterdir() if each.name.endswith(_ENDINGS) and each.is_file())
+    return _alike([each for each in files if each.name.startswith("tasks.")])[:1] or [
+        file for split in _SPLITS for file in _alike([each for each in files if split_of(each) == split])
+    ]
+
+
 def _files(path: Path) -> list[Path]:
-    """The file itself, or a folder's: ``tasks.*`` if there is one, else those of the splits."""
     if not path.is_dir():
         return [path]
-    names = sorted(each for each in path.iterdir() if each.name.endswith(_ENDINGS) and each.is_file())
-    files = _alike([each for each in names if each.name.startswith("tasks.")])[:1] or [
-        file for split in _SPLITS for file in _alike([each for each in names if split_of(each) == split])
-    ]
-    if not files:
-        raise TaskFileError(
-            f"cannot read the task file {path}: it is a folder without tasks.*, train.* or test.*",
-            hint=f"name the file, or call it so; known endings: {', '.join(_ENDINGS)}",
-        )
-    return files
+    if files := task_files(path):
+        return files
+    raise TaskFileError(
+        f"cannot read the task file {path}: it is a folder without tasks.*, train.* or test.*",
+        hint=f"name the file, or call it so; known endings: {', '.join(_ENDINGS)}",
+    )
 
 
 def _alike(files: list[Path]) -> list[Path]:

@@ -6,6 +6,7 @@ import typer
 
 from webgym.cli.tasks.build import build
 from webgym.cli.tasks.check import check
+from webgym.cli.tasks.convert import convert
 from webgym.cli.tasks.offline import offline
 from webgym.cli.tasks.sample import sample
 from webgym.cli.tasks.show import show
@@ -16,5 +17,5 @@ from webgym.cli.tasks.validate import validate
 
 app = typer.Typer(no_args_is_help=True, help="List, check and write task sets.")
 
-for _command in (build, offline, check, show, sources, split, validate, sample, stats):
+for _command in (build, offline, check, show, convert, sources, split, validate, sample, stats):
     app.command()(_command)

@@ -1,0 +1,121 @@
+"""Tasks as a terminal shows them: a line each, or one of them whole.
+
+What a task says comes from outside. Characters that a terminal would obey are shown as what they are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from webgym.core.task import FactGroup, Task
+from webgym.tasks.index import TaskIndex, website_key
+
+LEVEL_COLORS = {"easy": "green", "medium": "yellow", "hard": "red"}
+
+
+def plain(text: str) -> str:
+    """Text that a terminal shows and does not obey, on one line."""
+    return "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}"
+        for character in " ".join(text.split())
+    )
+
+
+def row_of(task: Task) -> tuple[str, ...]:
+    """A task on one line: id, facts, level, website, domain, instruction."""
+    domain = " / ".join(filter(None, (task.domain, task.subdomain)))
+    told = (task.id, str(task.difficulty), task.level, website_key(task.website), domain, task.instruction)
+    return tuple(map(plain, told))
+
+
+def table_of(tasks: Iterable[Task], *, cursor: int | None = None) -> Table:
+    """Tasks as a table that fits the width, one line each; the one at the cursor is marked."""
+    table = Table(box=None, header_style="dim", expand=True, pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("task", no_wrap=True, overflow="ellipsis", ratio=3)
+    table.add_column("facts", justify="right", no_wrap=True, width=5)
+    table.add_column("level", no_wrap=True, width=6)
+    table.add_column("website", no_wrap=True, overflow="ellipsis", ratio=3)
+    table.add_column("instruction", no_wrap=True, overflow="ellipsis", ratio=10)
+    for number, task in enumerate(tasks):
+        task_id, facts, level, website, _, instruction = row_of(task)
+        table.add_row(
+            Text(task_id, style="cyan"),
+            Text(facts),
+            Text(level, style=LEVEL_COLORS[level]),
+            Text(website, style="dim"),
+            Text(instruction),
+            style="reverse" if number == cursor else "",
+        )
+    return table
+
+
+def page_of(task: Task, index: TaskIndex) -> RenderableType:
+    """One task whole: what is asked, the rubric, where it comes from, its family."""
+    return Group(*_parts(task, index))
+
+
+def _parts(task: Task, index: TaskIndex) -> Iterator[RenderableType]:
+    facts = f"{task.difficulty} {'fact' if task.difficulty == 1 else 'facts'}"
+    yield Text.assemble((plain(task.id), "bold"), "  ", (task.level, LEVEL_COLORS[task.level]), f", {facts}")
+    yield Text(plain(" · ".join(filter(None, (task.website, task.domain, task.subdomain)))), style="dim")
+    yield Padding(Text(plain(task.instruction)), (1, 0))
+    for group in task.rubric.groups:
+        yield from _group(group)
+    yield Text()
+    yield _about(task)
+    yield from _family(task, index)
+    if task.truth is not None:
+        yield Text("\nsolution", style="dim")
+        for move in task.truth.moves:
+            yield Padding(Text(plain(repr(move))), (0, 0, 0, 2))
+
+
+def _group(group: FactGroup) -> Iterator[RenderableType]:
+    yield Text(f"{group.id}. {plain(group.description)}", style="bold")
+    for fact in group.facts:
+        bullet = Table.grid(padding=(0, 1, 0, 0))
+        bullet.add_row("  -", Text(plain(fact)))
+        yield bullet
+
+
+def _about(task: Task) -> Table:
+    told = {
+        "source": task.source,
+        "split": task.split,
+        "website": None if task.website_from == "given" else task.website_from,
+        "flags": ", ".join(task.flags),
+        "reference answer": task.reference_answer,
+        "example answer": task.example_answer,
+        **{name: str(value) for name, value in task.extra.items() if name != "published"},
+    }
+    table = Table.grid(padding=(0, 2, 0, 0))
+    for name, value in told.items():
+        if value:
+            table.add_row(Text(plain(name), style="dim"), Text(plain(value)))
+    return table
+
+
+def _family(task: Task, index: TaskIndex) -> Iterator[RenderableType]:
+    """The task that this one was derived from, and those derived from it, with their groups."""
+    if task.parent_id is not None:
+        parent = index.get(task.parent_id)
+        yield Text("\nderived from", style="dim")
+        yield _relative(parent) if parent else Text(f"  {plain(task.parent_id)}, which is not in this set")
+    if children := index.children(task.id):
+        yield Text(f"\n{len(children)} derived from it", style="dim")
+        for child in children:
+            yield _relative(child)
+
+
+def _relative(task: Task) -> Table:
+    groups = ", ".join(str(group.id) for group in task.rubric.groups)
+    row = Table.grid(padding=(0, 2, 0, 0))
+    row.add_row(
+        Text(f"  {plain(task.id)}", style="cyan"), Text(f"groups {groups}"), Text(plain(task.instruction))
+    )
+    return row

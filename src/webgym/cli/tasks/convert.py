@@ -1,0 +1,39 @@
+"""``webgym tasks convert``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import typer
+
+
+def convert(
+    source: Path = typer.Argument(
+        ..., metavar="IN", help="Task file of any format, or a folder with tasks.*, train.* or test.*."
+    ),
+    out: Path = typer.Argument(
+        ..., metavar="OUT", help="File to write (.parquet, .jsonl, .jsonl.gz, .jsonl.zst), or a folder."
+    ),
+    format: str | None = typer.Option(
+        None,
+        "--format",
+        metavar="jsonl|parquet|published",
+        help="For a file, goes by its name; for a folder, JSON lines. It gets a file per split.",
+        show_default=False,
+    ),
+) -> None:
+    """Write a task set in another format. Fails if a record could not be read; the rest is written."""
+    from webgym.core.errors import ConfigError
+    from webgym.tasks import FORMATS, read_tasks, write_tasks
+
+    chosen = next((known for known in FORMATS if known == format), None)
+    if format and not chosen:
+        raise ConfigError(f"there is no format {format!r}", hint=f"give {', '.join(FORMATS)}")
+    found = read_tasks(source)
+    count = write_tasks(out, found.tasks, format=chosen)
+    print(f"{count} tasks written to {out}")
+    if found.broken:
+        for record in found.broken:
+            print(f"left out {record}", file=sys.stderr)
+        raise typer.Exit(1)

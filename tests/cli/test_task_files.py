@@ -1,0 +1,292 @@
+"""`webgym tasks convert` and `show`: into a pipe, and in a real terminal."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import re
+import select
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeAlias
+
+import pytest
+from msgspec.structs import replace
+from tests.conftest import webgym
+
+from webgym.cli import main
+from webgym.core.task import FactGroup, Rubric, Task
+from webgym.tasks import read_tasks, write_tasks
+
+RUBRIC = Rubric(
+    (FactGroup(1, "the book", ("it is green", "it is thin", "it is new")), FactGroup(2, "", ("it is cheap",)))
+)
+
+
+def made(count: int = 30) -> list[Task]:
+    parent = Task(
+        "deepshop/0", "Find the book.", "https://shop.example/", "Misc.", "News", RUBRIC, "deepshop"
+    )
+    child = replace(
+        parent, id="deepshop/0+1", parent_id="deepshop/0", rubric=Rubric(RUBRIC.groups[:1]), split="train"
+    )
+    others = [
+        replace(parent, id=f"deepshop/{number}", instruction=f"Find book {number}.", flags=("dated",))
+        for number in range(1, count - 1)
+    ]
+    return [replace(parent, reference_answer="Hamlet", flags=("garbled",)), child, *others]
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "tasks.parquet"
+    write_tasks(path, made())
+    return path
+
+
+KEPT = ("--format", "csv", "parquet")
+Run: TypeAlias = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """A command in this process: (exit code, what it printed)."""
+
+    def call(*arguments: object) -> tuple[int, str]:
+        with pytest.raises(SystemExit) as ended:
+            main([str(each) for each in arguments])
+        told = capsys.readouterr()
+        return int(ended.value.code or 0), told.out + told.err
+
+    return call
+
+
+def lines(said: str) -> list[list[str]]:
+    return [line.split("\t") for line in said.splitlines()]
+
+
+# --- convert ------------------------------------------------------------------------------------------
+
+
+def test_a_set_goes_through_all_formats_and_comes_back(file: Path, run: Run) -> None:
+    folder = file.parent
+    steps = [
+        (file, folder / "own.jsonl.gz", ()),
+        (folder / "own.jsonl.gz", folder / "published.jsonl", ("--format", "published")),
+        (folder / "published.jsonl", folder / "again.parquet", ()),
+    ]
+    for source, out, options in steps:
+        code, said = run("tasks", "convert", source, out, *options)
+        assert code == 0, said
+        assert said == f"30 tasks written to {out}\n"
+    assert (folder / "again.parquet").read_bytes() == file.read_bytes()
+
+
+def test_what_could_not_be_read_is_said_and_fails(tmp_path: Path, run: Run) -> None:
+    source, out = tmp_path / "tasks.jsonl", tmp_path / "out.parquet"
+    write_tasks(source, made(3))
+    source.write_bytes(source.read_bytes() + b"{\n")
+    code, said = run("tasks", "convert", source, out)
+    assert code == 1
+    assert f"left out {source}:4: " in said
+    assert len(read_tasks(out).tasks) == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("none.jsonl", "out.parquet"), "cannot read the task file"),
+        (("tasks.parquet", "out.txt"), "does not tell a format"),
+        (("tasks.parquet", "out.jsonl", "--format", "csv"), "jsonl, parquet, published"),
+        (("tasks.parquet", "out.jsonl", "--format", "parquet"), "Parquet ends in .parquet"),
+        (("tasks.parquet", "folder"), "split the tasks first"),
+    ],
+)
+def test_what_cannot_be_converted_is_one_line(
+    file: Path, run: Run, arguments: tuple[str, ...], expected: str
+) -> None:
+    given = [each if each in KEPT else file.parent / each for each in arguments]
+    code, said = run("tasks", "convert", *given)
+    assert code == 2
+    (line,) = said.splitlines()
+    assert expected in line
+    assert [each.name for each in file.parent.iterdir()] == ["tasks.parquet"]
+
+
+# --- show, into a pipe --------------------------------------------------------------------------------
+
+
+def test_a_pipe_gets_a_line_per_task(file: Path, run: Run) -> None:
+    code, said = run("tasks", "show", file)
+    assert code == 0
+    assert lines(said)[0] == ["deepshop/0", "4", "medium", "shop.example", "Misc. / News", "Find the book."]
+    assert len(lines(said)) == 30
+
+
+@pytest.mark.parametrize(
+    ("options", "ids"),
+    [
+        (("--level", "medium", "--text", "the book"), ["0"]),
+        (("--split", "train"), ["0+1"]),
+        (("--flag", "dated", "--limit", "2"), ["1", "2"]),
+        (
+            ("--flag", "dated", "--limit", "10", "--page", "3"),
+            ["21", "22", "23", "24", "25", "26", "27", "28"],
+        ),
+        (("--website", "http://www.shop.example/x", "--text", "find book 7"), ["7", "17", "27"]),
+        (("--domain", "misc.", "--subdomain", "news", "--source", "deepshop", "--limit", "1"), ["0"]),
+    ],
+)
+def test_filters_and_pages(file: Path, run: Run, options: tuple[str, ...], ids: list[str]) -> None:
+    code, said = run("tasks", "show", file, *options)
+    assert code == 0, said
+    assert [line[0].removeprefix("deepshop/") for line in lines(said)] == ids
+
+
+def test_a_task_is_shown_whole_with_its_family(file: Path, run: Run) -> None:
+    code, said = run("tasks", "show", file, "deepshop/0")
+    assert code == 0
+    for part in ("medium, 4 facts", "Find the book.", "1. the book", "- it is thin", "Hamlet", "garbled"):
+        assert part in said
+    assert re.search(r"1 derived from it\n +deepshop/0\+1 +groups 1 ", said)
+    code, said = run("tasks", "show", file, "deepshop/0+1")
+    assert re.search(r"derived from\n +deepshop/0 +groups 1, 2 ", said)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (("shop/28",), "there is deepshop/28"),
+        (("nothing",), "webgym tasks show"),
+        (("--level", "hardest"), "--level is one of medium, easy"),
+        (("--domain", "Sports"), "--domain is one of Misc."),
+        (("--text", "no such words"), "ask for less"),
+        (("--limit", "20", "--page", "3"), "there are 2"),
+    ],
+)
+def test_what_is_not_there_is_said_with_what_is(
+    file: Path, run: Run, arguments: tuple[str, ...], expected: str
+) -> None:
+    code, said = run("tasks", "show", file, *arguments)
+    assert code == 2
+    (line,) = said.splitlines()
+    assert expected in line
+
+
+def test_characters_that_a_terminal_obeys_are_not_printed(tmp_path: Path, run: Run) -> None:
+    hostile = "\x1b]0;owned\x07\x1b[2Jline one\nline\ttwo\u202e"
+    write_tasks(
+        tmp_path / "t.jsonl", [replace(made(2)[0], instruction=hostile, extra={"\x1b[1m": "\x1b[2m"})]
+    )
+    for arguments in ((), ("deepshop/0",)):
+        code, said = run("tasks", "show", tmp_path / "t.jsonl", *arguments)
+        assert code == 0
+        assert "line one line two" in said
+        assert not set(said) & {"\x1b", "\x07", "\u202e"}
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(tmp_path: Path) -> None:
+    write_tasks(tmp_path / "t.jsonl", made(5_000))
+    shell = (
+        f"set -o pipefail; {' '.join(map(_quoted, webgym('tasks', 'show', tmp_path / 't.jsonl')))} | head -1"
+    )
+    done = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, timeout=100)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("deepshop/0\t")
+
+
+def _quoted(argument: str) -> str:
+    return "'" + argument.replace("'", "'\\''") + "'"
+
+
+# --- show, in a terminal ------------------------------------------------------------------------------
+
+
+class Terminal:
+    """A terminal of 100 by 12 with a command in it."""
+
+    def __init__(self, fd: int) -> None:
+        self._fd = fd
+        self.said = ""
+
+    def until(self, text: str, seconds: float = 60) -> str:
+        """What it said since the last call, up to and including a text."""
+        deadline = time.monotonic() + seconds
+        while text not in self.said:
+            assert select.select([self._fd], [], [], max(0, deadline - time.monotonic()))[0], self.said
+            try:
+                got = os.read(self._fd, 65536)
+            except OSError:  # the other end is gone
+                got = b""
+            assert got, f"{text!r} was not said: {self.said!r}"
+            self.said += got.decode(errors="replace")
+        before, _, self.said = self.said.partition(text)
+        return re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", before + text)
+
+    def press(self, keys: str) -> None:
+        """Type."""
+        os.write(self._fd, keys.encode())
+
+
+@contextmanager
+def terminal(*arguments: object) -> Iterator[Terminal]:
+    pid, fd = pty.fork()
+    if pid == 0:
+        fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack("HHHH", 12, 100, 0, 0))
+        command = webgym(*arguments)
+        os.execve(sys.executable, command, os.environ | {"TERM": "xterm-256color"})
+    try:
+        yield Terminal(fd)
+        _, status = os.waitpid(pid, 0)
+        pid = 0
+        assert os.waitstatus_to_exitcode(status) == 0
+    finally:
+        if pid:
+            os.kill(pid, 9)
+            os.waitpid(pid, 0)
+        os.close(fd)
+
+
+def test_the_list_is_browsed_by_keys(file: Path) -> None:
+    with terminal("tasks", "show", file) as screen:
+        first = screen.until("1 of 30")
+        assert "Find the book." in first
+        assert "Find book 7." in first  # nine rows, a heading, the keys
+        assert "Find book 8." not in first
+        screen.press("n")
+        assert "Find book 8." in screen.until("10 of 30")
+        screen.press("p")
+        screen.until("1 of 30")
+        screen.press("p\x1b[A")  # two keys at once, and there is nothing before it
+        screen.until("1 of 30")
+        screen.until("1 of 30")
+        screen.press("\r")
+        whole = screen.until("1 of 30")
+        assert "1. the book" in whole
+        assert "it is green" in whole
+        screen.press("jjjjjj")
+        screen.until("1 of 30")
+        screen.press("n")
+        assert "deepshop/0+1" in screen.until("2 of 30")
+        screen.press("q")
+        screen.until("Enter open")
+        screen.press("\x1b[6~")
+        screen.until("11 of 30")
+        screen.press("nnnnn")
+        screen.until("30 of 30")
+        screen.press("q")
+        screen.until("\x1b[?1049l")  # the screen is as it was
+
+
+def test_filters_hold_in_the_browser(file: Path) -> None:
+    with terminal("tasks", "show", file, "--flag", "garbled") as screen:
+        assert "deepshop/0" in screen.until("1 of 1 ")
+        screen.press("njq")
+        screen.until("\x1b[?1049l")

@@ -1,4 +1,4 @@
-"""``webgym view``: browse a run, also while it goes on."""
+"""``webgym view``: browse a run, also while it goes on, or a task set."""
 
 from __future__ import annotations
 
@@ -14,22 +14,39 @@ import typer
 
 from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view
+from webgym.report.taskset import serve_tasks
+from webgym.rollout.files import TRAJECTORIES
+from webgym.tasks.formats import task_files
 
 
 def command(
-    run: Annotated[Path, typer.Argument(help="The run folder.")],
+    what: Annotated[
+        Path,
+        typer.Argument(help="A run folder, a task file of any format, or a folder with task files."),
+    ],
     port: Annotated[int, typer.Option(help="Port to listen on; 0 takes a free one.", min=0, max=65535)] = 0,
     is_opened: Annotated[bool, typer.Option("--open/--no-open", help="Open it in a browser.")] = True,
 ) -> None:
-    """Serve the pages of RUN on this machine alone, and print the address. Ctrl-C ends it."""
+    """Serve the pages of a run or of a task set on this machine alone, and print the address.
+
+    Ctrl-C ends it.
+    """
 
     def ready(address: str) -> None:
         typer.echo(address)
         if is_opened and _has_desktop():
             webbrowser.open(address)
 
+    serve = serve_tasks if _holds_tasks(what) else serve_view
     with contextlib.suppress(KeyboardInterrupt):  # the way to end it
-        asyncio.run(serve_view(run, ViewConfig(port=port), ready))
+        asyncio.run(serve(what, ViewConfig(port=port), ready))
+
+
+def _holds_tasks(path: Path) -> bool:
+    """Whether to show tasks: a file, or a folder of task files that is no run. Runs have one, too."""
+    if path.is_dir():
+        return not (path / TRAJECTORIES).is_dir() and bool(task_files(path))
+    return path.is_file() or bool(path.suffix)
 
 
 def _has_desktop() -> bool:

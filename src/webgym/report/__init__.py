@@ -1,12 +1,14 @@
-"""What people look at. Reads the run store, nothing else.
+"""What people look at. Reads the run store and task sets, nothing else.
 
 write.py       report.html, one file that needs no network
 live.py        the same pages over a run that may still be written
+taskset.py     the pages of a task set; task_content.py, what they show
+serving.py     how both are served
 content.py     trajectories as the pages need them
 overview.py    the figures and charts of a run, as HTML
 charts.py      inline SVG
 thumbnails.py  small pictures for the file
-page.py        the page around it all: templates/ and static/
+template.py    the page around it all: templates/ and static/
 """
 
 from webgym.report.config import ReportConfig

@@ -155,3 +155,34 @@ class Histogram:
                     place = (number * width + width * 0.08, top, width * 0.84, height)
                     parts += part.format(*place, outcome.value, lengths, outcome_name(outcome), count)
         return _svg(_HEIGHT, f"Steps per attempt, {name}", parts)
+
+
+def count_bar(count: int, most: int, name: str) -> Markup:
+    """A number as a bar, as long as its share of the largest one beside it."""
+    bar = Markup('<rect class="track" y="5" width="100%" height="10" rx="3"/>')
+    bar += Markup('<rect class="count" y="5" width="{:.2f}%" height="10" rx="3"/>').format(
+        100 * count / max(1, most)
+    )
+    return _svg(20, f"{name}: {count}", bar)
+
+
+def fact_columns(columns: Sequence[tuple[str, str, int]]) -> Markup:
+    """Columns side by side.
+
+    Args:
+        columns: of each, what to write below, its level, how many.
+    """
+    most = max((count for _, _, count in columns), default=0) or 1
+    width = 100 / max(1, len(columns))
+    parts = Markup('<line class="base" x1="0" x2="100%" y1="{0}" y2="{0}"/>').format(_HEIGHT - 0.5)
+    part = Markup(
+        '<rect class="column {}" x="{:.3f}%" y="{:.2f}" width="{:.3f}%" height="{:.2f}">'
+        "<title>{} facts: {}</title></rect>"
+        '<text x="{:.3f}%" y="{}">{}</text>'
+    )
+    for place, (facts, level, count) in enumerate(columns):
+        height = max(1.0, count / most * (_HEIGHT - 4)) if count else 0.0
+        left = place * width
+        box = (level, left + width * 0.1, _HEIGHT - 1 - height, width * 0.8, height)
+        parts += part.format(*box, facts, count, left + width / 2, _HEIGHT + 15, facts)
+    return _svg(_HEIGHT + 20, "Tasks by number of facts", parts)

@@ -26,7 +26,7 @@ class ReportConfig(BaseModel):
 
 
 class ViewConfig(BaseModel):
-    """How a run is served."""
+    """How a run, or a task set, is served."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
@@ -35,3 +35,6 @@ class ViewConfig(BaseModel):
 
     refresh_seconds: float = Field(default=2.0, gt=0)
     """How often an open page asks for what is new."""
+
+    page_size: int = Field(default=100, ge=1, le=500)
+    """Rows on a page of a task set."""

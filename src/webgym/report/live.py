@@ -7,32 +7,25 @@ website can reach it by a name of its own), changes nothing, and serves nothing 
 from __future__ import annotations
 
 import asyncio
-import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import msgspec
-import uvicorn
 from starlette.applications import Starlette
-from starlette.middleware import Middleware
-from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
-from webgym.core.errors import ConfigError, StoreError
+from webgym.core.errors import StoreError
 from webgym.report.config import ViewConfig
 from webgym.report.content import Row, page, row
 from webgym.report.overview import Overview
+from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, serve
 from webgym.report.template import Page
 from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import VerdictReader
 
-LOOPBACK = "127.0.0.1"
-"""The only address served: a run holds hidden truth. From elsewhere, come through a tunnel."""
 _FOREVER = {"Cache-Control": "private, max-age=31536000, immutable"}
-_SAFE = {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "Cache-Control": "no-store"}
 
 
 class LiveRun:
@@ -57,10 +50,6 @@ class LiveRun:
             self.rows.append(row(trajectory, self.reader.tasks.get(trajectory.episode.task_id)))
 
 
-def _json(value: Any) -> Response:
-    return Response(msgspec.json.encode(value), media_type="application/json", headers=_SAFE)
-
-
 class _Pages:
     """The answers. One lock: a run is read by one thread at a time."""
 
@@ -76,7 +65,7 @@ class _Pages:
     async def document(self, _: Request) -> Response:
         """The page itself."""
         text = await self._read(self._document)
-        return HTMLResponse(text, headers={**_SAFE, "Content-Security-Policy": self._page.policy})
+        return HTMLResponse(text, headers={**SAFE, "Content-Security-Policy": self._page.policy})
 
     def _document(self) -> str:
         self._run.refresh()
@@ -86,8 +75,8 @@ class _Pages:
         """Rows after the first so many, and the figures if there are any."""
         after = request.query_params.get("after", "")
         if not after.isdecimal():
-            return PlainTextResponse("after: how many rows are known", status_code=400, headers=_SAFE)
-        return _json(await self._read(self._news, int(after)))
+            return PlainTextResponse("after: how many rows are known", status_code=400, headers=SAFE)
+        return json_reply(await self._read(self._news, int(after)))
 
     def _news(self, after: int) -> dict[str, Any]:
         self._run.refresh()
@@ -99,8 +88,8 @@ class _Pages:
         try:
             shown = await self._read(self._trajectory, request.query_params.get("id", ""))
         except KeyError:
-            return PlainTextResponse("no such trajectory", status_code=404, headers=_SAFE)
-        return _json(shown)
+            return PlainTextResponse("no such trajectory", status_code=404, headers=SAFE)
+        return json_reply(shown)
 
     def _trajectory(self, attempt_id: str) -> dict[str, Any]:
         trajectory = self._run.reader.trajectory(attempt_id)
@@ -114,12 +103,12 @@ class _Pages:
         except StoreError:
             path = None
         if path is None or not await asyncio.to_thread(path.is_file):
-            return PlainTextResponse("no such picture", status_code=404, headers=_SAFE)
-        return FileResponse(path, media_type="image/png", headers={**_SAFE, **_FOREVER})
+            return PlainTextResponse("no such picture", status_code=404, headers=SAFE)
+        return FileResponse(path, media_type="image/png", headers={**SAFE, **_FOREVER})
 
 
 async def _store_failed(_: Request, error: Exception) -> Response:
-    return PlainTextResponse(str(error), status_code=500, headers=_SAFE)
+    return PlainTextResponse(str(error), status_code=500, headers=SAFE)
 
 
 def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
@@ -137,7 +126,7 @@ def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
             Route("/api/trajectory", pages.trajectory),
             Route("/screenshots/{prefix}/{name}.png", pages.picture),
         ],
-        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[LOOPBACK, "localhost"])],
+        middleware=[ONLY_LOCAL_NAMES],
         exception_handlers={StoreError: _store_failed},
     )
 
@@ -154,17 +143,4 @@ async def serve_view(run_path: Path, config: ViewConfig, ready: Callable[[str], 
         RunFolderError: the folder is no run.
         ConfigError: the port cannot be listened on.
     """
-    app = await asyncio.to_thread(view_app, run_path, config)
-    with socket.socket() as listener:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listener.bind((LOOPBACK, config.port))
-        except OSError as error:
-            raise ConfigError(
-                f"cannot listen on {LOOPBACK}:{config.port}: {error.strerror}",
-                hint="choose another port, or leave --port out for a free one",
-            ) from error
-        listener.listen()
-        server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="off"))
-        ready(f"http://{LOOPBACK}:{listener.getsockname()[1]}/")
-        await server.serve(sockets=[listener])
+    await serve(await asyncio.to_thread(view_app, run_path, config), config.port, ready)

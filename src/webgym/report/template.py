@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -18,7 +19,7 @@ from markupsafe import Markup
 from webgym.core.outcome import Outcome
 from webgym.report import charts, words
 
-_SCRIPTS = ("dom.js", "source.js", "table.js", "stage.js", "trajectory.js", "main.js")
+_SCRIPTS = ("dom.js", "theme.js", "source.js", "table.js", "stage.js", "trajectory.js", "main.js")
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
 
@@ -53,8 +54,52 @@ def _hash(text: str) -> str:
     return base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-class Page:
-    """The parts of the document, in order, so that they can be written as they are made.
+class Document:
+    """What every page has around it: style, script, and the policy that lets nothing else in.
+
+    Args:
+        title: of the document.
+        scripts: of ``static/``, in order; one scope for all of them.
+        settings: what the script finds as ``settings``.
+        live: whether it may ask the server that it comes from.
+    """
+
+    def __init__(self, title: str, scripts: Sequence[str], settings: Any, *, live: bool) -> None:
+        code = "\n".join(_static(name) for name in scripts)
+        script = f'(() => {{\n"use strict";\n{code}\n}})();'
+        style = _static("report.css")
+        self.policy = "; ".join(
+            (
+                "default-src 'none'",
+                f"script-src 'sha256-{_hash(script)}'",
+                f"style-src 'sha256-{_hash(style)}'",
+                "style-src-attr 'unsafe-inline'",
+                "img-src 'self' data: file:",
+                "connect-src 'self'" if live else "connect-src 'none'",
+                "base-uri 'none'",
+                "form-action 'none'",
+            )
+        )
+        self._shown: dict[str, Any] = {
+            "title": title,
+            "settings": inert(settings),
+            "style": Markup(style),  # noqa: S704 - our own file
+            "script": Markup(script),  # noqa: S704 - our own files
+            "policy": self.policy,
+        }
+
+    def render(self, template: str, **shown: Any) -> str:
+        """The document from a template that extends ``base.html.j2``, but for its end."""
+        return ENVIRONMENT.get_template(template).render(self._shown, **shown)
+
+    @staticmethod
+    def tail() -> str:
+        """The end of the document."""
+        return "</body>\n</html>\n"
+
+
+class Page(Document):
+    """The parts of a run's document, in order, so that they can be written as they are made.
 
     Args:
         title: of the document.
@@ -67,34 +112,12 @@ class Page:
             outcome.value: [words.outcome_name(outcome), words.outcome_meaning(outcome)]
             for outcome in Outcome
         }
-        settings = inert({"live": live, "refresh": refresh_seconds, "outcomes": words_})
-        scripts = "\n".join(_static(name) for name in _SCRIPTS)
-        self._script = f'(() => {{\n"use strict";\n{scripts}\n}})();'
-        style = _static("report.css")
-        self.policy = "; ".join(
-            (
-                "default-src 'none'",
-                f"script-src 'sha256-{_hash(self._script)}'",
-                f"style-src 'sha256-{_hash(style)}'",
-                "style-src-attr 'unsafe-inline'",
-                "img-src 'self' data: file:",
-                "connect-src 'self'" if live else "connect-src 'none'",
-                "base-uri 'none'",
-                "form-action 'none'",
-            )
-        )
-        self._shown: dict[str, Any] = {
-            "title": title,
-            "settings": settings,
-            "style": Markup(style),  # noqa: S704 - our own file
-            "policy": self.policy,
-        }
+        settings = {"live": live, "refresh": refresh_seconds, "outcomes": words_}
+        super().__init__(title, _SCRIPTS, settings, live=live)
 
     def head(self, overview: Markup, rows: list[Any]) -> str:
         """Everything up to the data: shown at once, while the rest is still being read."""
-        template = ENVIRONMENT.get_template("page.html.j2")
-        script = Markup(self._script)  # noqa: S704 - our own files
-        return template.render(self._shown, overview=overview, rows=inert(rows), script=script)
+        return self.render("page.html.j2", overview=overview, rows=inert(rows))
 
     @staticmethod
     def data(element_id: str, value: Any) -> str:
@@ -105,8 +128,3 @@ class Page:
     def picture(name: str, data: str) -> str:
         """An embedded picture, by the name of its screenshot."""
         return f'<script type="text/plain" id="p-{name}">{data}</script>\n'
-
-    @staticmethod
-    def tail() -> str:
-        """The end of the document."""
-        return "</body>\n</html>\n"

@@ -1,4 +1,4 @@
-// Routes, keys and the theme.
+// Routes and keys.
 
 let playing = null;      // what drawTrajectory returned
 let open = null;         // id of the trajectory that is shown
@@ -73,21 +73,6 @@ document.addEventListener("keydown", (event) => {
     Home: () => playing && playing.go(1), End: () => playing && playing.go(playing.count),
     "[": () => neighbour(-1), "]": () => neighbour(1), Escape: () => { location.hash = listAddress(); } }[event.key];
   if (act) { event.preventDefault(); act(); }
-});
-
-// The theme: the system's, until somebody chooses. Storage may be refused, as for some local files.
-function stored(value) {
-  try {
-    if (value !== undefined) localStorage.setItem("webgym-theme", value);
-    return localStorage.getItem("webgym-theme");
-  } catch { return null; }
-}
-if (stored()) document.documentElement.style.colorScheme = stored();
-byId("theme").addEventListener("click", () => {
-  const chosen = document.documentElement.style.colorScheme;
-  const dark = chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
-  document.documentElement.style.colorScheme = dark ? "light" : "dark";
-  stored(dark ? "light" : "dark");
 });
 
 function localTimes() {

@@ -9,7 +9,6 @@ import re
 import select
 import struct
 import subprocess
-import sys
 import termios
 import time
 from collections.abc import Callable, Iterator
@@ -237,21 +236,20 @@ class Terminal:
 
 @contextmanager
 def terminal(*arguments: object) -> Iterator[Terminal]:
-    pid, fd = pty.fork()
-    if pid == 0:
-        fcntl.ioctl(0, termios.TIOCSWINSZ, struct.pack("HHHH", 12, 100, 0, 0))
-        command = webgym(*arguments)
-        os.execve(sys.executable, command, os.environ | {"TERM": "xterm-256color"})
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 12, 100, 0, 0))
+    named = {name: value for name, value in os.environ.items() if name not in ("LINES", "COLUMNS")}
+    process = subprocess.Popen(
+        webgym(*arguments), stdin=theirs, stdout=theirs, env=named | {"TERM": "xterm-256color"}
+    )
+    os.close(theirs)
     try:
-        yield Terminal(fd)
-        _, status = os.waitpid(pid, 0)
-        pid = 0
-        assert os.waitstatus_to_exitcode(status) == 0
+        yield Terminal(ours)
+        assert process.wait(60) == 0
     finally:
-        if pid:
-            os.kill(pid, 9)
-            os.waitpid(pid, 0)
-        os.close(fd)
+        process.kill()
+        process.wait()
+        os.close(ours)
 
 
 def test_the_list_is_browsed_by_keys(file: Path) -> None:

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from tests.tasks.strategies import task_lists
 
+from webgym.collection import RunConfig, TaskChoice, choose_tasks
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.offline import OfflineWeb
@@ -303,3 +304,12 @@ def test_any_bytes_are_tasks_or_an_error_of_ours(
         path.write_bytes(magic + content)
         with pytest.raises(TaskFileError):
             read_tasks(path)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_run_takes_its_tasks_from_any_format(tmp_path: Path, name: str) -> None:
+    tasks = [task(number, split="train") for number in range(3)]
+    write_tasks(tmp_path / name, tasks, format=NAMES[name])
+    chosen, broken = choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / name, split="train")))
+    assert {each.id for each in chosen} == {each.id for each in tasks}
+    assert broken == []

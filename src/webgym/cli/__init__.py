@@ -62,7 +62,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("rollout", "Collect trajectories into a run folder, or resume a run."),
     Verb("judge", "Judge a stored run again (webgym judge RUN), and compare judges.", "app"),
     Verb("report", "Write the report of a run."),
-    Verb("view", "Browse a run in a web browser."),
+    Verb("view", "Browse a run or a task set in a web browser."),
     Verb("bench", "Measure this machine: speed, density, settling, faults.", "app"),
 )
 

@@ -16,7 +16,10 @@ def command(
         None, "--config", help="YAML file of settings; the options below override it.", show_default=False
     ),
     tasks: Path | None = typer.Option(
-        None, "--tasks", help="Task file; without one, the offline web's tasks.", show_default=False
+        None,
+        "--tasks",
+        help="Task file of any format, or a folder; without one, the offline web's tasks.",
+        show_default=False,
     ),
     split: str | None = typer.Option(None, "--split", help="train or test.", show_default=False),
     limit: int | None = typer.Option(None, "--limit", min=1, help="Draw so many tasks.", show_default=False),

@@ -8,7 +8,7 @@ import typer
 
 
 def offline(
-    out: Path = typer.Option(..., "--out", help="Task file to write (JSON lines)."),
+    out: Path = typer.Option(..., "--out", help="Task file to write: .jsonl or .parquet."),
     split: str | None = typer.Option(
         None, "--split", help="train or test; both if not given.", show_default=False
     ),

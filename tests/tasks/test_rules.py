@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
+from collections import Counter
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.tasks.good_rubrics import GOOD
+from tests.tasks.sources.native import REAL
 
 from webgym.core.task import FactGroup, Rubric
 from webgym.offline import OfflineWeb
 from webgym.tasks.rules import RULES, Asked, Draft, DraftGroup, Finding, check_rubric
 
+DEEPSHOP = REAL / "deepshop" / "deepshop_test.jsonl"
 Groups = list[list[str]]
 
 
@@ -59,6 +64,16 @@ HITS = [
         "Find sights such as museums or parks in Riga",
         ["Sights are found", "Museums are found"],
     ),
+    (
+        "example-as-fact",
+        "Find a speaker, for example by Jola, Anda, or Mirk, now",
+        ["The speaker is by Mirk"],
+    ),
+    (
+        "example-as-fact",
+        "Find a speaker such as the Jola One with Bluetooth",
+        ["The speaker is the Jola One"],
+    ),
     ("example-as-fact", "Tell me about pets (e.g., cats, dogs)", ["Information about cats is found"]),
     ("duplicate", SHOES, ["The shoes cost under $80", "The shoes cost under $80 is reported"]),
     ("duplicate", SHOES, ["The shoes are red OR blue", "the shoes are  red OR blue."]),
@@ -102,6 +117,7 @@ HITS = [
     ("endless", SHOES, ["The shoes are red OR blue " * 20]),
     ("several-clauses", SHOES, ["The shoes are red OR blue and cost under $80"]),
     ("several-clauses", "Find red and blue paint", ["The red paint and the blue paint are found"]),
+    ("several-conditions", SHOES, ["Running shoes, priced under $80, and rated at least 4 stars"]),
     ("several-sentences", SHOES, ["The shoes are running shoes. They cost under $80"]),
     ("unstated-name", SHOES, ["The shoes are made by Fleetfoot"]),
     ("unstated-quotation", SHOES, ['The shoes carry the label "Best seller"']),
@@ -137,6 +153,11 @@ NEAR_MISSES = [
     ("step", "Give 1.5 litre bottles", ["1.5 litre bottles are found"]),
     ("examples", SHOES, ["The shoes are as such not expensive"]),
     ("example-as-fact", "Find sights such as museums in Riga", ["Sights in Riga are found"]),
+    (
+        "example-as-fact",
+        "Find a speaker from brands such as Jola or Anda, ensuring it is new and ships for free",
+        ["The speaker ships for free", "The speaker is new"],
+    ),
     ("example-as-fact", "Find museums and sights such as museums", ["Museums are found"]),
     ("duplicate", "Prices of A1 and A2", ["The price of A1 is found", "The price of A2 is found"]),
     ("restated-task", SHOES, [SHOES.replace(" or ", " OR ")]),
@@ -177,6 +198,7 @@ NEAR_MISSES = [
     ("enumerated", "Give the contact details of the club", ["The contact details of the club are given"]),
     ("hollow", "Is the task list complete?", ["Whether the task list is complete is found"]),
     ("several-clauses", "Find terms and conditions", ["The terms and conditions are found"]),
+    ("several-conditions", "The total, with tax", ["The total, with tax, is found"]),
     ("several-sentences", "Fly to St. Louis", ["The flight goes to St. Louis"]),
     ("unstated-name", "Shoes from the EU", ["The shoes come from the European Union"]),
     ("unstated-name", "Shoes from New York City", ["The shoes come from NYC", "Shoes OR boots in May"]),
@@ -275,6 +297,18 @@ def test_no_rubric_of_the_offline_web_is_refused_and_few_are_remarked_on() -> No
         remarked += bool(findings)
     assert refused == []
     assert remarked < 0.06 * len(tasks)
+
+
+@pytest.mark.skipif(not DEEPSHOP.exists(), reason=f"{DEEPSHOP} is not there")
+def test_deepshops_own_columns_break_only_rules_that_they_do_break() -> None:
+    """What a model made of 150 real tasks, and nobody checked: each finding was read and is right."""
+    found: Counter[str] = Counter()
+    for record in map(json.loads, DEEPSHOP.read_text("utf-8").splitlines()):
+        columns = [record[name] for name in ("attribute", "filter", "sort")]
+        facts = [[text] for text in columns if text not in ("", "None") and "**" not in text]
+        findings = look(record["ques"], facts, website=record["web"]) if facts else []
+        found.update(finding.rule for finding in findings if finding.severity == "error")
+    assert found == {"or-in-capitals": 31, "example-as-fact": 23, "examples": 9, "several-things": 8}
 
 
 @given(

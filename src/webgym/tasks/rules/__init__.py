@@ -40,6 +40,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("endless", "error", "no fact is a paragraph", wording.endless_facts),
     Rule("repetition", "warning", "facts of several groups say which they are about", form.repetitions),
     Rule("several-clauses", "warning", "one statement per fact", wording.several_clauses),
+    Rule("several-conditions", "warning", "one condition per fact", wording.several_conditions),
     Rule("several-sentences", "warning", "one sentence per fact", wording.several_sentences),
     Rule("operands", "warning", "operands only where they are asked for", against.operands),
     Rule("unstated-name", "warning", "no name that the task does not state", against.unstated_names),

@@ -25,7 +25,13 @@ _SHORTEST_ANSWER: Final = 4
 _AFTER_EXAMPLE: Final = re.compile(
     r"\b(?:such as|e\.\s?g\.?|for example|for instance)[,:]?\s+([^.;:()?!]{2,120})", re.I
 )
-_ITEMS: Final = re.compile(r",\s*(?:and\s+|or\s+)?|\s+(?:and|or)\s+|\s*/\s*", re.I)
+_ITEMS: Final = re.compile(r",?\s+(?:and|or)\s+|\s*/\s*", re.I)
+_BEYOND_ITEM: Final = re.compile(
+    r"\s(?:with|for|in|that|which|who|near|to|as|from|on|at|by|has|have|is|are)\b.*", re.I
+)
+
+_LONGEST_ITEM: Final = 4
+"""Words: what is longer is the sentence going on."""
 
 _HOW_TO: Final = re.compile(
     r"\bhow (?:do|does|can|could|should|would|to|might)\b|\b(?:instructions?|directions?|a guide|a tutorial"
@@ -231,15 +237,27 @@ def _tell_tales(source: str) -> Iterator[str]:
 
 def examples_as_facts(case: Case) -> Iterator[str]:
     """What the task only gives as an example is not asked for."""
-    for match in _AFTER_EXAMPLE.finditer(case.asked.instruction):
-        elsewhere = Text(
-            case.asked.instruction[: match.start()] + " " + case.asked.instruction[match.end() :]
-        ).stems
-        items = [Text(item).content for item in _ITEMS.split(match.group(1))]
-        items = [item for item in items if item and len(item) <= 4 and not item <= elsewhere]
+    task = case.asked.instruction
+    for match in _AFTER_EXAMPLE.finditer(task):
+        elsewhere = Text(f"{task[: match.start()]} {task[match.end() :]}").stems
+        items = [item for item in map(_content, _listed(match.group(1))) if item and not item <= elsewhere]
         for fact in case.facts:
             if any(item <= fact.text.content for item in items):
                 yield at(fact, "asks for what the task only gives as an example")
+
+
+def _listed(text: str) -> Iterator[str]:
+    """The items of the list that a text begins with: "A, B or C, ensuring that ..." gives three."""
+    for part in text.split(","):
+        first, *others = _ITEMS.split(part.strip())
+        yield from (_BEYOND_ITEM.sub("", item) for item in (first, *others[:1]))
+        if others or len(first.split()) > _LONGEST_ITEM:
+            return
+
+
+def _content(text: str) -> frozenset[str]:
+    content = Text(text).content
+    return content if len(content) <= _LONGEST_ITEM else frozenset()
 
 
 def steps_of_instructions(case: Case) -> Iterator[str]:

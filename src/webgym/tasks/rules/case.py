@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import msgspec
 
@@ -12,6 +12,10 @@ from webgym.core.task import Rubric
 from webgym.tasks.rules.reading import Text
 
 Severity: TypeAlias = Literal["error", "warning"]
+
+
+_SHOWN_CHARS: Final = 160
+"""How much of a fact a finding quotes."""
 
 
 class DraftGroup(msgspec.Struct, frozen=True):
@@ -129,5 +133,5 @@ class Rule(msgspec.Struct, frozen=True):
 def at(fact: Fact, wrong: str) -> str:
     """One line about a fact: its place, what is wrong with it, and the fact."""
     shown = " ".join(fact.text.raw.split())
-    shown = shown if len(shown) <= 160 else shown[:159] + "…"
-    return f"fact {fact.number} of group {fact.group} {wrong}: {shown!r}"
+    shown = shown if len(shown) <= _SHOWN_CHARS else f"{shown[: _SHOWN_CHARS - 1]}…"
+    return f"fact {fact.number} of group {fact.group} {' '.join(wrong.split())}: {shown!r}"

@@ -62,6 +62,11 @@ _PLURAL: Final = re.compile(
     r"(?:found|reported|given|stated|provided|listed|identified|named|shown|returned)\b",
     re.I,
 )
+_CONDITIONS: Final = re.compile(
+    r", (?:and )?(?:with|priced|rated|includes?|featur\w+|launched|released|offers?|eligible|sorted"
+    r"|from|under|has)\b",
+    re.I,
+)
 _SENTENCES: Final = re.compile(r"[^\W\d_]{4,}[.!?]\s+[A-Z]|;\s+\w+\s+\w+")
 
 _STEP_LABEL: Final = re.compile(r"^\s*(?:step\s*\d+|\d+\s*[.)](?!\d)|[-*•]\s)", re.I)
@@ -125,6 +130,13 @@ def several_clauses(case: Case) -> Iterator[str]:
         text = fact.text.unquoted
         if _CLAUSES.search(text) or _PLURAL.search(text):
             yield at(fact, "seems to make several statements")
+
+
+def several_conditions(case: Case) -> Iterator[str]:
+    """A fact is one condition, not a list of them."""
+    for fact in case.facts:
+        if len(_CONDITIONS.findall(fact.text.unquoted)) >= 2:
+            yield at(fact, "seems to list several conditions")
 
 
 def several_sentences(case: Case) -> Iterator[str]:

@@ -6,11 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from tests.tasks.strategies import published_files
+from tests.tasks.strategies import json_values, published_files
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
@@ -184,6 +185,17 @@ def test_a_broken_row_is_named_and_the_rest_loads_and_is_written(
     assert {task.split for task in found.tasks} == {"test"}
     write_tasks(tmp_path / "out.jsonl", found.tasks, format="published")
     assert (tmp_path / "out.jsonl").read_bytes() == first + last
+
+
+@given(told=st.dictionaries(st.sampled_from([*ROW, "webgym", "published"]), json_values, min_size=4))
+def test_any_values_are_a_task_or_a_reason(told: dict[str, Any]) -> None:
+    try:
+        task = task_of({"task_id": 1, "task_name": "x", "website": "y", "evaluator_reference": "z"} | told)
+    except ValueError:
+        return
+    assert msgspec.convert(msgspec.to_builtins(task), Task) == task
+    written = json.loads(line_of(task, None))
+    assert task_of(written) == task
 
 
 # --- byte for byte ------------------------------------------------------------------------------------

@@ -130,6 +130,15 @@ async def test_a_run_with_verdicts_goes_on(run: Path) -> None:
         assert len(writer.attempts) == 12
 
 
+async def test_a_judge_that_always_fails_is_not_asked_for_ever(run: Path) -> None:
+    judge = Counting(failing=frozenset(recorded(run)))
+    with pytest.raises(JudgeError, match="3 attempts in a row had no verdict: it is hard to say"):
+        await judge_run(run, judge, RejudgeConfig(judges=1, give_up_after=3))
+    assert len(judge.asked) == len(read_verdicts(run)["counting/1"]) == 3
+    judge.failing = frozenset()
+    assert (await judge_run(run, judge)).outcomes[Outcome.JUDGE_ERROR] == 0
+
+
 async def test_a_judge_that_hangs_is_given_up_on(run: Path) -> None:
     class Hanging(Counting):
         async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:

@@ -71,6 +71,7 @@ class Asker:
         self._pictures = pictures
         self._prices = prices
         self._slots = asyncio.Semaphore(config.concurrency)
+        self._urls: dict[str, str] = {}
         self.cost = Cost()
 
     async def ask(self, question: Question) -> Finding:
@@ -150,8 +151,10 @@ class Asker:
     async def _images(self, shots: Sequence[Shot]) -> list[dict[str, Any]]:
         content: list[dict[str, Any]] = []
         for shot in shots:
-            data = await self._pictures(shot.name)
-            url = await asyncio.to_thread(data_url, shot.name, data, self._config.images)
+            if (url := self._urls.get(shot.name)) is None:
+                data = await self._pictures(shot.name)
+                url = await asyncio.to_thread(data_url, shot.name, data, self._config.images)
+                self._urls[shot.name] = url
             content.append({"type": "text", "text": f"{shot.label}:"})
             content.append({"type": "image_url", "image_url": {"url": url}})
         return content

@@ -219,7 +219,7 @@ class _Case:
         history = action_history(self._episode, line_chars=texts.action_chars, limit=texts.history_chars)
         write = partial(prompts.blocking, website=self._task.website, history=history, last=pages)
         text, shots, chosen = shown(self._episode, last, "blocking", self._config, write)
-        untrusted = (history, pages, *page_texts(seen, chosen))
+        untrusted = (self._task.website, history, pages, *page_texts(seen, chosen))
         finding = await self._asker.ask(Question("blocking", "question", text, shots, untrusted))
         return self._judgement(finding, chosen)
 

@@ -127,12 +127,12 @@ def read_per_image(
 def may_be_echoed(texts: Iterable[str], words: Words) -> bool:
     """Whether a bare verdict line in a reply could be a piece of these texts.
 
-    For criteria the word alone is enough. Yes and no are too common for that: a whole line, a text's last
-    word, or a mention of a verdict counts.
+    The word of a positive verdict alone is enough, wherever it stands. "No" is too common for that: a whole
+    line of it counts, or a mention of a verdict.
     """
     for text in texts:
         folded = unicodedata.normalize("NFKC", text).casefold()
-        if "verdict" in folded or (words == "criterion" and "success" in folded):
+        if "verdict" in folded or WORDS[words][0] in folded:
             return True
         if words == "question" and any(
             match["said"] in ("yes", "no")

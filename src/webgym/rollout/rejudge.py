@@ -15,7 +15,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from webgym.core.errors import RunFolderError
+from webgym.core.errors import JudgeError, RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.verdict import Cost, Verdict
 from webgym.judge.base import Judge
@@ -44,6 +44,10 @@ class RejudgeConfig(BaseModel):
     retry_failures: bool = True
     """Judge those again that this judge had no verdict on."""
 
+    give_up_after: int = Field(default=20, ge=1)
+    """The judging stops when so many attempts in a row had no verdict: the endpoint is gone, or the model is
+    not up to it."""
+
     again: bool = False
     """Judge everything again; the latest verdict counts."""
 
@@ -61,6 +65,7 @@ class Judging:
         outcomes: of those.
         cost: of all verdicts.
         spent: of the verdicts that were made now.
+        failed_in_a_row: the latest attempts without a verdict.
     """
 
     judge: str
@@ -71,6 +76,7 @@ class Judging:
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     cost: Cost = field(default_factory=Cost)
     spent: Cost = field(default_factory=Cost)
+    failed_in_a_row: int = 0
 
     def count(self, judged: Judged, *, now: bool) -> None:
         """Take note of a judgement."""
@@ -99,6 +105,7 @@ async def judge_run(
 
     Raises:
         RunFolderError: the folder is no run, or lacks a task.
+        JudgeError: too many attempts in a row had no verdict.
         StoreError: a verdict cannot be kept, or a record cannot be trusted.
     """
     config = config or RejudgeConfig()
@@ -163,6 +170,13 @@ async def _judge_all(
             state.count(judged, now=True)
             if show:
                 show(state)
+            failed = judged.failure
+            state.failed_in_a_row = state.failed_in_a_row + 1 if failed else 0
+            if failed and state.failed_in_a_row >= config.give_up_after:
+                raise JudgeError(
+                    f"{state.failed_in_a_row} attempts in a row had no verdict: {failed.message}",
+                    hint="what was judged is kept; mend the cause, then call again",
+                )
 
     try:
         async with asyncio.TaskGroup() as group:

@@ -87,7 +87,7 @@ class Reader:
 async def make_run(path: Path) -> Path:
     web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
-    write_tasks(path / "tasks.jsonl", draw((task for host in hosts for task in web.tasks_of(host)), 10, 5))
+    write_tasks(path / "tasks.jsonl", draw((task for host in hosts for task in web.tasks_of(host)), 6, 5))
     config = RunConfig(
         sites=SITES,
         tasks=TaskChoice(file=path / "tasks.jsonl"),

@@ -141,7 +141,7 @@ def test_settings_from_a_file(run: Path, judge_model: JudgeModel, tmp_path: Path
     )
     assert webgym("judge", run, "--config", file, "--limit", "1") == 0
     ((name, held),) = read_verdicts(run).items()
-    assert name.startswith("panel of 3: rubric/1 judge-1@")
+    assert name.startswith("panel of 3 at 0.7: rubric/1 judge-1@")
     assert len(held) == 1
 
 

@@ -109,7 +109,7 @@ async def _rubric(
         return one
     samples = [sample_of(config, panel, seed) for seed in range(panel.samples)]
     members = [RubricJudge(sample, models, ledger.prices) for sample in samples]
-    return Panel(members, f"panel of {panel.samples}: {one.name}")
+    return Panel(members, f"panel of {panel.samples} at {panel.temperature:g}: {one.name}")
 
 
 def sample_of(config: JudgeConfig, panel: PanelConfig, seed: int) -> JudgeConfig:

@@ -20,7 +20,8 @@ from typing import Any, NamedTuple
 import pytest
 from rich.console import Console
 from tests.tasks.endpoint import Endpoint, serve
-from tests.tasks.shapes import write_shapes
+from tests.tasks.shapes import ask, write_shapes
+from tests.tasks.sources.native import as_lines
 
 from webgym.cli import main
 from webgym.core.errors import BudgetSpent, ConfigError, LLMBadReply, UsageError
@@ -397,8 +398,43 @@ async def test_the_day_of_the_first_run_stays_and_the_config_is_there_to_read(tm
 async def test_too_few_websites_for_the_test_set_is_told(tmp_path: Path) -> None:
     async with serve() as endpoint:
         endpoint.misbehaves = False
-        with pytest.raises(UsageError, match=r"1,167 test tasks need as many websites.*fewer test tasks"):
+        with pytest.raises(UsageError, match=r"1,167 test tasks need as many websites.*--test-size"):
             await Command(endpoint, tmp_path, count=2).build(tmp_path / "out", split={"test_tasks": 1167})
+        assert set(endpoint.kinds) == {"website"}, "no rubric was paid for"
+
+
+@pytest.mark.usefixtures("_plain")
+async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
+    rows = [
+        {
+            "benchmark_name": "deepshop",
+            "task_name": f"{ask(number)}",
+            "domain": "Lifestyle & Leisure",
+            "subdomain": "Shopping",
+            "website": f"https://shop{number}-online.com/",
+            "definite_answer": "",
+            "task_id": f"Amazon--{number}",
+            "difficulty": 1,
+            "evaluator_reference": [{"id": 1, "description": "product", "facts": ["The None"]}],
+            "task_id_decomposed_from": None,
+        }
+        for number in range(8)
+    ]
+    published = tmp_path / "train.jsonl"
+    published.write_text(as_lines(rows))
+    given = {"sources": {"webgym": str(published)}, "split": {"test_tasks": 3}}
+    out = tmp_path / "out"
+    finished = await run_build(read_config(None, given), Place.of(out), QUIET)
+    assert len(finished.build.tasks) == 8
+    assert validate(all_tasks(out)).ok
+    assert lines(out / "remarks.jsonl"), "what a source brings along is looked at as well"
+    bare = write_shapes(tmp_path / "sources", count=2)["deepshop"]
+    with pytest.raises(ConfigError, match="no model is given for the rubric stage"):
+        await run_build(
+            read_config(None, given | {"sources": {"deepshop": str(bare)}, "split": {"test_tasks": 1}}),
+            Place.of(out),
+            QUIET,
+        )
 
 
 @pytest.mark.parametrize(
@@ -411,7 +447,7 @@ async def test_too_few_websites_for_the_test_set_is_told(tmp_path: Path) -> None
             ("--source", "deepshop=none.jsonl", "--base-url", "http://127.0.0.1:9/v1", "--model", "x"),
             "none.jsonl",
         ),
-        (("--source", "deepshop={deepshop}"), "--base-url"),
+        (("--source", "deepshop={deepshop}", "--test-size", "1"), "--base-url"),
         (("--source", "deepshop={deepshop}", "--base-url", "nonsense", "--model", "x"), "base URL"),
         (("--source", "deepshop={deepshop}", "--price", "cheap"), "no price"),
         (("--source", "deepshop={deepshop}", "--dry-run", "--batch", "b"), "do not go together"),

@@ -154,12 +154,8 @@ class BuildConfig(BaseModel):
             }
         )
 
-    def chat(self, purpose: Purpose) -> ChatConfig:
-        """Endpoint and model for a purpose.
-
-        Raises:
-            ConfigError: none is given.
-        """
+    def chat(self, purpose: Purpose) -> ChatConfig | None:
+        """Endpoint and model for a purpose; ``None`` if none is given."""
         choice = self.models.get(purpose, ModelChoice())
         changes = choice.model_dump(exclude_none=True)
         if choice.sampling is not None:
@@ -167,11 +163,16 @@ class BuildConfig(BaseModel):
         if self.model is not None:
             return ChatConfig.model_validate(self.model.model_dump() | changes)
         if choice.base_url is None or choice.model is None:
-            raise ConfigError(
-                f"no model is given for the {purpose} stage",
-                hint="give --base-url and --model, or `model:` in the config file",
-            )
+            return None
         return ChatConfig.model_validate(changes)
+
+
+def no_model(purpose: Purpose) -> ConfigError:
+    """That something is to be asked, and there is nobody to ask."""
+    return ConfigError(
+        f"no model is given for the {purpose} stage",
+        hint="give --base-url and --model, or `model:` in the config file",
+    )
 
 
 def read_config(

@@ -14,7 +14,7 @@ from webgym.llm.completion import read_completion
 from webgym.llm.formats import Formats
 from webgym.llm.request import Request
 from webgym.tasks import prompts
-from webgym.tasks.build.config import PURPOSES, Assumptions, Purpose
+from webgym.tasks.build.config import Assumptions, Purpose
 from webgym.tasks.build.pipeline import Build
 
 _FACTS_TOKENS: Final = 120
@@ -145,7 +145,7 @@ def estimate(
     on those that are, once there are enough (:class:`webgym.tasks.build.config.Assumptions`).
     """
     return Estimate(
-        [_line(build, purpose, estimators[purpose], models[purpose], prices) for purpose in PURPOSES]
+        [_line(build, purpose, known, models[purpose], prices) for purpose, known in estimators.items()]
     )
 
 

@@ -17,11 +17,12 @@ from typing import TypeVar
 
 import msgspec
 
+from webgym.core.errors import TooFewWebsites
 from webgym.core.task import Rubric, Task
 from webgym.llm import Completes
 from webgym.tasks.build.asking import Done, Failed, Pending, ask_all
 from webgym.tasks.build.books import Books
-from webgym.tasks.build.config import BuildConfig, Purpose
+from webgym.tasks.build.config import BuildConfig, Purpose, no_model
 from webgym.tasks.build.importing import Imported, import_tasks
 from webgym.tasks.build.progress import Stages
 from webgym.tasks.decompose import Capped, decompose
@@ -30,6 +31,7 @@ from webgym.tasks.rules import Finding
 from webgym.tasks.sources import SourceTask
 from webgym.tasks.split import split
 from webgym.tasks.taxonomy import DOMAIN_OF
+from webgym.tasks.websites import site_of
 from webgym.tasks.writing import Inferred, Written, infer_website, review, rewrite, write_rubric
 
 T = TypeVar("T", SourceTask, Task)
@@ -113,7 +115,7 @@ class Build:
 
     config: BuildConfig
     books: Books
-    imported: Imported
+    imported: Imported = field(default_factory=lambda: Imported([], [], []))
     tasks: list[Task] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
     dropped: list[DroppedTask] = field(default_factory=list)
@@ -150,22 +152,25 @@ class Pipeline:
         self._config = config.seeded()
         self._models = models
         self._stages = stages
+        self._today = today
         self._workers = workers
-        books = Books(config.sources)
         self._pending: set[str] = set()
-        self._build = Build(self._config, books, import_tasks(config, today, books, stages))
+        self._build = Build(self._config, Books(config.sources))
 
     async def run(self) -> Build:
         """All stages, or as far as replies go: with some of them pending there is no split.
 
         Raises:
             LLMError: the endpoint cannot be used, or the budget is spent.
-            UsageError: there are too few websites for the test set.
+            UsageError: a source cannot be read, a model is needed and none is given, or there are too few
+                websites for the test set.
             BooksDoNotBalance: a task was lost on the way.
         """
         build = self._build
+        build.imported = import_tasks(self._config, self._today, build.books, self._stages)
         placed, waiting = await self._websites(build.imported.tasks)
         distinct = self._distinct("duplicates", placed)
+        self._check_websites(distinct)
         finished = await self._rubrics(distinct, waiting)
         derived = self._decomposed(finished)
         rewritten = await self._rewritten(finished, derived)
@@ -180,10 +185,9 @@ class Pipeline:
         Those that wait go on to be asked for their rubric, which does not depend on it, and leave there.
         """
         unplaced = [task for task in tasks if task.website is None or not _in_taxonomy(task)]
-        model, limits = self._models.get("website"), self._config.writing
+        limits = self._config.writing
 
-        async def ask(task: SourceTask) -> Inferred:
-            assert model is not None, "a model is given for every purpose"
+        async def ask(model: Completes, task: SourceTask) -> Inferred:
             return await infer_website(model, task, limits=limits)
 
         results = await self._ask("website", "websites", unplaced, ask)
@@ -214,13 +218,23 @@ class Pipeline:
         self._enter(stage, tasks, result.kept)
         return result.kept
 
+    def _check_websites(self, tasks: list[SourceTask]) -> None:
+        """That there are enough for the test set, before a rubric is paid for. Those to come count as new."""
+        known = {site_of(task.website) for task in tasks if task.website is not None}
+        most = len(known) + sum(task.website is None for task in tasks)
+        wanted = self._config.split.test_tasks
+        if most < wanted:
+            raise TooFewWebsites(
+                f"{wanted:,} test tasks need as many websites, and there are {most:,}",
+                hint="ask for fewer with --test-size, or give more tasks",
+            )
+
     async def _rubrics(self, tasks: list[SourceTask], waiting: set[str]) -> list[Task]:
         """Finished tasks: with the rubric that the source gives, else one that is written."""
         bare = [task for task in tasks if task.rubric is None]
-        model, limits = self._models.get("rubric"), self._config.writing
+        limits = self._config.writing
 
-        async def ask(task: SourceTask) -> Written:
-            assert model is not None, "a model is given for every purpose"
+        async def ask(model: Completes, task: SourceTask) -> Written:
             return await write_rubric(model, task, limits=limits)
 
         results = await self._ask("rubric", "rubrics", bare, ask)
@@ -252,11 +266,10 @@ class Pipeline:
 
     async def _rewritten(self, parents: list[Task], derived: list[Task]) -> list[Task]:
         """Parents, each followed by its children, whose instructions are now their own."""
-        model, limits = self._models.get("rewriting"), self._config.writing
+        limits = self._config.writing
         by_id = {task.id: task for task in parents}
 
-        async def ask(task: Task) -> str:
-            assert model is not None, "a model is given for every purpose"
+        async def ask(model: Completes, task: Task) -> str:
             return await rewrite(model, by_id[task.parent_id or ""], task.rubric.groups, limits=limits)
 
         results = await self._ask("rewriting", "rewriting", derived, ask)
@@ -283,13 +296,25 @@ class Pipeline:
     # --- asking and accounting ----------------------------------------------------------------------------
 
     async def _ask(
-        self, purpose: Purpose, stage: str, tasks: Sequence[T], ask: Callable[[T], Awaitable[R]]
+        self, purpose: Purpose, stage: str, tasks: Sequence[T], ask: Callable[[Completes, T], Awaitable[R]]
     ) -> dict[str, Done[R] | Failed | Pending]:
-        """What a model gave for each task, by id."""
+        """What a model gave for each task, by id.
+
+        Raises:
+            ConfigError: there is something to ask, and no model to ask it.
+        """
+        model = self._models.get(purpose)
+        if model is None and tasks:
+            raise no_model(purpose)
+
+        async def ask_model(task: T) -> R:
+            assert model is not None, "without one there are no tasks"
+            return await ask(model, task)
+
         with self._stages.stage(stage, len(tasks)) as advance:
             results = await ask_all(
                 tasks,
-                ask,
+                ask_model,
                 workers=self._workers,
                 failures_in_a_row=self._config.endpoint_failures,
                 advance=lambda: advance(1),

@@ -171,11 +171,12 @@ async def _clients(
 
 
 def _chats(config: BuildConfig) -> dict[Purpose, ChatConfig]:
-    return {purpose: config.chat(purpose) for purpose in PURPOSES}
+    chats = ((purpose, config.chat(purpose)) for purpose in PURPOSES)
+    return {purpose: chat for purpose, chat in chats if chat is not None}
 
 
 def _workers(config: BuildConfig) -> int:
-    most = max(config.chat(purpose).concurrency for purpose in PURPOSES)
+    most = max((chat.concurrency for chat in _chats(config).values()), default=0)
     return max(_FEWEST_WORKERS, _WORKERS_PER_CALL * most)
 
 

@@ -264,7 +264,7 @@ async def test_every_stage_has_its_model() -> None:
             stage: StageConfig(chat=chat.model_copy(update={"model": f"{stage}-model"}))
             for stage in ("keypoint", "fact", "response", "blocking", "reference")
         }
-        verdict = await judge(model, task, **stages)
+        verdict = await judge(model, task, reference_rule="required", **stages)
     assert {asked.body["model"] for asked in model.asked} == {f"{stage}-model" for stage in stages}
     assert all(asked.body["model"] == f"{asked.stage}-model" for asked in model.asked)
     assert "fact-model" in verdict.judge

@@ -124,9 +124,10 @@ class JudgeConfig(_Settings):
     judge_unanswered: bool = True
     """Judge the facts of an episode that gave no answer too: its reward is 0 either way, its score is not."""
 
-    reference_rule: Literal["required", "decides"] = "required"
-    """What a reference answer overrides. ``required``: an answer that does not match it fails whatever else
-    holds, and one that matches must still rest on what was seen. ``decides``: it alone sets the reward."""
+    reference_rule: Literal["decides", "required"] = "decides"
+    """What a reference answer overrides. ``decides``: it alone sets the reward (paper §3.4). ``required``: an
+    answer that does not match it fails whatever else holds, and one that matches must still rest on what was
+    seen; for a policy that may know or guess answers."""
 
     reference_ways: tuple[Way, ...] = ("normalised", "set", "model")
     """For sources that :data:`WAYS_BY_SOURCE` does not name."""

@@ -55,8 +55,8 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         judge: who judged, and by which rules (name and version).
-        reward: 1 if every fact and the response pass, else 0; a reference answer overrides, by the judge's rule.
-            ``None`` only for a blocked attempt.
+        reward: 1 if every fact and the response pass, else 0; a reference answer overrides by the judge's
+            rule. ``None`` only for a blocked attempt.
         facts: criterion A, in rubric order; a judge that stops early leaves out what it did not look at.
         response: criterion B, every claim in the answer is visible; ``None`` if there was no answer.
         reference: the answer against the reference answer; ``None`` where there is none. It overrides.

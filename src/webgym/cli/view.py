@@ -26,10 +26,18 @@ def command(
     ],
     port: Annotated[int, typer.Option(help="Port to listen on; 0 takes a free one.", min=0, max=65535)] = 0,
     is_opened: Annotated[bool, typer.Option("--open/--no-open", help="Open it in a browser.")] = True,
+    labels: Annotated[
+        Path | None,
+        typer.Option("--labels", help="Where labels are kept, .csv or .json.", show_default="RUN/labels.csv"),
+    ] = None,
+    label_count: Annotated[
+        int, typer.Option("--label-count", help="Trajectories to label, evenly over difficulty.", min=1)
+    ] = 80,
+    label_seed: Annotated[int, typer.Option("--label-seed", help="Of their choice.")] = 0,
 ) -> None:
     """Serve the pages of a run or of a task set on this machine alone, and print the address.
 
-    Ctrl-C ends it.
+    On a run's page /label, people label trajectories for webgym judge agreement. Ctrl-C ends it.
     """
 
     def ready(address: str) -> None:
@@ -37,9 +45,10 @@ def command(
         if is_opened and _has_desktop():
             webbrowser.open(address)
 
+    config = ViewConfig(port=port, labels=labels, label_count=label_count, label_seed=label_seed)
     serve = serve_tasks if _holds_tasks(what) else serve_view
     with contextlib.suppress(KeyboardInterrupt):  # the way to end it
-        asyncio.run(serve(what, ViewConfig(port=port), ready))
+        asyncio.run(serve(what, config, ready))
 
 
 def _holds_tasks(path: Path) -> bool:

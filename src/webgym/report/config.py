@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -38,3 +39,12 @@ class ViewConfig(BaseModel):
 
     page_size: int = Field(default=100, ge=1, le=500)
     """Rows on a page of a task set."""
+
+    labels: Path | None = None
+    """Where people's labels are kept, CSV or JSON by its name; ``None``: ``labels.csv`` in the run folder."""
+
+    label_count: int = Field(default=80, ge=1)
+    """How many attempts people are asked to label; the paper's study has 80."""
+
+    label_seed: int = 0
+    """Of the draw of those attempts. Whoever is to label the same ones needs the same seed and count."""

@@ -99,6 +99,16 @@ def page(trajectory: Trajectory, task: Task | None, others: Sequence[Judged] = (
     }
 
 
+def blind(shown: dict[str, Any]) -> dict[str, Any]:
+    """A page's content without anything that judges said or that follows from it."""
+    groups = [
+        {**group, "facts": [{"text": fact["text"], "passed": None} for fact in group["facts"]]}
+        for group in shown["groups"]
+    ]
+    hidden: dict[str, Any] = {"outcome": None, "verdict": None, "judgeFailure": None, "judgeSeconds": 0}
+    return {**shown, **hidden, "groups": groups, "others": [], "blind": True}
+
+
 def _task(task: Task | None, task_id: str) -> dict[str, Any]:
     if task is None:
         return {"id": task_id, "instruction": task_id}

@@ -1,7 +1,8 @@
 """The pages of a run over HTTP: full-size pictures, and what is new while the run goes on.
 
 For the person at this machine: it listens on loopback, answers only to loopback names (so that no
-website can reach it by a name of its own), changes nothing, and serves nothing but the run.
+website can reach it by a name of its own), and serves nothing but the run. It changes nothing either, but for
+people's labels (:mod:`webgym.report.labelling`).
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
-from webgym.core.errors import StoreError
+from webgym.core.errors import StoreError, UsageError
 from webgym.report.config import ViewConfig
 from webgym.report.content import Row, page, row
+from webgym.report.labelling import Labelling, unusable
 from webgym.report.overview import Overview
 from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, serve
 from webgym.report.template import Page
@@ -58,13 +60,14 @@ class _Pages:
         self._page = Page(run.reader.path.resolve().name, live=True, refresh_seconds=config.refresh_seconds)
         self._lock = asyncio.Lock()
 
-    async def _read(self, call: Callable[..., Any], *args: Any) -> Any:
+    async def read(self, call: Callable[..., Any], *args: Any) -> Any:
+        """What a blocking call that reads the run returns."""
         async with self._lock:
             return await asyncio.to_thread(call, *args)
 
     async def document(self, _: Request) -> Response:
         """The page itself."""
-        text = await self._read(self._document)
+        text = await self.read(self._document)
         return HTMLResponse(text, headers={**SAFE, "Content-Security-Policy": self._page.policy})
 
     def _document(self) -> str:
@@ -76,7 +79,7 @@ class _Pages:
         after = request.query_params.get("after", "")
         if not after.isdecimal():
             return PlainTextResponse("after: how many rows are known", status_code=400, headers=SAFE)
-        return json_reply(await self._read(self._news, int(after)))
+        return json_reply(await self.read(self._news, int(after)))
 
     def _news(self, after: int) -> dict[str, Any]:
         self._run.refresh()
@@ -86,7 +89,7 @@ class _Pages:
     async def trajectory(self, request: Request) -> Response:
         """Everything about one attempt."""
         try:
-            shown = await self._read(self._trajectory, request.query_params.get("id", ""))
+            shown = await self.read(self._trajectory, request.query_params.get("id", ""))
         except KeyError:
             return PlainTextResponse("no such trajectory", status_code=404, headers=SAFE)
         return json_reply(shown)
@@ -118,16 +121,18 @@ def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
         RunFolderError: the folder is no run.
     """
     config = config or ViewConfig()
-    pages = _Pages(LiveRun(run_path), config)
+    run = LiveRun(run_path)
+    pages = _Pages(run, config)
     return Starlette(
         routes=[
             Route("/", pages.document),
             Route("/api/news", pages.news),
             Route("/api/trajectory", pages.trajectory),
             Route("/screenshots/{prefix}/{name}.png", pages.picture),
+            *Labelling(run, pages.read, config).routes(),
         ],
         middleware=[ONLY_LOCAL_NAMES],
-        exception_handlers={StoreError: _store_failed},
+        exception_handlers={StoreError: _store_failed, UsageError: unusable},
     )
 
 

@@ -46,6 +46,13 @@ def inert(value: Any) -> Markup:
     return Markup(text)  # noqa: S704 - no character that means anything to HTML is left
 
 
+def outcome_words() -> dict[str, list[str]]:
+    """Name and meaning of every outcome, for scripts."""
+    return {
+        outcome.value: [words.outcome_name(outcome), words.outcome_meaning(outcome)] for outcome in Outcome
+    }
+
+
 def _static(name: str) -> str:
     return files("webgym.report").joinpath("static", name).read_text(encoding="utf-8")
 
@@ -108,16 +115,13 @@ class Page(Document):
     """
 
     def __init__(self, title: str, *, live: bool, refresh_seconds: float = 0.0) -> None:
-        words_ = {
-            outcome.value: [words.outcome_name(outcome), words.outcome_meaning(outcome)]
-            for outcome in Outcome
-        }
-        settings = {"live": live, "refresh": refresh_seconds, "outcomes": words_}
+        settings = {"live": live, "refresh": refresh_seconds, "outcomes": outcome_words()}
         super().__init__(title, _SCRIPTS, settings, live=live)
+        self._live = live
 
     def head(self, overview: Markup, rows: list[Any]) -> str:
         """Everything up to the data: shown at once, while the rest is still being read."""
-        return self.render("page.html.j2", overview=overview, rows=inert(rows))
+        return self.render("page.html.j2", overview=overview, rows=inert(rows), live=self._live)
 
     @staticmethod
     def data(element_id: str, value: Any) -> str:

@@ -17,9 +17,11 @@ from pathlib import Path
 
 from webgym.core.errors import UsageError
 from webgym.core.task import LEVELS
-from webgym.judge.labels import HumanLabel, LabelFile, read_labels, render_labels
+from webgym.judge.labels import HumanLabel, Label, LabelFile, read_labels, render_labels
 from webgym.rollout.files import disk_errors, sync_folder, write_whole
 from webgym.rollout.store import RunReader
+
+__all__ = ["LABELS", "HumanLabel", "Label", "LabelBook", "labels_path", "sample_to_label"]
 
 LABELS = "labels.csv"
 

@@ -1,14 +1,16 @@
-// The theme: the system's, until somebody chooses. Storage may be refused, as for some local files.
-function stored(value) {
+// The theme: the system's, until somebody chooses.
+
+/** What this browser remembers under a name. Storage may be refused, as for some local files. */
+function stored(name, value) {
   try {
-    if (value !== undefined) localStorage.setItem("webgym-theme", value);
-    return localStorage.getItem("webgym-theme");
+    if (value !== undefined) localStorage.setItem(name, value);
+    return localStorage.getItem(name);
   } catch { return null; }
 }
-if (stored()) document.documentElement.style.colorScheme = stored();
+if (stored("webgym-theme")) document.documentElement.style.colorScheme = stored("webgym-theme");
 byId("theme").addEventListener("click", () => {
   const chosen = document.documentElement.style.colorScheme;
   const dark = chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
   document.documentElement.style.colorScheme = dark ? "light" : "dark";
-  stored(dark ? "light" : "dark");
+  stored("webgym-theme", dark ? "light" : "dark");
 });

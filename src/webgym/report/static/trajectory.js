@@ -37,7 +37,7 @@ function rubricCard(it, go) {
   const facts = it.groups.flatMap((group) => group.facts);
   const held = facts.filter((fact) => fact.passed).length;
   return h("section", { class: "card", id: "rubric" },
-    h("h2", {}, it.verdict ? `Facts: ${held} of ${facts.length} hold` : `Facts: ${facts.length}, not judged`),
+    h("h2", {}, it.verdict ? `Facts: ${held} of ${facts.length} hold` : `Facts: ${facts.length}${it.blind ? "" : ", not judged"}`),
     it.groups.map((group) => [
       it.groups.length > 1 && group.description && h("h3", {}, group.description),
       h("ul", {}, group.facts.map((fact) => finding(it, fact.text, fact, go))),
@@ -72,7 +72,7 @@ function taskHead(it) {
   const fact = (name, value) => value && h("span", {}, `${name} `, h("b", {}, value));
   return h("header", { class: "task-head" },
     h("h1", {}, task.instruction),
-    h("span", { class: "verdict-badge" }, outcomeTag(it.outcome)),
+    it.blind ? h("span", {}) : h("span", { class: "verdict-badge" }, outcomeTag(it.outcome)),
     h("div", { class: "meta" },
       fact("website", task.site), fact("domain", [task.domain, task.subdomain].filter(Boolean).join(" / ")),
       fact("difficulty", task.level && `${task.level}, ${task.difficulty} ${task.difficulty === 1 ? "fact" : "facts"}`),
@@ -165,8 +165,11 @@ function filmstrip(frames, go) {
       h("span", { class: "cap" }, h("span", {}, frame.end ? "End" : String(frame.number)), h("span", {}, frame.end ? "" : frame.action ? SHORT[frame.action.name] : "no action")))));
 }
 
+/** The keys of a report. */
+const reportKeys = () => h("p", { class: "hint" }, h("span", {}, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " steps"), h("span", {}, h("kbd", {}, "["), " ", h("kbd", {}, "]"), " trajectories"), h("span", {}, h("kbd", {}, "Esc"), " list"));
+
 /** Draw a trajectory; returns what goes to one of its frames. */
-function drawTrajectory(it, place, moved) {
+function drawTrajectory(it, place, moved, hint = reportKeys()) {
   const frames = framesOf(it);
   const view = h("div", { class: "view" });
   let current = 0, open = true;
@@ -199,7 +202,6 @@ function drawTrajectory(it, place, moved) {
   const judges = judgesOf(it);
   let judged = it;
   const side = h("aside", { class: "side" });
-  const hint = h("p", { class: "hint" }, h("span", {}, h("kbd", {}, "←"), " ", h("kbd", {}, "→"), " steps"), h("span", {}, h("kbd", {}, "["), " ", h("kbd", {}, "]"), " trajectories"), h("span", {}, h("kbd", {}, "Esc"), " list"));
   const player = frames.length ? h("section", { class: "card player", "aria-label": "Steps" }, h("div", { class: "reel" }, film), view)
     : h("section", { class: "card" }, h("p", { class: "muted" }, "Nothing was seen: the attempt ended before its first step."));
   place.replaceChildren(taskHead(it), h("div", { class: "columns" },

@@ -22,6 +22,9 @@ _ANSWER_PARTS: Final = re.compile(r"\s*[;|\n]\s*")
 _SHORTEST_ANSWER: Final = 4
 """Characters: a shorter answer ("3", "Yes") stands in facts by chance."""
 
+_LONGEST_INITIALS: Final = 5
+"""Letters: what is longer is no abbreviation of the task's own words."""
+
 _AFTER_EXAMPLE: Final = re.compile(
     r"\b(?:such as|e\.\s?g\.?|for example|for instance)[,:]?\s+([^.;:()?!]{2,120})", re.I
 )
@@ -169,23 +172,18 @@ def _scaled_forms(number: str) -> frozenset[str]:
 def unstated_names(case: Case) -> Iterator[str]:
     """A fact names nothing that the task and the website's name do not."""
     host = case.asked.website.casefold()
-    initials = _initials(case.task)
+    initials = "".join(word[0] for word in case.task.words)
     for fact in case.facts:
         unstated = [
             name
             for name in fact.text.names
             if stem(fold(name)) not in case.task.stems
             and fold(name) not in host
-            and fold(name) not in initials
+            and not (1 < len(name) <= _LONGEST_INITIALS and fold(name) in initials)
             and fold(name) not in case.task.folded
         ]
         if unstated and not _spells_out(unstated, case.task):
             yield at(fact, f"names {' '.join(unstated)}, which the task does not")
-
-
-def _initials(text: Text) -> frozenset[str]:
-    letters = "".join(word[0] for word in text.words)
-    return frozenset(letters[i : i + size] for size in (2, 3, 4, 5) for i in range(len(letters) - size + 1))
 
 
 def _spells_out(names: list[str], task: Text) -> bool:
@@ -212,9 +210,11 @@ def leaked_answers(case: Case) -> Iterator[str]:
     }
     for source in (*case.asked.hints, *case.asked.answers):
         telling.update(_tell_tales(source))
-    unsaid = [
-        phrase for phrase in sorted(telling, key=lambda text: (-len(text), text)) if not says(known, phrase)
-    ]
+    said = "\n".join(fact.text.folded for fact in case.facts)
+    suspicious = sorted(
+        (phrase for phrase in telling if fold(phrase) in said), key=lambda text: (-len(text), text)
+    )
+    unsaid = [phrase for phrase in suspicious if not says(known, phrase)]
     for fact in case.facts:
         for phrase in unsaid:
             if says(fact.text.folded, phrase) and not Text(phrase).content <= case.task.stems:

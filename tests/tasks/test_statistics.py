@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from PIL import Image
 from tests.tasks.making import task
 
-from webgym.tasks.figures import COLUMN, draw_figures
+from webgym.plotting import COLUMN
+from webgym.tasks.figures import draw_figures
 from webgym.tasks.statistics import Statistics, describe, kernel_density, measure, tables
 
 TASKS = [

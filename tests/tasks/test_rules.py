@@ -301,7 +301,10 @@ def test_no_rubric_of_the_offline_web_is_refused_and_few_are_remarked_on() -> No
 
 @pytest.mark.skipif(not DEEPSHOP.exists(), reason=f"{DEEPSHOP} is not there")
 def test_deepshops_own_columns_break_only_rules_that_they_do_break() -> None:
-    """What a model made of 150 real tasks, and nobody checked. Findings of one rule were read whole, others in samples."""
+    """What a model made of 150 real tasks, and nobody checked.
+
+    The findings of one rule were all read, those of the others in samples.
+    """
     found: Counter[str] = Counter()
     for record in map(json.loads, DEEPSHOP.read_text("utf-8").splitlines()):
         columns = [record[name] for name in ("attribute", "filter", "sort")]

@@ -22,9 +22,9 @@ from typing import Annotated, Final, Literal, TypeAlias
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from webgym.bootstrap import Counts, Values, percentiles, resampled
 from webgym.core.task import LEVELS, Level
 
 Metric: TypeAlias = Literal["accuracy", "precision", "recall", "f1", "kappa"]
@@ -32,9 +32,6 @@ METRICS: Final[tuple[Metric, ...]] = ("accuracy", "precision", "recall", "f1", "
 
 Group: TypeAlias = Literal["overall", "easy", "medium", "hard"]
 GROUPS: Final[tuple[Group, ...]] = ("overall", *LEVELS)
-
-_Floats: TypeAlias = NDArray[np.float64]
-_Ints: TypeAlias = NDArray[np.int64]
 
 _TP, _FP, _FN, _TN = range(4)
 
@@ -199,8 +196,8 @@ class _Table(msgspec.Struct, frozen=True):
     each later judge: the first judge, and that judge, on the cases that both have a verdict on.
     """
 
-    found: _Ints
-    drawn: _Ints
+    found: Counts
+    drawn: Counts
 
 
 def _tables(cases: Sequence[Case], judges: int, config: AgreementConfig) -> dict[Group, _Table]:
@@ -211,13 +208,14 @@ def _tables(cases: Sequence[Case], judges: int, config: AgreementConfig) -> dict
     strata = []
     for level in (*LEVELS, None):
         clusters = _clusters([case for case in cases if case.level == level], judges, config)
-        table = _resampled(clusters, width, config.resamples, generator)
+        found = np.sum(np.array(clusters, np.int64).reshape(-1, width), axis=0)
+        table = _Table(found, resampled(clusters, width, config.resamples, generator))
         strata.append(table)
         if level is not None:
             tables[level] = table
-    found = np.sum([table.found for table in strata], axis=0)
-    drawn = np.sum([table.drawn for table in strata], axis=0)
-    tables["overall"] = _Table(found, drawn)
+    tables["overall"] = _Table(
+        np.sum([table.found for table in strata], axis=0), np.sum([table.drawn for table in strata], axis=0)
+    )
     return tables
 
 
@@ -247,19 +245,7 @@ def _cell(human: bool, verdict: bool) -> int:
     return (_TP if verdict else _FN) if human else (_FP if verdict else _TN)
 
 
-def _resampled(
-    clusters: Sequence[Sequence[int]], width: int, resamples: int, generator: np.random.Generator
-) -> _Table:
-    """Draw tasks with replacement, all resamples at once: tasks with equal counts are one kind of task, and
-    how often each kind is drawn is multinomial."""
-    if not clusters:
-        return _Table(np.zeros(width, np.int64), np.zeros((resamples, width), np.int64))
-    kinds, often = np.unique(np.array(clusters, np.int64), axis=0, return_counts=True)
-    drawn = generator.multinomial(len(clusters), often / often.sum(), size=resamples)
-    return _Table(often @ kinds, drawn @ kinds)
-
-
-def _rates(counts: _Ints) -> _Floats:
+def _rates(counts: Counts) -> Values:
     """Metrics of counts: the last axis of four becomes one of five; NaN where one is undefined."""
     tp, fp, fn, tn = np.moveaxis(counts.astype(np.float64), -1, 0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -274,7 +260,7 @@ def _rates(counts: _Ints) -> _Floats:
     return np.stack(found, axis=-1)
 
 
-def _view(table: _Table, view: int) -> tuple[_Ints, _Ints]:
+def _view(table: _Table, view: int) -> tuple[Counts, Counts]:
     return table.found[4 * view : 4 * view + 4], table.drawn[:, 4 * view : 4 * view + 4]
 
 
@@ -305,23 +291,17 @@ def _difference(
     return Difference(judges[judge], judges[0], cases, metrics)
 
 
-def _estimates(found: _Floats, drawn: _Floats, config: AgreementConfig) -> dict[Metric, Estimate]:
+def _estimates(found: Values, drawn: Values, config: AgreementConfig) -> dict[Metric, Estimate]:
     return {
         name: _estimate(float(found[place]), drawn[:, place], config.confidence)
         for place, name in enumerate(METRICS)
     }
 
 
-def _estimate(value: float, drawn: _Floats, confidence: float) -> Estimate:
+def _estimate(value: float, drawn: Values, confidence: float) -> Estimate:
     if np.isnan(value):
         return Estimate(None)
-    defined = drawn[~np.isnan(drawn)]
-    if len(defined) < confidence * len(drawn):
-        return Estimate(value)
-    low, high = np.quantile(defined, [(1 - confidence) / 2, (1 + confidence) / 2])
-    if low == high:
-        return Estimate(value)
-    return Estimate(value, float(low), float(high))
+    return Estimate(value, *(percentiles(drawn, confidence) or ()))
 
 
 def _defined(value: float) -> float | None:

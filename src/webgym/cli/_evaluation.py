@@ -1,0 +1,113 @@
+"""Results of evaluations as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from rich.console import Console
+from rich.table import Table as RichTable
+
+from webgym.bench.tables import Table
+from webgym.cli._paper import DASH
+from webgym.rollout.evaluation import GROUPS, Evaluation, Row
+
+_SHORT: Final = {"difficulty": "", "95 % interval": "95 %"}
+"""Columns in a terminal, which may be 80 characters wide."""
+
+
+def tables(found: Sequence[Evaluation]) -> Iterator[Table]:
+    """For a paper: of one run by difficulty; of several, a row each. Then what carries no reward."""
+    if len(found) == 1:
+        (one,) = found
+        columns, rows = _by_difficulty(one)
+        yield Table(f"Success of {one.policy} by difficulty, judged by {one.judge}", columns, rows)
+    else:
+        yield _side_by_side(found)
+    lost = _outcomes(found)
+    if lost:
+        rows = [
+            (one.run, *(str(one.rows["overall"].no_reward.get(name, 0)) for name in lost)) for one in found
+        ]
+        yield Table("Samples without a reward, not in the rates", ("run", *lost), rows)
+
+
+def show(one: Evaluation, console: Console) -> None:
+    """One result on a terminal."""
+    columns, rows = _by_difficulty(one)
+    table = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for place, name in enumerate(columns):
+        short = _SHORT.get(name, name)
+        table.add_column(short, justify="right" if place else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row, style="bold" if row[0] == "overall" else "")
+    console.print()
+    console.print(table)
+    console.print()
+    for note in notes(one):
+        console.print(note, highlight=False, soft_wrap=True, markup=False)
+
+
+def notes(one: Evaluation) -> Iterator[str]:
+    """What a reader of the table has to know."""
+    overall = one.rows["overall"]
+    yield f"policy {one.policy}, judged by {one.judge}, seed {one.seed}"
+    budget = "" if one.budget is None else f"at most {' / '.join(map(str, one.budget))} steps"
+    per_task = "1 sample" if one.samples == 1 else f"{one.samples} samples"
+    yield f"{per_task} per task{', ' if budget else ''}{budget}"
+    if one.samples > 1:
+        yield "ever: tasks that at least one sample of succeeded"
+    if any(row.method == "bootstrap" for row in one.rows.values()):
+        kinds = "bootstrap over tasks, stratified by difficulty"
+        if any(row.method == "wilson" and row.interval for row in one.rows.values()):
+            kinds += "; where all tasks ended alike, Wilson's over tasks"
+        yield f"95 % intervals: {kinds}"
+    else:
+        yield "95 % intervals: Wilson's"
+    if overall.no_reward:
+        told = ", ".join(f"{count} {name}" for name, count in overall.no_reward.items())
+        yield f"without a reward, and so not in the rate: {told}"
+    if overall.missing:
+        missing = "1 sample is" if overall.missing == 1 else f"{overall.missing} samples are"
+        yield f"{missing} missing: the run is not finished (webgym eval --resume), or not judged"
+
+
+def _by_difficulty(one: Evaluation) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """A row per level; how many tasks were ever solved only where that is another figure."""
+    is_repeated = one.samples > 1
+    once = ("ever, %",) if is_repeated else ()
+    columns = ("difficulty", "tasks", "attempts", "success, %", "95 % interval", *once, "steps", "no reward")
+    rows = []
+    for group in GROUPS:
+        row = one.rows[group]
+        won, of = row.solved
+        ever = (f"{100 * won / of:.1f}" if of else DASH,) if is_repeated else ()
+        steps = DASH if row.steps is None else f"{row.steps:.1f}"
+        lost = str(sum(row.no_reward.values()))
+        rows.append(
+            (group, str(row.tasks), str(row.attempts), _rate(row), _interval(row), *ever, steps, lost)
+        )
+    return columns, rows
+
+
+def _side_by_side(found: Sequence[Evaluation]) -> Table:
+    def cell(row: Row) -> str:
+        return _rate(row) if row.interval is None else f"{_rate(row)} [{_interval(row)}]"
+
+    rows = [
+        (one.run, one.policy, str(one.rows["overall"].attempts), *(cell(one.rows[group]) for group in GROUPS))
+        for one in found
+    ]
+    return Table("Success, %, with 95 % intervals", ("run", "policy", "attempts", *GROUPS), rows)
+
+
+def _outcomes(found: Sequence[Evaluation]) -> list[str]:
+    return list(dict.fromkeys(name for one in found for name in one.rows["overall"].no_reward))
+
+
+def _rate(row: Row) -> str:
+    return DASH if row.rate is None else f"{100 * row.rate:.1f}"
+
+
+def _interval(row: Row) -> str:
+    return DASH if row.interval is None else f"{100 * row.interval[0]:.1f}, {100 * row.interval[1]:.1f}"

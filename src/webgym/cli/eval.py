@@ -1,0 +1,246 @@
+"""``webgym eval``: how often a policy succeeds on a test set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from webgym.core.errors import ConfigError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from webgym.collection import RunConfig
+    from webgym.rollout.evaluation import Evaluation
+
+
+def command(
+    out: Path | None = typer.Option(
+        None, "--out", help="Run folder to make; a new one under runs/ if not given.", show_default=False
+    ),
+    resume: Path | None = typer.Option(
+        None, "--resume", help="Run folder to go on with; its own settings hold.", show_default=False
+    ),
+    of: list[Path] = typer.Option(
+        [],
+        "--of",
+        help="Collect nothing: the table of this run; several make one table.",
+        show_default=False,
+    ),
+    config: Path | None = typer.Option(
+        None, "--config", help="YAML file of settings; the options below override it.", show_default=False
+    ),
+    tasks: Path | None = typer.Option(
+        None,
+        "--tasks",
+        help="Task file of any format, or a folder; without one, the offline web's tasks.",
+        show_default=False,
+    ),
+    split: str | None = typer.Option(
+        None,
+        "--split",
+        help="train, test or all.",
+        show_default="test; all where the tasks do not say their split",
+    ),
+    limit: int | None = typer.Option(
+        None, "--limit", min=1, help="Draw so many tasks, from all websites in turn.", show_default=False
+    ),
+    samples: int | None = typer.Option(None, "--samples", min=1, help="Attempts per task.", show_default="1"),
+    budget: str | None = typer.Option(
+        None, "--budget", help="Steps for easy, medium and hard tasks.", show_default="30,50,70"
+    ),
+    sessions: int | None = typer.Option(
+        None, "--sessions", min=1, help="Browser sessions at the same time.", show_default="16"
+    ),
+    policy: str | None = typer.Option(
+        None, "--policy", help="scripted, random or openai.", show_default=False
+    ),
+    mistakes: float | None = typer.Option(
+        None, "--mistakes", min=0, max=1, help="Scripted policy: share of attempts with a mistake."
+    ),
+    base_url: str | None = typer.Option(
+        None, "--base-url", help="OpenAI-compatible endpoint. Its key: WEBGYM_API_KEY.", show_default=False
+    ),
+    model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
+    profile: str | None = typer.Option(
+        None, "--profile", help="Family of the model; else by its name.", show_default=False
+    ),
+    marks: bool | None = typer.Option(
+        None, "--marks/--coordinates", help="Interaction mode; else the profile's.", show_default=False
+    ),
+    judge: str | None = typer.Option(
+        None,
+        "--judge",
+        help="offline, rubric or module:function; rubric with --judge-base-url. With --of: a judge of these "
+        "runs, by its name or how that begins.",
+        show_default="offline; with --of the runs' own",
+    ),
+    judge_base_url: str | None = typer.Option(
+        None,
+        "--judge-base-url",
+        help="Endpoint of the rubric judge. Its key: WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY.",
+        show_default=False,
+    ),
+    judge_model: str | None = typer.Option(
+        None, "--judge-model", help="Model at that endpoint.", show_default=False
+    ),
+    server: str | None = typer.Option(
+        None, "--server", help="A running browser server; else one is started here.", show_default=False
+    ),
+    token_file: Path | None = typer.Option(
+        None, "--token-file", help="Holds the server's token; else WEBGYM_TOKEN does.", show_default=False
+    ),
+    sites: str | None = typer.Option(
+        None, "--sites", help="A running offline web (token: WEBGYM_SITES_TOKEN).", show_default=False
+    ),
+    seed: int | None = typer.Option(None, "--seed", help="Of everything random.", show_default="0"),
+    skip_corrupt: bool = typer.Option(
+        False, "--skip-corrupt", help="Resume: go on without records that cannot be trusted."
+    ),
+    report: bool = typer.Option(True, "--report/--no-report", help="Write report.html at the end."),
+    as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
+    as_latex: bool = typer.Option(False, "--latex", help="Print the table as LaTeX (booktabs)."),
+) -> None:
+    """Attempt a test set with the paper's test budgets and print success by difficulty with intervals.
+
+    An evaluation is a run like any other: it survives kill -9, goes on with --resume, and can be judged
+    again and browsed. Offline, with no model: webgym eval --policy scripted --limit 50.
+    """
+    from rich.console import Console
+
+    from webgym.cli import _run
+    from webgym.cli._judge import judge_choice
+    from webgym.collection import ServerChoice, collect
+    from webgym.collection import resume as go_on
+    from webgym.report import write_report
+    from webgym.rollout.evaluation import evaluate
+    from webgym.rollout.rejudge import RECORDED
+
+    if sum(1 for each in (out, resume, of) if each) > 1:
+        raise UsageError("--out, --resume and --of exclude each other", hint="see webgym eval --help")
+    if as_json + as_markdown + as_latex > 1:
+        raise UsageError("give one of --json, --markdown and --latex")
+    console = Console(stderr=as_json or as_markdown or as_latex)
+    if of:
+        _tell([evaluate(run, judge or RECORDED) for run in of], console, as_json, as_markdown, as_latex)
+        return
+    secrets = _run.secrets(token_file)
+    show, tell = _run.show_on(console), _run.tell_on(console)
+    if resume is not None:
+        folder = resume
+        servers = ServerChoice(url=server, sites_url=sites) if server or sites else None
+        _run.run(
+            lambda: go_on(
+                folder, secrets=secrets, server=servers, skip_corrupt=skip_corrupt, show=show, tell=tell
+            )
+        )
+    else:
+        overrides: dict[str, Any] = {
+            "seed": seed,
+            "samples": samples,
+            "tasks": {"file": tasks, "count": limit, "spread": True, "split": _split(split, tasks)},
+            "attempt": _budgets(budget),
+            "agent": {
+                "profile": profile,
+                "mode": None if marks is None else ("marks" if marks else "coordinates"),
+            },
+            "collector": {"sessions": sessions},
+            "server": {"url": server, "sites_url": sites},
+        }
+        settings = _as_a_test(_run.settings(config, overrides))
+        if policy or base_url or mistakes is not None:
+            choice = _run.policy_choice(policy, mistakes or 0.0, base_url, model)
+            settings = settings.model_copy(update={"policy": choice})
+        if judge or judge_base_url or judge_model:
+            judged = judge_choice(judge, judge_base_url, judge_model, default=settings.judge)
+            settings = settings.model_copy(update={"judge": judged})
+        folder = out or _new_folder()
+        _run.run(lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell))
+    if report:
+        write_report(folder)
+    _tell([evaluate(folder)], console, as_json, as_markdown, as_latex)
+    console.print(f"\nrun      {folder}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True)
+
+
+def _tell(
+    found: Sequence[Evaluation], console: Console, as_json: bool, as_markdown: bool, as_latex: bool
+) -> None:
+    """Print results: what was asked for on stdout, what a person should know on the console."""
+    import msgspec
+
+    from webgym.bench.tables import markdown
+    from webgym.bench.tables import show as show_tables
+    from webgym.cli._evaluation import notes, show, tables
+    from webgym.cli._paper import latex
+
+    if as_json:
+        told = msgspec.json.encode(found[0] if len(found) == 1 else found)
+        print(msgspec.json.format(told, indent=2).decode())
+        return
+    if as_markdown or as_latex:
+        print((latex if as_latex else markdown)(tables(found)), end="")
+    elif len(found) == 1:
+        show(found[0], console)
+        return
+    else:
+        show_tables(tables(found), console)
+    for one in found:
+        for note in notes(one):
+            name = f"{one.run}: " if len(found) > 1 else ""
+            console.print(f"{name}{note}", highlight=False, soft_wrap=True, markup=False)
+
+
+def _split(asked: str | None, tasks: Path | None) -> str | None:
+    """Which split is attempted: the test split, unless the tasks do not say which they are of."""
+    if asked not in (None, "train", "test", "all"):
+        raise ConfigError(f"there is no split {asked!r}", hint="choose train, test or all")
+    if asked is not None:
+        return None if asked == "all" else asked
+    if tasks is None:
+        return "test"
+    from webgym.tasks import read_tasks
+
+    return "test" if any(task.split for task in read_tasks(tasks).tasks) else None
+
+
+def _budgets(told: str | None) -> dict[str, int]:
+    if told is None:
+        return {}
+    parts = [part.strip() for part in told.split(",")]
+    if len(parts) != 3 or not all(part.isascii() and part.isdecimal() for part in parts):
+        raise ConfigError(f"--budget {told!r} is not three numbers", hint="as in --budget 30,50,70")
+    return dict(zip(("budget_easy", "budget_medium", "budget_hard"), map(int, parts), strict=True))
+
+
+def _as_a_test(settings: RunConfig) -> RunConfig:
+    """Settings with what tests differ in from training, where nobody has set it.
+
+    The paper's test budgets; and no attempt is cut short by the clock because others have ended: in a test
+    that would take from the slow ones what the fast ones had.
+    """
+    from webgym.rollout.evaluation import TEST_BUDGET
+
+    wanted = {
+        "budget_easy": TEST_BUDGET.easy,
+        "budget_medium": TEST_BUDGET.medium,
+        "budget_hard": TEST_BUDGET.hard,
+        "longest_seconds": 3600.0,
+    }
+    attempt = {name: value for name, value in wanted.items() if name not in settings.attempt.model_fields_set}
+    collector = settings.collector
+    if "straggler_share" not in collector.model_fields_set:
+        collector = collector.model_copy(update={"straggler_share": 1.0})
+    return settings.model_copy(
+        update={"attempt": settings.attempt.model_copy(update=attempt), "collector": collector}
+    )
+
+
+def _new_folder() -> Path:
+    from datetime import datetime
+
+    return Path("runs") / f"eval-{datetime.now():%Y%m%d-%H%M%S}"

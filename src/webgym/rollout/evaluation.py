@@ -1,0 +1,245 @@
+"""The success rate of a policy on a test set, by difficulty, as a paper reports it.
+
+Every planned sample of every task counts once, by the last attempt at it. Success, failure and truncated
+carry a reward and make up the rate; the other outcomes are told beside it and never enter it (SYSTEM.md 3.1).
+
+**Intervals.** With one sample per task, attempts are independent and the interval is Wilson's: it needs no
+random numbers and holds what it promises near 0 and 1, where test sets of hard tasks live. With several
+samples per task they are not (a task is easy or hard for all of them), so tasks are resampled with all their
+samples (bootstrap, percentiles), within each level of difficulty, because the test set fixes how many tasks
+of each there are. Where every task ends alike, resampling shows no spread; the interval is then Wilson's,
+counting tasks rather than attempts.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Final, Literal, TypeAlias
+
+import msgspec
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.bootstrap import percentiles, resampled
+from webgym.core.outcome import Outcome
+from webgym.core.task import LEVELS, Level, StepBudget
+from webgym.rollout.rejudge import RECORDED, verdicts_of
+from webgym.rollout.store import RunReader
+from webgym.rollout.summary import Interval, wilson
+
+TEST_BUDGET: Final = StepBudget(30, 50, 70)
+"""Steps per attempt in testing, by level (paper §5)."""
+
+Group: TypeAlias = Literal["easy", "medium", "hard", "overall"]
+GROUPS: Final[tuple[Group, ...]] = (*LEVELS, "overall")
+
+
+class EvaluationConfig(BaseModel):
+    """How the intervals of several samples per task are made."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    resamples: Annotated[int, Field(ge=100)] = 10_000
+    """Of the bootstrap."""
+
+    seed: int = 0
+    """Of the bootstrap."""
+
+
+class Sample(msgspec.Struct, frozen=True):
+    """The last attempt at a planned sample of a task.
+
+    Attributes:
+        task_id: of the task.
+        level: its difficulty.
+        outcome: how the attempt ended.
+        steps: how many it took.
+    """
+
+    task_id: str
+    level: Level
+    outcome: Outcome
+    steps: int
+
+
+class Row(msgspec.Struct, frozen=True):
+    """One level of difficulty, or all.
+
+    Attributes:
+        tasks: of the test set.
+        attempts: samples that ended with a reward; the rate is of these.
+        successes: how many of them succeeded.
+        rate: success rate; ``None`` of nothing.
+        interval: at 95 %; ``None`` with the rate.
+        method: where the interval comes from.
+        solved: tasks that succeeded at least once, and tasks with a reward at all.
+        steps: mean over the attempts that carry a reward; ``None`` of nothing.
+        no_reward: the other samples, by outcome.
+        missing: samples that were planned and have not ended yet, or not been judged.
+    """
+
+    tasks: int
+    attempts: int
+    successes: int
+    rate: float | None
+    interval: Interval | None
+    method: Literal["wilson", "bootstrap"]
+    solved: tuple[int, int]
+    steps: float | None
+    no_reward: dict[str, int]
+    missing: int
+
+
+class Evaluation(msgspec.Struct, frozen=True):
+    """A run as a result.
+
+    Attributes:
+        run: name of its folder.
+        policy, judge: names.
+        seed: of the run; ``None`` if it is not told.
+        samples: planned per task.
+        budget: steps by level; ``None`` if the run does not tell.
+        rows: by level, and overall.
+    """
+
+    run: str
+    policy: str
+    judge: str
+    seed: int | None
+    samples: int
+    budget: tuple[int, int, int] | None
+    rows: dict[Group, Row]
+
+
+def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None = None) -> Evaluation:
+    """The result of a run, which may still be going on.
+
+    Args:
+        run: the run folder.
+        judge: whose verdicts count: the collection's own, or those of a judge that judged it again, by its
+            name or how that begins.
+        config: of the intervals.
+
+    Raises:
+        RunFolderError: the folder is no run, or there is no such judge.
+    """
+    reader = RunReader(run, skip_corrupt=True)
+    settings = reader.config
+    per_task = int(settings.get("samples") or 1)
+    name, outcome_of = _judged_by(run, judge)
+    policies: dict[str, None] = {}
+    samples = list(_samples(reader, outcome_of, policies))
+    levels = Counter(task.level for task in reader.tasks.values())
+    told = reader.summary or {}
+    attempt = settings.get("attempt")
+    return Evaluation(
+        run=run.resolve().name,
+        policy=told.get("policy") or ", ".join(policies),
+        judge=(told.get("judge") or RECORDED) if name == RECORDED else name,
+        seed=settings.get("seed"),
+        samples=per_task,
+        budget=_budget(attempt) if isinstance(attempt, dict) else None,
+        rows=rows_of(samples, levels, per_task, config),
+    )
+
+
+def rows_of(
+    samples: Sequence[Sample],
+    tasks: Mapping[Level, int],
+    per_task: int = 1,
+    config: EvaluationConfig | None = None,
+) -> dict[Group, Row]:
+    """The table of a set of samples.
+
+    Args:
+        samples: at most ``per_task`` of a task.
+        tasks: how many tasks of every level the test set has.
+        per_task: samples planned for every task.
+        config: of the intervals.
+    """
+    config = config or EvaluationConfig()
+    generator = np.random.default_rng(config.seed)
+    drawn = {}
+    for level in LEVELS:
+        of_level = _by_task(sample for sample in samples if sample.level == level)
+        drawn[level] = resampled(list(of_level.values()), 2, config.resamples, generator)
+    rows: dict[Group, Row] = {}
+    for group in GROUPS:
+        of_group = [sample for sample in samples if group in ("overall", sample.level)]
+        planned = sum(count for level, count in tasks.items() if group in ("overall", level))
+        sums = drawn[group] if group != "overall" else np.sum(list(drawn.values()), axis=0)
+        with np.errstate(invalid="ignore"):
+            spread = percentiles(sums[:, 0] / sums[:, 1], 0.95)
+        rows[group] = _row(of_group, planned, per_task, spread)
+    return rows
+
+
+def _row(samples: Sequence[Sample], tasks: int, per_task: int, spread: Interval | None) -> Row:
+    rewarded = [sample for sample in samples if sample.outcome.is_rewarded]
+    successes = sum(sample.outcome is Outcome.SUCCESS for sample in rewarded)
+    by_task = _by_task(rewarded)
+    is_clustered = len(by_task) < len(rewarded)
+    rate = successes / len(rewarded) if rewarded else None
+    method: Literal["wilson", "bootstrap"] = "bootstrap" if is_clustered and spread else "wilson"
+    # Of clustered attempts that all end alike, only the tasks are independent.
+    plain = wilson(round(rate * len(by_task)), len(by_task)) if rate is not None else None
+    lost = Counter(sample.outcome.value for sample in samples if not sample.outcome.is_rewarded)
+    return Row(
+        tasks=tasks,
+        attempts=len(rewarded),
+        successes=successes,
+        rate=rate,
+        interval=spread if method == "bootstrap" else plain,
+        method=method,
+        solved=(sum(bool(won) for won, _ in by_task.values()), len(by_task)),
+        steps=sum(sample.steps for sample in rewarded) / len(rewarded) if rewarded else None,
+        no_reward={outcome.value: lost[outcome.value] for outcome in Outcome if lost[outcome.value]},
+        missing=tasks * per_task - len(samples),
+    )
+
+
+def _by_task(samples: Iterable[Sample]) -> dict[str, tuple[int, int]]:
+    """Successes and rewarded attempts of every task that has one."""
+    found: dict[str, tuple[int, int]] = defaultdict(lambda: (0, 0))
+    for sample in samples:
+        if sample.outcome.is_rewarded:
+            won, of = found[sample.task_id]
+            found[sample.task_id] = (won + (sample.outcome is Outcome.SUCCESS), of + 1)
+    return found
+
+
+def _judged_by(run: Path, judge: str) -> tuple[str, Callable[[str, Outcome], Outcome | None]]:
+    """A judge's whole name, and the outcome of an attempt by it; ``None`` for one that it has not judged."""
+    if judge == RECORDED:
+        return RECORDED, lambda _, outcome: outcome
+    name, held = verdicts_of(run, judge)
+
+    def outcome_of(attempt_id: str, outcome: Outcome) -> Outcome | None:
+        if outcome.is_retried:  # it did not end of its own, whoever judges
+            return outcome
+        return held[attempt_id].outcome if attempt_id in held else None
+
+    return name, outcome_of
+
+
+def _samples(
+    reader: RunReader, outcome_of: Callable[[str, Outcome], Outcome | None], policies: dict[str, None]
+) -> Iterator[Sample]:
+    """The last attempt at every sample. One that the run was stopped in has not ended yet."""
+    last = {}
+    for entry in sorted(reader.attempts.values(), key=lambda entry: entry.retry):
+        last[entry.task_id, entry.sample] = entry
+    for entry in last.values():
+        task = reader.tasks.get(entry.task_id)
+        outcome = outcome_of(entry.attempt_id, entry.outcome)
+        if task is None or outcome in (None, Outcome.CANCELLED):
+            continue
+        episode = reader.trajectory(entry.attempt_id).episode
+        policies.setdefault(episode.policy)
+        yield Sample(entry.task_id, task.level, outcome, len(episode.steps))
+
+
+def _budget(attempt: Mapping[str, int]) -> tuple[int, int, int]:
+    return attempt["budget_easy"], attempt["budget_medium"], attempt["budget_hard"]

@@ -1,0 +1,188 @@
+"""Success on a test set: what counts, with which interval, and the command from end to end."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.conftest import Commands
+from tests.report.conftest import build_run
+
+from webgym.core.errors import RunFolderError
+from webgym.core.outcome import Outcome
+from webgym.core.task import LEVELS, Level
+from webgym.core.verdict import Judgement, Verdict
+from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
+from webgym.rollout.store import RunReader
+from webgym.rollout.summary import wilson
+from webgym.rollout.verdicts import Judged, VerdictBook
+
+QUICK = EvaluationConfig(resamples=500)
+GOOD, BAD = Outcome.SUCCESS, Outcome.FAILURE
+
+
+def attempts(level: Level, *by_task: str) -> list[Sample]:
+    """A word per task, a letter per sample: success, failure, truncated, blocked, judge error."""
+    letters = {
+        "s": GOOD,
+        "f": BAD,
+        "t": Outcome.TRUNCATED,
+        "b": Outcome.BLOCKED,
+        "j": Outcome.JUDGE_ERROR,
+    }
+    return [
+        Sample(f"{level}-{number}", level, letters[letter], 10)
+        for number, word in enumerate(by_task)
+        for letter in word
+    ]
+
+
+# --- rates and intervals --------------------------------------------------------------------------------
+
+
+def test_one_sample_per_task_has_wilsons_interval() -> None:
+    samples = [*attempts("easy", *"sssf"), *attempts("medium", *"stbj"), *attempts("hard", *"ff")]
+    rows = rows_of(samples, {"easy": 4, "medium": 4, "hard": 3}, 1, QUICK)
+    assert {group: (row.successes, row.attempts) for group, row in rows.items()} == {
+        "easy": (3, 4),
+        "medium": (1, 2),
+        "hard": (0, 2),
+        "overall": (4, 8),
+    }
+    for row in rows.values():
+        assert row.method == "wilson"
+        assert row.interval == wilson(row.successes, row.attempts)
+    assert rows["hard"].rate == 0.0
+    assert rows["medium"].no_reward == {"blocked": 1, "judge_error": 1}
+    assert rows["hard"].missing == rows["overall"].missing == 1
+    assert rows["overall"].tasks == 11
+
+
+def test_nothing_rewarded_is_no_rate() -> None:
+    rows = rows_of(attempts("easy", "b", "j"), {"easy": 2}, 1, QUICK)
+    for group in GROUPS:
+        assert rows[group].rate is None
+        assert rows[group].interval is None
+        assert rows[group].steps is None
+    assert rows_of([], {}, 1, QUICK)["overall"].attempts == 0
+
+
+def test_samples_of_one_task_are_one_piece_of_evidence() -> None:
+    words = ["ssss" if number % 2 else "ffff" for number in range(40)]
+    repeated = rows_of(attempts("easy", *words), {"easy": 40}, 4)["easy"]
+    once = rows_of(attempts("easy", *(word[0] for word in words)), {"easy": 40}, 1)["easy"]
+    assert repeated.method == "bootstrap"
+    assert repeated.interval is not None
+    assert once.interval is not None
+    widths = [row.interval[1] - row.interval[0] for row in (repeated, once) if row.interval]
+    assert widths[0] == pytest.approx(widths[1], rel=0.1)  # four samples that all say the same add nothing
+    assert repeated.solved == (20, 40)
+    assert rows_of(attempts("easy", *words), {"easy": 40}, 4) == rows_of(
+        attempts("easy", *words), {"easy": 40}, 4
+    )
+
+
+def test_where_all_tasks_end_alike_the_interval_counts_tasks() -> None:
+    row = rows_of(attempts("hard", "fff", "fff"), {"hard": 2}, 3, QUICK)["hard"]
+    assert (row.rate, row.method, row.interval) == (0.0, "wilson", wilson(0, 2))
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(LEVELS), st.integers(0, 6), st.sampled_from(list(Outcome))), max_size=25
+    )
+)
+def test_the_levels_add_up_and_intervals_hold_the_rate(drawn: list[tuple[Level, int, Outcome]]) -> None:
+    samples = [Sample(f"{level}/{task}", level, outcome, 3) for level, task, outcome in drawn]
+    rows = rows_of(samples, dict.fromkeys(LEVELS, 7), 5, EvaluationConfig(resamples=100))
+    for name in ("tasks", "attempts", "successes", "missing"):
+        assert sum(getattr(rows[level], name) for level in LEVELS) == getattr(rows["overall"], name)
+    for row in rows.values():
+        assert row.attempts + sum(row.no_reward.values()) + row.missing == row.tasks * 5
+        assert (row.rate is None) == (row.attempts == 0) == (row.interval is None)
+        if row.rate is not None and row.interval is not None:
+            assert row.interval[0] - 1e-9 <= row.rate <= row.interval[1] + 1e-9 or row.method == "wilson"
+
+
+# --- of a run --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "run", 12))
+
+
+def test_a_run_as_its_summary_has_it(run: Path) -> None:
+    found = evaluate(run, config=QUICK)
+    summary = RunReader(run).summary
+    assert summary is not None
+    for group in GROUPS:
+        assert found.rows[group].rate == summary["success_rate"][group]
+    overall = found.rows["overall"]
+    assert overall.no_reward == {
+        "blocked": 1,
+        "environment_error": 1,
+        "policy_error": 1,
+        "judge_error": 1,
+    }
+    assert overall.missing == 1  # the one that was cancelled has not been made
+    assert (found.policy, found.judge, found.seed) == ("scripted", "offline-1", 7)
+
+
+def test_another_judge_gives_another_rate(run: Path) -> None:
+    with VerdictBook(run, "strict/1") as book:
+        for entry in RunReader(run).attempts.values():
+            if entry.outcome is GOOD:
+                verdict = Verdict("strict/1", 0, (), Judgement(False, "no"))
+                book.append(Judged(entry.attempt_id, "strict/1", BAD, 0.0, 0.1, verdict))
+    found = evaluate(run, "strict")
+    assert found.judge == "strict/1"
+    assert found.rows["overall"].rate == 0.0
+    assert found.rows["overall"].missing == 1 + 5  # cancelled, and what this judge has not judged
+    with pytest.raises(RunFolderError, match="no judge"):
+        evaluate(run, "lenient")
+
+
+# --- the command -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.browser
+def test_an_evaluation_from_end_to_end(tmp_path: Path, commands: Commands) -> None:
+    settings = tmp_path / "settings.yaml"
+    settings.write_text("sites: {per_family: 2, latency: 0}\ncollector: {sessions: 2}\n")
+    options = ("--policy", "scripted", "--config", settings, "--limit", 3, "--no-report")
+    code, said = commands.run("eval", *options, "--out", tmp_path / "run", "--budget", "12,20,40")
+    assert code == 0, said
+    assert "95 % intervals: Wilson's" in said
+    assert "at most 12 / 20 / 40 steps" in said
+    reader = RunReader(tmp_path / "run")
+    assert all(task.split == "test" for task in reader.tasks.values())
+    assert reader.config["collector"]["straggler_share"] == 1.0
+    assert reader.config["attempt"]["longest_seconds"] == 3600.0
+
+    code, again = commands.run("eval", "--resume", tmp_path / "run", "--no-report", "--json")
+    assert code == 0, again
+    told = json.loads(again[again.index("{\n") : again.rindex("}") + 1])
+    assert told["rows"]["overall"]["tasks"] == 3
+    assert told["rows"]["overall"]["missing"] == 0
+    assert len(reader.attempts) == len(RunReader(tmp_path / "run").attempts)  # nothing was made again
+
+
+def test_tables_of_runs(run: Path, commands: Commands) -> None:
+    code, said = commands.run("eval", "--of", run, "--markdown")
+    assert code == 0
+    overall = next(line for line in said.splitlines() if line.startswith("| overall"))
+    assert overall.startswith("| overall | 12 | 7 | 57.1 | 25.0, 84.2 | "), overall
+    assert "1 sample is missing" in said
+    code, said = commands.run("eval", "--of", run, "--of", run, "--latex")
+    assert code == 0
+    assert said.count("57.1 [25.0, 84.2]") == 2
+    assert r"environment\_error" in said
+    for options in (("--of", run, "--out", "x"), ("--split", "dev"), ("--budget", "30,50")):
+        code, said = commands.run("eval", *options)
+        assert code == 2
+        assert said.startswith("webgym: ")

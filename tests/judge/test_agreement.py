@@ -11,11 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
+from tests.judge.scenes import TASK, episode, pictures
 from tests.judge.test_webjudge import REAL
 
 from webgym.cli import main
-from webgym.core.errors import UsageError
-from webgym.core.task import LEVELS
+from webgym.core.errors import ConfigError, UsageError
+from webgym.core.task import LEVELS, Task
+from webgym.core.trajectory import Episode
 from webgym.judge.agreement import (
     METRICS,
     AgreementConfig,
@@ -26,8 +28,9 @@ from webgym.judge.agreement import (
     agreement,
     rates,
 )
+from webgym.judge.factory import JudgeChoice, open_judge
 from webgym.judge.figures import draw_agreement
-from webgym.judge.without_rubric import PREFIX
+from webgym.judge.without_rubric import PREFIX, WHOLE_TASK
 
 QUICK = AgreementConfig(resamples=200)
 
@@ -292,3 +295,23 @@ def test_the_figures_of_the_real_replies(command: Command, tmp_path: Path) -> No
         "0.848",
         "0.556",
     ]
+
+
+async def test_the_offline_judge_needs_the_rubric() -> None:
+    with pytest.raises(ConfigError, match="without rubric"):
+        async with open_judge(JudgeChoice(without_rubric=True)):
+            raise AssertionError("it was opened")
+
+
+def passes(task: Task, episode: Episode) -> bool:
+    assert task.rubric == WHOLE_TASK
+    return True
+
+
+async def test_a_judge_of_any_kind_can_be_asked_without_rubric() -> None:
+    choice = JudgeChoice(name="tests.judge.test_agreement:passes", without_rubric=True)
+    async with open_judge(choice) as judge:
+        found = await judge.judge(TASK, episode(), pictures)
+    assert found.judge == judge.name
+    assert judge.name.startswith(PREFIX)
+    assert found.reward == 1

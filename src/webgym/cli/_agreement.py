@@ -274,7 +274,7 @@ def _print(found: Agreement, held: _Held, config: AgreementConfig, console: Cons
     def block(title: str, rows: Sequence[tuple[Group, str, Mapping[Metric, Estimate]]], signed: bool) -> None:
         console.print()
         console.print(title, style="bold", highlight=False, soft_wrap=True, markup=False)
-        table = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+        table = RichTable(box=None, pad_edge=False, padding=(0, 1 if signed else 2, 0, 0), header_style="dim")
         table.add_column("", no_wrap=True, min_width=len("overall"))
         for name in ("n", *_METRICS.values()):
             table.add_column(name, justify="right", no_wrap=True)

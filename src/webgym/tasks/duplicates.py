@@ -29,6 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from webgym.core.task import Task
 from webgym.tasks.decompose import SYNTHETIC
 from webgym.tasks.families import roots_of
+from webgym.tasks.files import collector_paused
 from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.texts import LITTLE, fold, joined, names, number, template
 from webgym.tasks.websites import site_or_text
@@ -108,7 +109,11 @@ def drop_duplicates(tasks: Sequence[AnyTask], limits: DuplicateLimits | None = N
     Args:
         tasks: with unique ids.
     """
-    limits = limits or DuplicateLimits()
+    with collector_paused():  # millions of small things, and no cycle among them
+        return _drop(tasks, limits or DuplicateLimits())
+
+
+def _drop(tasks: Sequence[AnyTask], limits: DuplicateLimits) -> Deduplicated[AnyTask]:
     parents = {task.id: task.parent_id for task in tasks if isinstance(task, Task) and task.parent_id}
     roots = roots_of(task for task in tasks if isinstance(task, Task))
     texts = [_Text(task, roots.get(task.id, task.id)) for task in tasks]

@@ -21,6 +21,7 @@ from itertools import zip_longest
 from typing import Any, Final, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.random import PCG64, Generator
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -333,10 +334,10 @@ def _shard(name: str, members: list[Task], config: SamplerConfig) -> Deck:
     return Deck(name, members, config.seed)
 
 
-def _rng(seed: int, *names: str | int) -> np.random.Generator:
+def _rng(seed: int, *names: str | int) -> Generator:
     """A stream of its own for every purpose."""
     digest = hashlib.blake2b("/".join(map(str, ("tasks", seed, *names))).encode(), digest_size=16).digest()
-    return np.random.Generator(np.random.PCG64(int.from_bytes(digest, "little")))
+    return Generator(PCG64(int.from_bytes(digest, "little")))
 
 
 def draw(tasks: Iterable[T], count: int | None, seed: int) -> list[T]:

@@ -1,0 +1,92 @@
+"""``webgym bench tasks`` in small: the set it makes, its tables, and what it says about its goals."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+from tests.conftest import Commands
+
+from webgym.bench.tasks import STAGES, Run, Stage, TasksBench, TasksFigures, dominating, missed, tasks_tables
+from webgym.bench.taskset import Shape, make_lengths, make_tasks
+from webgym.core.task import LEVELS
+from webgym.tasks.sources import SOURCES
+from webgym.tasks.statistics import describe
+from webgym.tasks.websites import site_of
+
+SMALL = Shape(tasks=6_000, websites=2_500)
+
+
+def test_the_set_has_the_paper_s_shape() -> None:
+    tasks = list(make_tasks(SMALL))
+    assert len({task.id for task in tasks}) == 6_000
+    assert len({site_of(task.website) for task in tasks}) == 2_500
+    found = describe(tasks)
+    assert 0.4 < found.top_share < 0.55
+    shares = {level: count / 6_000 for level, count in found.levels("unsplit").items()}
+    assert shares["easy"] == pytest.approx(0.80, abs=0.03)
+    assert set(SOURCES) >= {task.source for task in tasks}
+    sources = Counter(task.source for task in tasks)
+    assert sources["insta-v3"] > sources["pae-webvoyager"] > sources["agentsynth-web"]
+    assert len({task.instruction for task in tasks}) > 5_950
+    assert tasks == list(make_tasks(SMALL))
+    assert tasks[:5] != list(make_tasks(Shape(tasks=6_000, websites=2_500, seed=1)))[:5]
+
+
+def test_lengths_are_near_the_paper_s() -> None:
+    found = describe(make_tasks(SMALL), make_lengths(20_000)).lengths
+    for level, mean, mode in zip(LEVELS, (7.8, 9.9, 11.9), (3.7, 4.9, 5.5), strict=True):
+        assert found[level].mean == pytest.approx(mean, abs=1)
+        assert found[level].mode == pytest.approx(mode, abs=2)
+
+
+def figures(*stages: Stage) -> TasksFigures:
+    return TasksFigures(TasksBench(shape=SMALL, rounds=3), 2, list(stages))
+
+
+def test_what_is_missed_and_what_dominates() -> None:
+    quick = Stage(name="quick", goal=1.0, runs=[Run({"a": wall}, {"a": 0.1}, 10) for wall in (0.2, 9.0, 0.3)])
+    slow = Stage(
+        name="slow",
+        goal=1.0,
+        runs=[Run({"a": 0.5, "b": 1.5, "c": 1.6}, dict.fromkeys("abc", 0.4), 3 * 10**9)],
+    )
+    found = figures(quick, slow)
+    assert missed(found) == ["slow: 3.60 s, goal 1 s", "slow: 3.00 GB, goal 2 GB"]
+    assert dominating(slow) == ["c", "b"]
+    stages, parts = tasks_tables(found)
+    assert stages.rows[0] == ("quick", "0.3 (0.2-9.0)", "1", "0")
+    assert parts.title == "What dominates in slow: c, b"
+    assert parts.rows[2] == ("c", "1.60", "0.40", "44")
+
+
+@pytest.mark.slow  # seven processes, one after the other
+def test_every_stage_prints_its_table(commands: Commands, tmp_path: Path) -> None:
+    held = tmp_path / "figures.json"
+    size = ("--tasks", 1_500, "--websites", 600, "--rounds", 1)
+    code, output = commands.run("bench", "tasks", *size, "--json", held, "--markdown")
+    assert code == 0, output
+    assert "**What dominates in pipeline:" in output
+    found = json.loads(held.read_bytes())
+    assert [(stage["name"], len(stage["runs"])) for stage in found["stages"]] == [
+        (stage, 1) for stage in STAGES
+    ]
+    assert all(run["peak"] > 10_000_000 for stage in found["stages"] for run in stage["runs"])
+
+
+def test_one_stage_alone(commands: Commands) -> None:
+    size = ("--tasks", 400, "--websites", 150, "--rounds", 1)
+    code, output = commands.run("bench", "tasks", *size, "--only", "sample")
+    assert code == 0, output
+    assert "400 tasks on 150 websites" in output
+    assert "What dominates" not in output
+    code, output = commands.run("bench", "tasks", "--only", "lunch")
+    assert (code, "there is no stage 'lunch'" in output) == (2, True)
+
+
+def test_more_websites_than_tasks_make_no_sense(commands: Commands) -> None:
+    code, output = commands.run("bench", "tasks", "--tasks", 100, "--websites", 200)
+    assert code == 2
+    assert "100 tasks are on 100 websites at most" in output

@@ -57,7 +57,7 @@ def test_what_is_missed_and_what_dominates() -> None:
     assert missed(found) == ["slow: 3.60 s, goal 1 s", "slow: 3.00 GB, goal 2 GB"]
     assert dominating(slow) == ["c", "b"]
     stages, parts = tasks_tables(found)
-    assert stages.rows[0] == ("quick", "0.3 (0.2-9.0)", "1", "0")
+    assert stages.rows[0] == ("quick", "0.3 (0.2-9.0)", "0.100 (0.100-0.100)", "1", "0")
     assert parts.title == "What dominates in slow: c, b"
     assert parts.rows[2] == ("c", "1.60", "0.40", "44")
 

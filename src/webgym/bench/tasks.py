@@ -75,6 +75,11 @@ class Stage(msgspec.Struct, frozen=True, kw_only=True):
         return [sum(run.seconds.values()) for run in self.runs]
 
     @property
+    def processor(self) -> list[float]:
+        """Processor time of each run; on an idle machine little less than the wall time."""
+        return [sum(run.processor.values()) for run in self.runs]
+
+    @property
     def peak(self) -> int:
         """The most memory of all runs, bytes."""
         return max((run.peak for run in self.runs), default=0)
@@ -271,6 +276,7 @@ def tasks_tables(found: TasksFigures) -> list[Table]:
         (
             stage.name,
             _spread(stage.seconds),
+            _spread(stage.processor),
             f"{stage.goal:g}",
             f"{stage.peak / MEGABYTE:,.0f}",
         )
@@ -279,7 +285,7 @@ def tasks_tables(found: TasksFigures) -> list[Table]:
     tables = [
         Table(
             f"{title}: median (lowest-highest) of {found.bench.rounds}",
-            ("stage", "seconds", "goal", "peak, MB"),
+            ("stage", "seconds", "processor, s", "goal, s", "peak, MB"),
             rows,
         )
     ]

@@ -100,6 +100,7 @@ class Deduplicated(Generic[AnyTask]):
     dropped: list[Dropped]
 
 
+@collector_paused()  # millions of small things, and no cycle among them
 def drop_duplicates(tasks: Sequence[AnyTask], limits: DuplicateLimits | None = None) -> Deduplicated[AnyTask]:
     """Keep one task of those that repeat each other, and cap the synthetic sources.
 
@@ -109,11 +110,7 @@ def drop_duplicates(tasks: Sequence[AnyTask], limits: DuplicateLimits | None = N
     Args:
         tasks: with unique ids.
     """
-    with collector_paused():  # millions of small things, and no cycle among them
-        return _drop(tasks, limits or DuplicateLimits())
-
-
-def _drop(tasks: Sequence[AnyTask], limits: DuplicateLimits) -> Deduplicated[AnyTask]:
+    limits = limits or DuplicateLimits()
     parents = {task.id: task.parent_id for task in tasks if isinstance(task, Task) and task.parent_id}
     roots = roots_of(task for task in tasks if isinstance(task, Task))
     texts = [_Text(task, roots.get(task.id, task.id)) for task in tasks]

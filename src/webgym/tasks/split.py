@@ -23,6 +23,7 @@ from webgym.core.errors import TooFewWebsites
 from webgym.core.task import Task
 from webgym.tasks.balance import balanced
 from webgym.tasks.families import roots_of
+from webgym.tasks.files import collector_paused
 from webgym.tasks.websites import site_of
 
 WhyLeftOut: TypeAlias = Literal["test website", "test family", "no website"]
@@ -81,6 +82,7 @@ class Split:
         return sum(count for pair, count in self.test.items() if pair[1] == domain)
 
 
+@collector_paused()
 def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
     """Choose the test tasks, and drop from training what would give them away.
 

@@ -164,12 +164,13 @@ _NOTHING: Final = array("Q")
 class _Text:
     """One task's text, taken apart as far as it was asked for."""
 
-    __slots__ = ("block", "family", "folded", "id", "raw", "shingles", "site")
+    __slots__ = ("block", "family", "folded", "id", "key", "raw", "shingles", "site")
 
     def __init__(self, task: Task | SourceTask, family: str) -> None:
         self.id, self.raw, self.family = task.id, task.instruction, family
         self.folded = fold(task.instruction)
         self.site = "" if task.website is None else site_or_text(task.website)
+        self.key = self.site, joined(self.folded)
         self.block = -1
         self.shingles = _NOTHING
 
@@ -235,19 +236,20 @@ class _Pile:
 
     def repeated(self, text: _Text) -> _Finding | None:
         """The kept task that this one repeats, and how."""
-        same = self._same.get((text.site, joined(text.folded)))
+        same = self._same.get(text.key)
         if same is not None:
             return same, "same"
         if text.block in self._crowded:
             self._take_apart(text)
+            shingles = frozenset(text.shingles)
             for other in self._candidates(text):
-                if self._overlap(text, other) and self._same_particulars(text, other):
+                if self._overlap(shingles, other) and self._same_particulars(text, other):
                     return other.id, "near"
         return None
 
     def keep(self, text: _Text) -> None:
         """Be found by later texts."""
-        self._same[text.site, joined(text.folded)] = text.id
+        self._same[text.key] = text.id
         for shingle in self._prefix(text):
             self._near.setdefault((text.block, shingle), []).append(text)
 
@@ -288,10 +290,9 @@ class _Pile:
                     if len(seen) == self._limits.compared:
                         return
 
-    def _overlap(self, one: _Text, other: _Text) -> bool:
-        shared = len({*one.shingles}.intersection(other.shingles))
-        together = len(one.shingles) + len(other.shingles) - shared
-        return shared >= self._limits.similarity * together
+    def _overlap(self, shingles: frozenset[int], other: _Text) -> bool:
+        shared = len(shingles.intersection(other.shingles))
+        return shared >= self._limits.similarity * (len(shingles) + len(other.shingles) - shared)
 
     @staticmethod
     def _same_particulars(one: _Text, other: _Text) -> bool:

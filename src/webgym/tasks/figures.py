@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator, NullFormatter
 
 from webgym.core.task import LEVELS, Level, level_of
 from webgym.plotting import CATEGORIES, COLUMN, INK, MUTED, new_figure, save, styled
 from webgym.tasks.statistics import DomainRow, Part, Statistics, kernel_density
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 _LAST_BAR: Final = 12
 """Difficulties from here on share a bar."""
@@ -63,36 +63,59 @@ def _figure(height: float) -> Figure:
     return new_figure(COLUMN, height)
 
 
+def _tasks(count: int) -> str:
+    return "1 task" if count == 1 else f"{count:,} tasks"
+
+
 def _websites(found: Statistics) -> Figure:
-    sizes = np.repeat([size for size, _ in found.sizes], [count for _, count in found.sizes])
-    edges = np.arange(1, len(sizes) + 1)
+    sizes = [size for size, _ in found.sizes]
+    edges = 1 + np.cumsum(
+        [0, *(count for _, count in found.sizes)]
+    )  # the website of rank r is from r to r + 1
+    top, most = len(found.top), sizes[0]
     figure = _figure(2.1)
     axes = figure.add_subplot()
-    top = len(found.top)
-    axes.fill_between(edges[:top], sizes[:top], 0.7, color=CATEGORIES[1], alpha=0.35, linewidth=0)
-    axes.plot(
-        edges, sizes, color=CATEGORIES[0], linewidth=1.4, drawstyle="steps-post" if top < 5 else "default"
+    axes.fill_between(
+        np.arange(1, top + 2),
+        [*(count for _, count in found.top), found.top[-1][1]],
+        0.7,
+        step="post",
+        color=CATEGORIES[1],
+        alpha=0.35,
+        linewidth=0,
     )
+    axes.stairs(sizes, edges, baseline=None, color=CATEGORIES[0], linewidth=1.4)
     axes.set(xscale="log", yscale="log", xlabel="Websites, by number of tasks", ylabel="Tasks")
-    axes.set(xlim=(1, max(len(sizes), 2)), ylim=(0.7, sizes[0] * 2.0))
-    axes.xaxis.set_major_formatter(_THOUSANDS)
-    axes.yaxis.set_major_formatter(_THOUSANDS)
+    axes.set(xlim=(1, edges[-1]), ylim=(0.7, most * 3.0))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(_THOUSANDS)
+        axis.set_minor_formatter(NullFormatter())
     axes.grid(visible=True, axis="y")
-    if len(sizes) > top:
-        axes.axvline(top, color=MUTED, linewidth=0.6, linestyle=(0, (3, 2)))
+    if found.websites > top:
+        axes.axvline(top + 1, color=MUTED, linewidth=0.6, linestyle=(0, (3, 2)))
     axes.annotate(
-        f"top {top}: {found.top_share:.0%} of {found.tasks:,} tasks",
-        (top, sizes[0]),
-        xytext=(5, 0),
+        f"top {top}: {found.top_share:.0%} of {_tasks(found.tasks)}",
+        (top + 1, most),
+        xytext=(5, 4),
         textcoords="offset points",
-        va="center",
+        va="bottom",
     )
     return figure
 
 
 def _difficulty(found: Statistics) -> Figure:
     parts = list(found.difficulties)
-    figure = _figure(0.55 + 0.95 * len(parts))
+    figure = _figure(0.75 + 0.95 * len(parts))
+    figure.legend(
+        handles=[Patch(color=colour, label=level) for level, colour in _LEVELS.items()],
+        loc="outside upper right",
+        ncols=len(_LEVELS),
+        frameon=False,
+        handlelength=0.8,
+        handleheight=0.8,
+        handletextpad=0.4,
+        columnspacing=1.2,
+    )
     rows = figure.subplots(len(parts), 1, sharex=True, squeeze=False)[:, 0]
     largest = max(max(counts) for counts in found.difficulties.values())
     last = min(largest, _LAST_BAR)
@@ -107,34 +130,18 @@ def _difficulty(found: Statistics) -> Figure:
         ]
         colours = [_LEVELS[level_of(bar)] for bar in range(1, last + 1)]
         axes.bar(range(1, last + 1), shares, width=0.82, color=colours)
-        axes.set_title(f"{_PARTS[part]}: {total:,} tasks")
+        axes.set_title(f"{_PARTS[part]}: {_tasks(total)}")
         axes.set_ylabel("Tasks, %")
         axes.set_ylim(0, max(shares) * 1.12)
         axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
         axes.grid(visible=True, axis="y")
-        _level_legend(axes, {level: count / total for level, count in found.levels(part).items()})
+        shares_of_levels = (f"{count / total:.0%}" for count in found.levels(part).values())
+        axes.set_title(" / ".join(shares_of_levels), loc="right")
     labels = [str(bar) for bar in range(1, last + 1)]
     labels[-1] += "+" if largest > last else ""
     rows[-1].set_xticks(range(1, last + 1), labels)
     rows[-1].set_xlabel("Difficulty: number of facts")
     return figure
-
-
-def _level_legend(axes: Axes, shares: Mapping[Level, float]) -> None:
-    """Beside the title, where no bar can be behind it."""
-    handles = [Patch(color=colour, label=f"{level} {shares[level]:.0%}") for level, colour in _LEVELS.items()]
-    axes.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.01, 0.98),
-        ncols=len(handles),
-        frameon=False,
-        borderpad=0,
-        handlelength=0.8,
-        handleheight=0.8,
-        handletextpad=0.3,
-        columnspacing=0.8,
-    )
 
 
 def _domains(found: Statistics) -> Figure:

@@ -21,9 +21,8 @@ def shown(tables: Sequence[Table]) -> None:
 
     console = Console()
     for table in tables:
-        rich = RichTable(
-            title=table.title, title_justify="left", title_style="bold", box=None, header_style="dim"
-        )
+        console.print(table.title, style="bold", highlight=False)  # a title of the table's would be folded
+        rich = RichTable(box=None, header_style="dim")
         for place, column in enumerate(table.columns):
             rich.add_column(column, justify="left" if place < table.names else "right")
         for row in table.rows:

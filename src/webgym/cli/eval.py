@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from webgym.cli import _options as options
 from webgym.core.errors import ConfigError, UsageError
 
 if TYPE_CHECKING:
@@ -22,24 +23,15 @@ def command(
     out: Path | None = typer.Option(
         None, "--out", help="Run folder to make; a new one under runs/ if not given.", show_default=False
     ),
-    resume: Path | None = typer.Option(
-        None, "--resume", help="Run folder to go on with; its own settings hold.", show_default=False
-    ),
+    resume: options.Resume = None,
     of: list[Path] = typer.Option(
         [],
         "--of",
         help="Collect nothing: the table of this run; several make one table.",
         show_default=False,
     ),
-    config: Path | None = typer.Option(
-        None, "--config", help="YAML file of settings; the options below override it.", show_default=False
-    ),
-    tasks: Path | None = typer.Option(
-        None,
-        "--tasks",
-        help="Task file of any format, or a folder; without one, the offline web's tasks.",
-        show_default=False,
-    ),
+    config: options.Config = None,
+    tasks: options.Tasks = None,
     split: str | None = typer.Option(
         None,
         "--split",
@@ -49,29 +41,17 @@ def command(
     limit: int | None = typer.Option(
         None, "--limit", min=1, help="Draw so many tasks, from all websites in turn.", show_default=False
     ),
-    samples: int | None = typer.Option(None, "--samples", min=1, help="Attempts per task.", show_default="1"),
+    samples: options.Samples = None,
     budget: str | None = typer.Option(
         None, "--budget", help="Steps for easy, medium and hard tasks.", show_default="30,50,70"
     ),
-    sessions: int | None = typer.Option(
-        None, "--sessions", min=1, help="Browser sessions at the same time.", show_default="16"
-    ),
-    policy: str | None = typer.Option(
-        None, "--policy", help="scripted, random or openai.", show_default=False
-    ),
-    mistakes: float | None = typer.Option(
-        None, "--mistakes", min=0, max=1, help="Scripted policy: share of attempts with a mistake."
-    ),
-    base_url: str | None = typer.Option(
-        None, "--base-url", help="OpenAI-compatible endpoint. Its key: WEBGYM_API_KEY.", show_default=False
-    ),
-    model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
-    profile: str | None = typer.Option(
-        None, "--profile", help="Family of the model; else by its name.", show_default=False
-    ),
-    marks: bool | None = typer.Option(
-        None, "--marks/--coordinates", help="Interaction mode; else the profile's.", show_default=False
-    ),
+    sessions: options.Sessions = None,
+    policy: options.PolicyName = None,
+    mistakes: options.Mistakes = None,
+    base_url: options.BaseUrl = None,
+    model: options.Model = None,
+    profile: options.ProfileName = None,
+    marks: options.Marks = None,
     judge: str | None = typer.Option(
         None,
         "--judge",
@@ -79,29 +59,14 @@ def command(
         "runs, by its name or how that begins.",
         show_default="offline; with --of the runs' own",
     ),
-    judge_base_url: str | None = typer.Option(
-        None,
-        "--judge-base-url",
-        help="Endpoint of the rubric judge. Its key: WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY.",
-        show_default=False,
-    ),
-    judge_model: str | None = typer.Option(
-        None, "--judge-model", help="Model at that endpoint.", show_default=False
-    ),
-    server: str | None = typer.Option(
-        None, "--server", help="A running browser server; else one is started here.", show_default=False
-    ),
-    token_file: Path | None = typer.Option(
-        None, "--token-file", help="Holds the server's token; else WEBGYM_TOKEN does.", show_default=False
-    ),
-    sites: str | None = typer.Option(
-        None, "--sites", help="A running offline web (token: WEBGYM_SITES_TOKEN).", show_default=False
-    ),
-    seed: int | None = typer.Option(None, "--seed", help="Of everything random.", show_default="0"),
-    skip_corrupt: bool = typer.Option(
-        False, "--skip-corrupt", help="Resume: go on without records that cannot be trusted."
-    ),
-    report: bool = typer.Option(True, "--report/--no-report", help="Write report.html at the end."),
+    judge_base_url: options.JudgeBaseUrl = None,
+    judge_model: options.JudgeModel = None,
+    server: options.Server = None,
+    token_file: options.TokenFile = None,
+    sites: options.Sites = None,
+    seed: options.Seed = None,
+    skip_corrupt: options.SkipCorrupt = False,
+    report: options.WriteReport = True,
     as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
     as_markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
     as_latex: bool = typer.Option(False, "--latex", help="Print the table as LaTeX (booktabs)."),
@@ -114,7 +79,6 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
-    from webgym.cli._judge import judge_choice
     from webgym.collection import ServerChoice, collect
     from webgym.collection import resume as go_on
     from webgym.report import write_report
@@ -145,20 +109,18 @@ def command(
             "samples": samples,
             "tasks": {"file": tasks, "count": limit, "spread": True, "split": _split(split, tasks)},
             "attempt": _budgets(budget),
-            "agent": {
-                "profile": profile,
-                "mode": None if marks is None else ("marks" if marks else "coordinates"),
-            },
+            "agent": {"profile": profile, "mode": options.mode_of(marks)},
             "collector": {"sessions": sessions},
             "server": {"url": server, "sites_url": sites},
         }
-        settings = _as_a_test(_run.settings(config, overrides))
-        if policy or base_url or mistakes is not None:
-            choice = _run.policy_choice(policy, mistakes or 0.0, base_url, model)
-            settings = settings.model_copy(update={"policy": choice})
-        if judge or judge_base_url or judge_model:
-            judged = judge_choice(judge, judge_base_url, judge_model, default=settings.judge)
-            settings = settings.model_copy(update={"judge": judged})
+        settings = _as_a_test(
+            options.run_settings(
+                config,
+                overrides,
+                (policy, mistakes, base_url, model),
+                (judge, judge_base_url, judge_model),
+            )
+        )
         folder = out or _new_folder()
         _run.run(lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell))
     if report:

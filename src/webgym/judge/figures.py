@@ -46,7 +46,8 @@ def draw_agreement(found: Agreement, path: Path) -> None:
     """
     groups = [group for group in GROUPS if found.cases.get(group)]
     looks = _looks(list(found.judges))
-    legend_rows = -(-len(looks) // 3)
+    columns = 3 if len(looks) <= 3 else 2
+    legend_rows = -(-len(looks) // columns)
     with styled():
         figure = new_figure(PAGE, 1.8 + 0.16 * legend_rows + 1.6 * (len(groups) > 1))
         panels = _panels(figure, len(groups) - 1)
@@ -60,7 +61,7 @@ def draw_agreement(found: Agreement, path: Path) -> None:
         figure.legend(
             handles=[_handle(name, look) for name, look in looks.items()],
             loc="outside lower center",
-            ncols=min(3, len(looks)),
+            ncols=min(columns, len(looks)),
             frameon=False,
         )
         save(figure, path)

@@ -1,0 +1,140 @@
+"""Options that ``rollout`` and ``eval`` share, and the settings that come of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+import typer
+
+if TYPE_CHECKING:
+    from webgym.collection import RunConfig
+
+Resume: TypeAlias = Annotated[
+    Path | None,
+    typer.Option("--resume", help="Run folder to go on with; its own settings hold.", show_default=False),
+]
+Config: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--config", help="YAML file of settings; the options below override it.", show_default=False
+    ),
+]
+Tasks: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--tasks",
+        help="Task file of any format, or a folder; without one, the offline web's tasks.",
+        show_default=False,
+    ),
+]
+Samples: TypeAlias = Annotated[
+    int | None, typer.Option("--samples", min=1, help="Attempts per task.", show_default="1")
+]
+Sessions: TypeAlias = Annotated[
+    int | None,
+    typer.Option("--sessions", min=1, help="Browser sessions at the same time.", show_default="16"),
+]
+PolicyName: TypeAlias = Annotated[
+    str | None, typer.Option("--policy", help="scripted, random or openai.", show_default=False)
+]
+Mistakes: TypeAlias = Annotated[
+    float | None,
+    typer.Option("--mistakes", min=0, max=1, help="Scripted policy: share of attempts with a mistake."),
+]
+BaseUrl: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--base-url", help="OpenAI-compatible endpoint. Its key: WEBGYM_API_KEY.", show_default=False
+    ),
+]
+Model: TypeAlias = Annotated[
+    str | None, typer.Option("--model", help="Model at that endpoint.", show_default=False)
+]
+ProfileName: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--profile",
+        help="Family of the model (image sizes, grid, think tags, sampling); else by its name.",
+        show_default=False,
+    ),
+]
+Marks: TypeAlias = Annotated[
+    bool | None,
+    typer.Option("--marks/--coordinates", help="Interaction mode; else the profile's.", show_default=False),
+]
+JudgeBaseUrl: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--judge-base-url",
+        help="Endpoint of the rubric judge. Its key: WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY.",
+        show_default=False,
+    ),
+]
+JudgeModel: TypeAlias = Annotated[
+    str | None, typer.Option("--judge-model", help="Model at that endpoint.", show_default=False)
+]
+Server: TypeAlias = Annotated[
+    str | None,
+    typer.Option("--server", help="A running browser server; else one is started here.", show_default=False),
+]
+TokenFile: TypeAlias = Annotated[
+    Path | None,
+    typer.Option(
+        "--token-file", help="Holds the server's token; else WEBGYM_TOKEN does.", show_default=False
+    ),
+]
+Sites: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--sites",
+        help="A running offline web (token: WEBGYM_SITES_TOKEN); else it is served here.",
+        show_default=False,
+    ),
+]
+Seed: TypeAlias = Annotated[
+    int | None, typer.Option("--seed", help="Of everything random.", show_default="0")
+]
+SkipCorrupt: TypeAlias = Annotated[
+    bool,
+    typer.Option("--skip-corrupt", help="Resume: go on without records that cannot be trusted."),
+]
+WriteReport: TypeAlias = Annotated[
+    bool, typer.Option("--report/--no-report", help="Write report.html at the end.")
+]
+
+
+def mode_of(marks: bool | None) -> str | None:
+    """The interaction mode that was asked for, if any."""
+    return None if marks is None else "marks" if marks else "coordinates"
+
+
+def run_settings(
+    file: Path | None,
+    overrides: Mapping[str, Any],
+    policy: tuple[str | None, float | None, str | None, str | None],
+    judge: tuple[str | None, str | None, str | None],
+) -> RunConfig:
+    """The settings of a run.
+
+    Args:
+        file: YAML, or none.
+        overrides: what other options say, in the shape of the settings; ``None`` overrides nothing.
+        policy: name, share of mistakes, endpoint and model.
+        judge: name, endpoint and model.
+
+    Raises:
+        ConfigError: something is missing or malformed.
+    """
+    from webgym.cli import _run
+    from webgym.cli._judge import judge_choice
+
+    settings = _run.settings(file, overrides)
+    name, mistakes, base_url, model = policy
+    if name or base_url or mistakes is not None:
+        choice = _run.policy_choice(name, mistakes or 0.0, base_url, model)
+        settings = settings.model_copy(update={"policy": choice})
+    if any(judge):
+        settings = settings.model_copy(update={"judge": judge_choice(*judge, default=settings.judge)})
+    return settings

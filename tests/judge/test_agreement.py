@@ -239,7 +239,7 @@ def command(capsys: pytest.CaptureFixture[str]) -> Command:
 
 
 def replies(path: Path, *records: dict[str, object]) -> Path:
-    path.write_text("".join(json.dumps(record) + "\n" for record in records) + "not JSON\n")
+    path.write_text("\ufeff" + "".join(json.dumps(record) + "\n" for record in records) + "not JSON\n")
     return path
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from codecs import BOM_UTF8
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -113,7 +114,7 @@ def read_labelled(path: Path, broken: list[BrokenLabel] | None = None) -> Iterat
 
 
 def _labelled(line: bytes) -> Labelled:
-    record = msgspec.json.decode(line, type=_Record)
+    record = msgspec.json.decode(line.removeprefix(BOM_UTF8), type=_Record)
     labels = [str(label.get("success", "")).strip().casefold() for label in record.human]
     humans = tuple({"successful": True, "unsuccessful": False}.get(label) for label in labels)
     status = (record.judge_status or "").strip().casefold()

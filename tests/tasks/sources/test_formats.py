@@ -91,6 +91,7 @@ FORMS: dict[str, Callable[[Path, Records], None]] = {
     "mark.json": text(lambda records: "\ufeff" + array(records).replace("\n", "\r\n")),
     "data.json": text(lambda records: json.dumps({"version": "1.0", "data": records}, indent=1)),
     "splits.json": text(lambda records: json.dumps({"train": records[:1], "test": records[1:]})),
+    "lines.csv": text(native.as_lines),
     "table.csv": text(native.as_csv),
     "windows.csv": text(lambda records: "\ufeff" + native.as_csv(records).replace("\n", "\r\n")),
     "no-end.csv": text(lambda records: native.as_csv(records).rstrip("\n")),

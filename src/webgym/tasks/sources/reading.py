@@ -125,7 +125,7 @@ def _text_records(path: Path, stream: IO[bytes], is_record: IsRecord) -> Iterato
         return
     lines = chain([first], lines)
     start = first[1].lstrip()[:1]
-    if suffix in (".csv", ".tsv") or (start not in b"[{" and suffix not in (".json", ".jsonl", ".ndjson")):
+    if start not in b"[{" and suffix not in (".json", ".jsonl", ".ndjson"):
         yield from _csv_records(name, lines)
     elif start == b"[" or (start == b"{" and _goes_on(first[1], suffix)):
         yield from _json_records(name, lines, is_record)

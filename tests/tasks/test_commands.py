@@ -136,6 +136,17 @@ def test_sample_goes_on_where_it_left_off(commands: Commands, tmp_path: Path, wh
     assert "of other tasks or settings" in output
 
 
+def test_a_file_of_drawn_tasks_holds_each_once(commands: Commands, tmp_path: Path, whole: Path) -> None:
+    out = tmp_path / "drawn.jsonl"
+    code, output = commands.run("tasks", "sample", whole, "--count", 450, "--out", out)
+    assert code == 0, output
+    assert "200 tasks written" in output
+    assert "250 drawn a second time are left out" in output
+    held = read_tasks(out)
+    assert len(held.tasks) == 200
+    assert not held.broken
+
+
 def test_sample_chooses(commands: Commands, tmp_path: Path, whole: Path) -> None:
     out = tmp_path / "drawn.jsonl"
     options = ("--ratio", "1:1:2", "--without", "Entertainment", "--block", "https://site3.example/x")
@@ -166,6 +177,8 @@ def test_stats_in_every_form(commands: Commands, tmp_path: Path, whole: Path) ->
     assert {path.name for path in figures.iterdir()} == {
         f"{name}.{suffix}" for name in ("websites", "difficulty", "domains") for suffix in ("png", "svg")
     }
+    code, output = commands.run("tasks", "stats", whole, "--figures", whole)
+    assert (code, f"webgym: cannot write to {whole}: " in output) == (2, True), output
     code, output = commands.run("tasks", "stats", whole, "--form", "json")
     assert json.loads(output)["tasks"] == 200
     code, output = commands.run("tasks", "stats", whole, "--form", "markdown")

@@ -36,6 +36,8 @@ def sample(
     target: float = typer.Option(0.5, "--target", min=0.0, max=1.0, help="Success rate to prefer."),
 ) -> None:
     """Draw tasks without replacement; with --state, go on where the last call left off."""
+    import sys
+
     from webgym.cli.tasks._files import with_own_ids
     from webgym.core.errors import ConfigError
     from webgym.tasks import write_tasks
@@ -55,8 +57,11 @@ def sample(
     sampler.block(*map(_checked, block))
     drawn = sampler.draw(count)
     if out is not None:
-        write_tasks(out, drawn)
-        print(f"{len(drawn):,} tasks written to {out}")
+        distinct = list({task.id: task for task in drawn}.values())
+        write_tasks(out, distinct)
+        print(f"{len(distinct):,} tasks written to {out}")
+        if again := len(drawn) - len(distinct):
+            print(f"{again:,} drawn a second time are left out: a file holds a task once", file=sys.stderr)
     else:
         print("\n".join(task.id for task in drawn))
     _keep(sampler, state)

@@ -28,7 +28,7 @@ def stats(
 
     from webgym.cli.tasks._files import with_own_ids
     from webgym.cli.tasks._tables import FORMS, as_csv, as_markdown, shown
-    from webgym.core.errors import ConfigError
+    from webgym.core.errors import ConfigError, TaskFileError
     from webgym.tasks.statistics import describe, tables
 
     if form not in FORMS:
@@ -43,7 +43,10 @@ def stats(
     if figures is not None:
         from webgym.tasks.figures import draw_figures
 
-        drawn = draw_figures(found, figures)
+        try:
+            drawn = draw_figures(found, figures)
+        except OSError as error:
+            raise TaskFileError(f"cannot write to {figures}: {error.strerror or error}") from error
         print(f"{len(drawn)} files drawn into {figures}", file=sys.stderr)
 
 

@@ -403,6 +403,34 @@ async def test_too_few_websites_for_the_test_set_is_told(tmp_path: Path) -> None
         assert set(endpoint.kinds) == {"website"}, "no rubric was paid for"
 
 
+async def test_a_build_of_which_nothing_is_left_still_tells_what_the_model_said(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    async with serve() as endpoint:
+        endpoint.reply = lambda messages: ("So be it.", "stop")  # type: ignore[method-assign]
+        with pytest.raises(UsageError, match=r"there are 0; \d+ tasks failed, the last: .*failed.jsonl has"):
+            await Command(endpoint, tmp_path, count=2).build(out)
+    failed = lines(out / "failed.jsonl")
+    assert {each["stage"] for each in failed} == {"websites", "rubrics"}
+    assert all(each["replies"] == ["So be it."] * 3 for each in failed)
+    assert not (out / "manifest.json").exists()
+
+
+async def test_a_manifest_does_not_outlive_its_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = tmp_path / "out"
+    async with serve() as endpoint:
+        command = Command(endpoint, tmp_path, count=2)
+        await command.build(out)
+        assert (out / "manifest.json").exists()
+
+        def full(*_: object) -> None:
+            raise OSError(28, "No space left on device")
+
+        monkeypatch.setattr("webgym.tasks.build.outputs.describe", full)
+        with pytest.raises(UsageError, match="No space left on device"):
+            await command.build(out, seed=1)
+    assert not (out / "manifest.json").exists(), "it would tell of a set that is no longer there"
+
+
 @pytest.mark.usefixtures("_plain")
 async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
     rows = [
@@ -451,6 +479,7 @@ async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
         (("--source", "deepshop={deepshop}", "--base-url", "nonsense", "--model", "x"), "base URL"),
         (("--source", "deepshop={deepshop}", "--price", "cheap"), "no price"),
         (("--source", "deepshop={deepshop}", "--dry-run", "--batch", "b"), "do not go together"),
+        (("--source", "deepshop={browsecomp}", "--test-size", "0"), "holds no task of deepshop; the first"),
         (("--config", "none.yaml"), "cannot read none.yaml"),
         (("--source", "deepshop={deepshop}", "--test-size", "-1"), "test-size"),
     ],
@@ -460,7 +489,7 @@ def test_wrong_input_is_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     paths = write_shapes(tmp_path / "sources", count=2)
-    given = [option.format(deepshop=paths["deepshop"]) for option in options]
+    given = [option.format_map(paths) for option in options]
     with pytest.raises(SystemExit) as ended:
         main(["tasks", "build", "--out", "out", *given])
     assert ended.value.code == 2

@@ -79,6 +79,8 @@ def test_sources_stand_in_the_order_of_the_paper() -> None:
         ("seed: 1", "--source NAME=PATH"),
         ("sources: {deepshopp: a}", "unknown source deepshopp"),
         ("sources: {deepshop: a}\nsede: 1", "sede"),
+        ("sorces: {deepshop: a}", "sorces: there is no such setting"),
+        ("sources: {deepshop: a}\nmodel: {base_url: 'http://x', modl: x}", "model.modl: there is no such"),
         ("sources: {deepshop: a}\nsplit: {test_tasks: -1}", "split.test_tasks"),
         ("sources: {deepshop: a}\nplaintext: [browsecom]", "unknown source browsecom"),
         ("sources: {deepshop: {path: a, at_most: 0}}", "at_most"),
@@ -92,6 +94,13 @@ def test_what_a_config_must_not_say_is_one_line(tmp_path: Path, text: str, words
         read_config(path, {})
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_an_option_that_is_not_given_hides_nothing_of_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "build.yaml"
+    path.write_text("sources: [deepshop]")
+    with pytest.raises(ConfigError, match="sources: Input should be a valid dictionary"):
+        read_config(path, {"sources": {}, "model": {"base_url": None}})
 
 
 def test_a_missing_file_is_one_line(tmp_path: Path) -> None:

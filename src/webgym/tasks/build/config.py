@@ -197,16 +197,18 @@ def read_config(
         except (yaml.YAMLError, UnicodeDecodeError) as error:
             raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
         if not isinstance(held, dict):
-            raise ConfigError(f"{path} holds no settings", hint="see configs/tasks.yaml for an example")
+            raise ConfigError(f"{path} holds no settings", hint="see configs/task-set.yaml for an example")
     try:
         config = BuildConfig.model_validate(_without_nothing(_merged(held, overrides)))
     except ValidationError as error:
-        first = error.errors()[0]
+        wrong = error.errors()
+        unknown = [each for each in wrong if each["type"] == "extra_forbidden"]  # what is missing, misspelt
+        first = (unknown or wrong)[0]
+        what = "there is no such setting" if unknown else first["msg"].removeprefix("Value error, ")
         where = ".".join(str(part) for part in first["loc"]) or "settings"
-        hint = (
-            "give --source NAME=PATH, or `sources:` in a config file" if first["loc"] == ("sources",) else ""
-        )
-        raise ConfigError(f"{path or 'options'}: {where}: {first['msg']}", hint=hint) from error
+        no_sources = first["type"] == "missing" and first["loc"] == ("sources",)
+        hint = "give --source NAME=PATH, or `sources:` in a config file" if no_sources else ""
+        raise ConfigError(f"{path or 'options'}: {where}: {what}", hint=hint) from error
     if at_most is not None:
         limited = {
             name: choice.model_copy(update={"at_most": min(at_most, choice.at_most or at_most)})
@@ -225,6 +227,8 @@ def _merged(held: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, 
     merged = dict(held)
     for key, value in overrides.items():
         if isinstance(value, Mapping):
+            if all(each is None for each in value.values()):
+                continue  # what the file says stays, whatever it is
             below = merged.get(key)
             if isinstance(below, str):  # a source that is given by its path alone
                 below = {"path": below}

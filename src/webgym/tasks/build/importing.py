@@ -9,6 +9,7 @@ from datetime import date
 
 import msgspec
 
+from webgym.core.errors import TaskFileError
 from webgym.tasks.build.books import Books
 from webgym.tasks.build.config import BuildConfig
 from webgym.tasks.build.progress import Stages
@@ -65,7 +66,7 @@ def import_tasks(config: BuildConfig, today: date, books: Books, stages: Stages)
     build sees them.
 
     Raises:
-        UsageError: a source cannot be read.
+        UsageError: a source cannot be read, or holds no task.
     """
     imported = Imported([], [], [])
     came: Counter[str] = Counter()
@@ -73,6 +74,11 @@ def import_tasks(config: BuildConfig, today: date, books: Books, stages: Stages)
     with stages.stage("import", len(config.sources)) as advance:
         for name, choice in config.sources.items():
             read = read_source(name, choice.path, today=today)
+            if not read.tasks:
+                raise TaskFileError(
+                    f"{choice.path} holds no task of {name}; the first that is none: {read.skipped[0]}",
+                    hint=f"webgym tasks sources --read {name}={choice.path} says more",
+                )
             came[name] = read.records
             lost[name, "no task"] = len(read.skipped)
             imported.skipped.extend((name, each) for each in read.skipped)

@@ -33,6 +33,7 @@ from webgym.tasks.statistics import describe
 from webgym.tasks.validate import validate
 
 MANIFEST: Final = "manifest.json"
+FAILED: Final = "failed.jsonl"
 _FORMAT: Final = 1
 
 
@@ -51,6 +52,7 @@ def write_build(build: Build, out: Path, today: date, stages: Stages) -> list[Pa
     written: list[Path] = []
     try:
         out.mkdir(parents=True, exist_ok=True)
+        (out / MANIFEST).unlink(missing_ok=True)  # an earlier build's, whose files are now replaced
         with stages.stage("write", len(build.tasks)) as advance:
             for split in ("train", "test"):
                 part = [task for task in build.tasks if task.split == split]
@@ -60,7 +62,7 @@ def write_build(build: Build, out: Path, today: date, stages: Stages) -> list[Pa
                 advance(len(part))
         for name, rows in _lists(build).items():
             written.append(out / name)
-            _write(written[-1], b"".join(msgspec.json.encode(row) + b"\n" for row in rows))
+            _write(written[-1], _rows(rows))
         with stages.stage("statistics", len(build.tasks)) as advance:
             statistics = describe(build.tasks)
             written.append(out / "statistics.json")
@@ -74,10 +76,23 @@ def write_build(build: Build, out: Path, today: date, stages: Stages) -> list[Pa
     return written
 
 
+def write_failures(build: Build, out: Path) -> Path:
+    """Write what a model could not be brought to do, of a build that comes to nothing.
+
+    Raises:
+        TaskFileError: the folder cannot be written.
+    """
+    try:
+        _write(out / FAILED, _rows(build.failures))
+    except OSError as error:
+        raise TaskFileError(f"cannot write to {out}: {error.strerror or error}") from error
+    return out / FAILED
+
+
 def _lists(build: Build) -> dict[str, Iterable[msgspec.Struct | dict[str, Any]]]:
     skipped = [{"source": source, **msgspec.structs.asdict(each)} for source, each in build.imported.skipped]
     return {
-        "failed.jsonl": build.failures,
+        FAILED: build.failures,
         "skipped.jsonl": skipped,
         "dropped.jsonl": build.dropped,
         "remarks.jsonl": build.remarks,
@@ -121,6 +136,10 @@ def _counts(tasks: Sequence[Task]) -> dict[str, Any]:
 def _write(path: Path, data: bytes) -> None:
     with whole_file(path) as file:
         file.write(data)
+
+
+def _rows(rows: Iterable[Any]) -> bytes:
+    return b"".join(msgspec.json.encode(row) + b"\n" for row in rows)
 
 
 def _indented(value: Any) -> bytes:

@@ -157,6 +157,11 @@ class Pipeline:
         self._pending: set[str] = set()
         self._build = Build(self._config, Books(config.sources))
 
+    @property
+    def so_far(self) -> Build:
+        """The build on its way."""
+        return self._build
+
     async def run(self) -> Build:
         """All stages, or as far as replies go: with some of them pending there is no split.
 

@@ -11,7 +11,7 @@ from typing import Final
 
 import yaml
 
-from webgym.core.errors import ConfigError, TaskFileError
+from webgym.core.errors import ConfigError, TaskFileError, TooFewWebsites
 from webgym.llm import (
     BatchFile,
     ChatClient,
@@ -25,7 +25,7 @@ from webgym.llm import (
 )
 from webgym.tasks.build.config import PURPOSES, BuildConfig, Purpose
 from webgym.tasks.build.estimate import Estimate, Estimator, estimate
-from webgym.tasks.build.outputs import write_build
+from webgym.tasks.build.outputs import write_build, write_failures
 from webgym.tasks.build.pipeline import Build, Pipeline
 from webgym.tasks.build.progress import Stages
 
@@ -84,7 +84,8 @@ async def run_build(config: BuildConfig, place: Place, stages: Stages) -> Finish
     """
     today = _settle(config, place.out)
     async with _clients(config, place.cache) as (clients, ledger):
-        build = await Pipeline(config, clients, stages, today=today, workers=_workers(config)).run()
+        pipeline = Pipeline(config, clients, stages, today=today, workers=_workers(config))
+        build = await _run(pipeline, place.out)
     return Finished(build, ledger, write_build(build, place.out, today, stages))
 
 
@@ -121,7 +122,8 @@ async def run_batch(config: BuildConfig, place: Place, folder: Path, stages: Sta
         collectors = {
             purpose: Collector(chat, cache).labelled(purpose) for purpose, chat in _chats(config).items()
         }
-        build = await Pipeline(config, collectors, stages, today=today, workers=_FEWEST_WORKERS).run()
+        pipeline = Pipeline(config, collectors, stages, today=today, workers=_FEWEST_WORKERS)
+        build = await _run(pipeline, place.out)
         if build.pending:
             return Noted(build, await write_batches(cache, folder))
         ledger = Ledger(cache, prices=Prices(config.prices))
@@ -144,6 +146,20 @@ async def run_dry(config: BuildConfig, place: Place, stages: Stages) -> Estimate
         build = await Pipeline(config, estimators, stages, today=today, workers=_FEWEST_WORKERS).run()
     names = {purpose: chat.model for purpose, chat in chats.items()}
     return estimate(build, estimators, names, Prices(config.prices))
+
+
+async def _run(pipeline: Pipeline, out: Path) -> Build:
+    """Run the stages; if so many tasks failed that no split is left to make, leave a list of them."""
+    try:
+        return await pipeline.run()
+    except TooFewWebsites as error:
+        failures = pipeline.so_far.failures
+        if not failures:
+            raise
+        raise TooFewWebsites(
+            f"{error.message}; {len(failures):,} tasks failed, the last: {failures[-1].reason}",
+            hint=f"{write_failures(pipeline.so_far, out)} has every reason and reply",
+        ) from error
 
 
 @asynccontextmanager

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
 import json
 import random
 from pathlib import Path
@@ -11,7 +13,11 @@ import pytest
 from tests.tasks.making import task
 
 from webgym.cli import main
+from webgym.core.observation import Observation
+from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
+from webgym.core.trajectory import Episode, Reply, Step, Trajectory
+from webgym.rollout.store import RunWriter
 from webgym.tasks import read_tasks, write_tasks
 from webgym.tasks.taxonomy import DOMAIN_OF
 
@@ -187,3 +193,65 @@ def test_stats_in_every_form(commands: Commands, tmp_path: Path, whole: Path) ->
     assert output.startswith("Tasks by source\nsource,websites,tasks,derived,train,test\ninsta-v3,")
     code, output = commands.run("tasks", "stats", whole, "--form", "pie")
     assert code == 2
+
+
+PICTURE = b"the store does not look inside"
+NAME = hashlib.sha256(PICTURE).hexdigest()
+
+
+def attempt(task: Task, sample: int, steps: int, outcome: Outcome) -> Trajectory:
+    seen = Observation(NAME, "https://a.example/", "", (1, 1))
+    turns = tuple(Step(index, seen, (), Reply("", "scripted")) for index in range(steps))
+    name = f"{task.id}#{sample}.0"
+    episode = Episode(name, task.id, sample, 0, 0, "scripted", 0.0, 1.0, turns, Ending.ANSWERED)
+    return Trajectory(episode, outcome)
+
+
+def run_of(path: Path, attempts: list[tuple[Task, int, Outcome]]) -> Path:
+    """A run folder with attempts of so many steps."""
+
+    async def write() -> None:
+        tasks = list({task.id: task for task, _, _ in attempts}.values())
+        async with await RunWriter.create(path, {"seed": 0}, tasks) as writer:
+            await writer.put_image(NAME, PICTURE)
+            for sample, (task, steps, outcome) in enumerate(attempts):
+                await writer.append(attempt(task, sample, steps, outcome))
+
+    asyncio.run(write())
+    return path
+
+
+def test_stats_take_lengths_from_runs(commands: Commands, tmp_path: Path, whole: Path) -> None:
+    easy, hard = (next(each for each in many() if each.level == level) for level in ("easy", "hard"))
+    run = run_of(
+        tmp_path / "run",
+        [
+            (easy, 2, Outcome.SUCCESS),
+            (easy, 6, Outcome.FAILURE),
+            (hard, 9, Outcome.TRUNCATED),
+            (hard, 40, Outcome.ENVIRONMENT_ERROR),  # carries no reward, so it says nothing
+        ],
+    )
+    code, output = commands.run("tasks", "stats", whole, "--run", run, "--form", "json")
+    assert code == 0, output
+    lengths = json.loads(output)["lengths"]
+    assert {level: found["counts"] for level, found in lengths.items()} == {
+        "easy": {"2": 1, "6": 1},
+        "hard": {"9": 1},
+    }
+    assert commands.run("tasks", "stats", whole, "--run", tmp_path)[0] == 2
+
+
+def test_sample_prefers_what_succeeded_half_the_time(commands: Commands, tmp_path: Path, whole: Path) -> None:
+    tasks = many()
+    attempts = [
+        (task, 1, Outcome.SUCCESS if place < 100 or sample % 2 else Outcome.FAILURE)
+        for place, task in enumerate(tasks)
+        for sample in range(4)
+    ]
+    run = run_of(tmp_path / "run", attempts)
+    code, output = commands.run("tasks", "sample", whole, "--count", 10, "--curriculum", run)
+    assert code == 0, output
+    assert len(set(output.split()) & {task.id for task in tasks[100:]}) >= 7
+    code, output = commands.run("tasks", "sample", whole, "--curriculum", run, "--spread-websites")
+    assert (code, "two ways of weighing" in output) == (2, True)

@@ -10,6 +10,7 @@ from tests.tasks.making import RUBRICS, rubric, task
 from webgym.core.task import Rubric
 from webgym.core.truth import AnswerTruth, Truth
 from webgym.tasks.decompose import Decomposing, decompose, derive, possible
+from webgym.tasks.published import DIFFICULTY_DIFFERS
 
 FREELY = Decomposing(per_parent=10_000)
 
@@ -42,15 +43,16 @@ def test_what_is_inherited_and_what_is_not() -> None:
         example_answer="perhaps both",
         split="train",
         website_from="derived",
-        flags=("dated",),
+        flags=("dated", DIFFICULTY_DIFFERS),
         extra={"attempt_level": 2},
         truth=Truth("a.example", (), AnswerTruth(), ()),
     )
     (child,) = derive(parent)
-    changed = {"id", "rubric", "parent_id", "reference_answer", "example_answer", "extra", "truth"}
+    changed = {"id", "rubric", "parent_id", "flags", "reference_answer", "example_answer", "extra", "truth"}
     assert {
         field for field in parent.__struct_fields__ if getattr(parent, field) != getattr(child, field)
     } == changed
+    assert child.flags == ("dated",)
     assert (child.reference_answer, child.example_answer, child.extra, child.truth) == (None, None, {}, None)
 
 

@@ -7,7 +7,8 @@ from tests.tasks.making import rubric, task
 
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.tasks.decompose import derive
-from webgym.tasks.validate import DIFFERS, RULES, Rule, validate
+from webgym.tasks.published import DIFFICULTY_DIFFERS
+from webgym.tasks.validate import RULES, Rule, validate
 
 GOOD = task("s/1", "https://good.example/", 3, 2, split="train")
 TEST = task("s/2", "https://www.tested.example/", split="test")
@@ -37,7 +38,7 @@ def bad(id: str, *sizes: int, **more: object) -> Task:
         (bad("s/3", domain="Cooking"), "domain", "there is no domain 'Cooking'"),
         (bad("s/3", subdomain="Soup", domain="Misc."), "domain", "there is no subdomain 'Soup'"),
         (bad("s/3", subdomain="Music", domain="Misc."), "domain", "'Music' belongs to 'Entertainment'"),
-        (bad("s/3", flags=(DIFFERS,)), "difficulty", "it has 1 facts"),
+        (bad("s/3", flags=(DIFFICULTY_DIFFERS,)), "difficulty", "it has 1 facts"),
         (bad("s/3", split=None), "split", "neither"),
         (bad("s/3", split="test", website="http://m.tested.example:80/x"), "distinct", "s/2"),
         (bad("s/3", website="TESTED.example"), "leak", "the test task s/2 is on it"),

@@ -16,6 +16,7 @@ import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.task import FactGroup, Rubric, Task
+from webgym.tasks.published import DIFFICULTY_DIFFERS
 
 SYNTHETIC: Final = ("pae-webvoyager", "agentsynth-web")
 """Sources that a model wrote. Deriving more from them fills the set with what looks alike (paper §3.1)."""
@@ -75,8 +76,8 @@ def derive(task: Task, limits: Decomposing | None = None) -> list[Task]:
     """The tasks that can be derived from this one, fewest groups first. None from a derived one.
 
     A derived task's id is ``<parent>+<group ids>``, ascending, so it is the same in whatever order the groups
-    come. It inherits website, domain, source, split and flags; not the answers, the hidden truth or foreign
-    columns, which are about the whole task.
+    come. It inherits website, domain, source, split and flags; not what is about the whole task: the answers,
+    the hidden truth, foreign columns, and the flag of a difficulty that is not the number of facts.
 
     Where there are more than the limits allow, a choice of subsets is taken that depends on the task's id and
     its groups' ids alone.
@@ -117,6 +118,7 @@ def _derived(task: Task, rubric: Rubric) -> Task:
         id=f"{task.id}+{'-'.join(str(group.id) for group in rubric.groups)}",
         rubric=rubric,
         parent_id=task.id,
+        flags=tuple(flag for flag in task.flags if flag != DIFFICULTY_DIFFERS),
         reference_answer=None,
         example_answer=None,
         extra={},

@@ -164,7 +164,7 @@ _NOTHING: Final = array("Q")
 class _Text:
     """One task's text, taken apart as far as it was asked for."""
 
-    __slots__ = ("block", "family", "folded", "id", "key", "raw", "shingles", "site")
+    __slots__ = ("_bag", "_names", "block", "family", "folded", "id", "key", "raw", "shingles", "site")
 
     def __init__(self, task: Task | SourceTask, family: str) -> None:
         self.id, self.raw, self.family = task.id, task.instruction, family
@@ -173,6 +173,8 @@ class _Text:
         self.key = self.site, joined(self.folded)
         self.block = -1
         self.shingles = _NOTHING
+        self._names: set[str] | None = None
+        self._bag: frozenset[str] = frozenset()
 
     def words(self) -> list[str]:
         """All words but the website's own name."""
@@ -180,7 +182,21 @@ class _Text:
         words = self.folded.split()
         return [word for word in words if word != own] if own in words else words
 
-    def particulars(self, wanted: set[str]) -> list[str]:
+    def says_the_same(self, other: _Text) -> bool:
+        """Whether both have the same numbers and names in the same order."""
+        here, there = self._named(), other._named()
+        if not (here <= other._bag and there <= self._bag):
+            return False  # what is a name in one is missing in the other
+        return self._particulars(here | there) == other._particulars(here | there)
+
+    def _named(self) -> set[str]:
+        """Its names but the website's own. Many texts are compared with one, so they are remembered."""
+        if self._names is None:
+            self._bag = frozenset(self.words())
+            self._names = names(self.raw) & self._bag
+        return self._names
+
+    def _particulars(self, wanted: set[str]) -> list[str]:
         """Its numbers, and its words among the wanted, in order."""
         found = []
         for word in self.words():
@@ -243,7 +259,7 @@ class _Pile:
             self._take_apart(text)
             shingles = frozenset(text.shingles)
             for other in self._candidates(text):
-                if self._overlap(shingles, other) and self._same_particulars(text, other):
+                if self._overlap(shingles, other) and text.says_the_same(other):
                     return other.id, "near"
         return None
 
@@ -293,11 +309,6 @@ class _Pile:
     def _overlap(self, shingles: frozenset[int], other: _Text) -> bool:
         shared = len(shingles.intersection(other.shingles))
         return shared >= self._limits.similarity * (len(shingles) + len(other.shingles) - shared)
-
-    @staticmethod
-    def _same_particulars(one: _Text, other: _Text) -> bool:
-        wanted = names(one.raw) | names(other.raw)
-        return one.particulars(wanted) == other.particulars(wanted)
 
 
 def _bits(count: int) -> int:

@@ -38,7 +38,7 @@ _THOUSANDS: Final = re.compile(r"(?<=\d),(?=\d{3}(?!\d))")
 _TWO_NUMBERS: Final = re.compile(r"\d \d")
 _NOT_BETWEEN_DIGITS: Final = re.compile(r"(?<!\d) | (?!\d)")
 _DIGITS: Final = re.compile(r"\d+(?: \d+)*")
-_WORD: Final = re.compile(r"(?<![\w'’])[^\W\d_][\w'’]*")
+_WORD: Final = re.compile(r"(?<![\w'’])[^\W\d_][\w'’+#]*")
 _BEGINNING: Final = re.compile(r"(?:\A|[.!?:;\"“(]\s*)\Z")
 
 

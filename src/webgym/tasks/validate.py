@@ -9,6 +9,7 @@ from typing import Final, Literal, TypeAlias
 
 from webgym.core.task import Task
 from webgym.tasks.families import roots_of
+from webgym.tasks.published import DIFFICULTY_DIFFERS
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 from webgym.tasks.websites import site_of, site_or_text
 
@@ -29,10 +30,6 @@ RULES: Final[dict[Rule, str]] = {
     "derived": "a derived task asks for some of its parent's groups, a large one among them, and no more",
 }
 """What is checked, in the order in which it is reported."""
-
-
-DIFFERS: Final = "difficulty-differs"
-"""The flag of a task whose record stated another difficulty than its facts'; nothing else states one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +122,7 @@ def _each(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Offender]:
             yield Offender("website", task.id, site, f"{task.website!r} names no website")
         if DOMAIN_OF.get(task.subdomain) != task.domain:
             yield Offender("domain", task.id, site, _what_domain(task))
-        if DIFFERS in task.flags:
+        if DIFFICULTY_DIFFERS in task.flags:
             yield Offender(
                 "difficulty", task.id, site, f"it has {task.difficulty} facts, and its row says else"
             )

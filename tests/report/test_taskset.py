@@ -192,8 +192,10 @@ class TestPages:
                 assert await picture.evaluate("image => image.naturalWidth") == 40
             await page.get_by_role("button", name="Travel & Transportation").click()
             await expect(page.locator("#rows-body tr")).to_have_count(4)
-            width = await page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
-            assert width[0] <= width[1]
+            for wide in (1200, 390):
+                await page.set_viewport_size({"width": wide, "height": 800})
+                width = await page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
+                assert width[0] <= width[1]
 
     async def test_search_filters_and_pages(self, browser: Browser, folder: Path) -> None:
         async with viewed(folder) as url, opened(browser, url) as page:

@@ -87,11 +87,14 @@ def normalised(reference: str, answer: str, instruction: str = "") -> Held:
         return Held(Match.SAME, "the answer says the same as the reference answer")
     if len(wanted) == 1 and wanted[0].word in _TRUTHS:
         return _truth(wanted[0].word, given)
+    if "?" in answer and "?" not in reference:
+        return Held(Match.UNSURE, "the answer asks")
     told = tokens(instruction)
     if all(token.value for token in wanted):
         return _values(wanted, given, told) if len(wanted) == 1 else _phrase(wanted, given, told)
-    if wanted[0].value and len(wanted) <= 3 and len(given) == 1 and given[0].value:
-        # "3 albums" and "3": the question says of what.
+    counted, lone = wanted[0].value, given[0].value if len(given) == 1 else None
+    if counted and lone and lone.kinds <= counted.kinds and len(wanted) <= 3 and not _bounds(wanted):
+        # "3 albums" and "3": the question says of what. "3 years" says so itself.
         return _values(wanted[:1], given, told)
     return _phrase(wanted, given, told)
 
@@ -170,8 +173,8 @@ def _closed(text: str) -> list[Token]:
 
 _TRUTHS: Final = {"yes": True, "true": True, "correct": True, "no": False, "false": False, "incorrect": False}
 _NEGATIONS: Final = frozenset(
-    "not no never neither nor isnt wasnt arent werent doesnt dont didnt cannot cant without except than "
-    "instead unlike rather wrong incorrect false excluding".split()
+    "not no never neither nor isnt wasnt arent werent doesnt dont didnt cannot cant couldnt wouldnt havent "
+    "hasnt hadnt wont without except than instead unlike rather wrong incorrect false excluding".split()
 )
 _QUALIFIERS: Final = frozenset(
     "about approximately approx around roughly over under above below nearly almost least most more less "
@@ -181,19 +184,35 @@ _HEDGES: Final = frozenset(
     "maybe perhaps possibly probably might could likely unsure unclear unknown either or guess assume "
     "alternatively but however".split()
 )
+_EVASIONS: Final = frozenset(
+    "unable failed fail fails failure nothing anything tried gave determine whether couldnt guessed guessing "
+    "sorry apologies blocked captcha error".split()
+)
+"""Words of an answer that says why there is none; what else it mentions is no answer."""
+_PLACES: Final = frozenset("page step http status screenshot tab attempt try".split())
+"""What is numbered without being counted."""
+_AFTER_TRUTH: Final = frozenset("it they he she there you this that these those we i".split())
 _FILLERS: Final = frozenset(
     "is are was were be been it its this that there here to for of in on at by with from and as which who "
     "whose where when while has have had costs cost called named titled answer result total price name found "
     "because so according page website shown listed currently now today per each also thus therefore "
     "final".split()
 )
+_JOINERS: Final = frozenset("and with of to from".split())
+"""Fillers that make one thing of what stands on both sides."""
 
 
 def _truth(wanted: str, given: Sequence[Token]) -> Held:
     """A yes or a no: the answer's first word, if it is the only such word."""
     said = {_TRUTHS[token.word] for token in given if token.word in _TRUTHS}
-    if given[0].word not in _TRUTHS or len(said) != 1:
+    if given[0].word not in _TRUTHS or len(said) != 1 or _is_hedged(given):
         return Held(Match.UNSURE, "the answer is no plain yes or no")
+    rest = given[1:]
+    if rest and rest[0].gap == "none" and rest[0].word not in _AFTER_TRUTH:
+        return Held(Match.UNSURE, f"“{given[0].word}” is part of something else in the answer")
+    words = {token.word for token in rest}
+    if words & {"find", "found", "see", "know"} or (said == {True} and words & _NEGATIONS):
+        return Held(Match.UNSURE, "the answer takes back what its first word says")
     if said == {_TRUTHS[wanted]}:
         return Held(Match.SAME, f"the answer says {given[0].word}")
     return Held(Match.DIFFERENT, f"the answer says {given[0].word}, not {wanted}")
@@ -214,6 +233,10 @@ def _values(wanted: Sequence[Token], given: Sequence[Token], told: Sequence[Toke
             found.append((place, match))
     matches = {match for _, match in found}
     if matches == {Match.SAME}:
+        if _is_hedged(given) or any(
+            token.word in _PLACES for place, _ in found for token in given[:place][-1:]
+        ):
+            return Held(Match.UNSURE, "the answer hedges, or gives the value of something else")
         if any(_is_qualified(given, place, place + 1) for place, _ in found):
             return Held(Match.UNSURE, "the answer qualifies the value")
         return Held(Match.SAME, "the answer gives the same value")
@@ -236,7 +259,7 @@ def _phrase(wanted: Sequence[Token], given: Sequence[Token], told: Sequence[Toke
         if not _is_apart(given, at, at + size) or _is_qualified(given, at, at + size):
             return Held(Match.UNSURE, "the reference answer's words are part of something else in the answer")
     for place, token in enumerate(given):
-        starts = place == 0 or token.gap == "strong"
+        starts = place == 0 or token.gap in ("label", "strong")
         if place not in inside and token.is_name and not starts and token.word not in known:
             return Held(Match.UNSURE, "the answer names something else too")
     return Held(Match.SAME, "the answer says the same as the reference answer")
@@ -246,13 +269,13 @@ def _is_apart(given: Sequence[Token], start: int, end: int) -> bool:
     """Whether these words are a phrase of their own, not a piece of a longer name or a list."""
     if start > 0:
         before, gap = given[start - 1], given[start].gap
-        if gap == "comma" or (gap == "none" and before.word not in _FILLERS) or before.word == "and":
+        if gap == "comma" or (gap == "none" and before.word not in _FILLERS - _JOINERS):
             return False
     if end < len(given):
         after = given[end]
         if after.gap == "strong":
             return True
-        return after.word in _FILLERS and after.word != "and"
+        return after.gap != "label" and after.word in _FILLERS - _JOINERS
     return True
 
 
@@ -270,7 +293,11 @@ def _is_qualified(given: Sequence[Token], start: int, end: int) -> bool:
 
 
 def _is_hedged(given: Sequence[Token]) -> bool:
-    return any(token.word in _HEDGES for token in given)
+    return any(token.word in _HEDGES or token.word in _EVASIONS for token in given)
+
+
+def _bounds(found: Sequence[Token]) -> bool:
+    return any(token.word in _QUALIFIERS | _NEGATIONS | {"or", "plus"} for token in found)
 
 
 def _items(found: Sequence[Token]) -> list[list[Token]]:
@@ -299,7 +326,7 @@ def _told_items(wanted: list[list[Token]], given: list[list[Token]], told: Seque
         spent.update(place for at in places for place in range(at, at + size))
     for place, token in enumerate(flat):
         is_new = token.value is not None or (token.is_name and token.word not in known)
-        if place not in spent and is_new and not (place == 0 or token.gap == "strong"):
+        if place not in spent and is_new and not (place == 0 or token.gap in ("label", "strong")):
             return Held(Match.UNSURE, "the answer names something else too")
     place = 0
     for piece in given:

@@ -73,6 +73,9 @@ UNITS: Final[dict[str, tuple[str, Decimal]]] = {
 }
 """Spelling to dimension and size in the dimension's own unit."""
 
+CASED_UNITS: Final = {"Kb": "kilobit", "Mb": "megabit", "Gb": "gigabit", "Tb": "terabit", "mW": "milliwatt"}
+"""Where case tells: not for sure bytes or megawatts, so no rule takes one for the other."""
+
 CURRENCY_SIGNS: Final[dict[str, str]] = {
     "us$": "USD",
     "a$": "AUD",

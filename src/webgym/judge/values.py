@@ -18,6 +18,7 @@ import msgspec
 
 from webgym.judge.units import (
     AMBIGUOUS_POUNDS,
+    CASED_UNITS,
     CURRENCY_SIGNS,
     CURRENCY_WORDS,
     MONTHS,
@@ -32,8 +33,8 @@ from webgym.judge.units import (
 Reading: TypeAlias = tuple[str, str, str]
 """Kind (``number``, ``money``, ``date``, ``clock``, ``ordinal``, a dimension), unit, canonical amount."""
 
-Gap: TypeAlias = Literal["none", "comma", "strong"]
-"""What stands between a token and the one before: nothing, a list's separator, the end of something."""
+Gap: TypeAlias = Literal["none", "comma", "label", "strong"]
+"""What stands before a token: nothing, a list's separator, a colon, the end of a sentence."""
 
 
 class Value(msgspec.Struct, frozen=True):
@@ -75,6 +76,19 @@ _ARTICLES: Final = frozenset({"the", "a", "an"})
 _FRACTIONS: Final = re.compile(r"(?:(?<!\d)(\d{1,12})\s?)?([¼½¾⅐⅑⅒⅓⅔⅕⅖⅗⅘⅙⅚⅛⅜⅝⅞])")
 _POWERS: Final = re.compile(r"(?<=\d)[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
 _GROUPING_SPACE: Final = re.compile(r"(?<=\d)[\u00a0\u2009\u202f](?=\d{3}(?!\d))")
+_BOUND: Final = re.compile(r"([<>≤≥≈~±]=?)(?=\s?[-$€£¥]?\s?\d)|(?<=\d)(\s?[<>≤≥≈]=?|\+(?![\w+]))")
+_BOUNDS: Final = {
+    "<": "under",
+    ">": "over",
+    "≤": "most",
+    "≥": "least",
+    "<=": "most",
+    ">=": "least",
+    "+": "plus",
+}
+"""Signs that make a bound of a number, as words; any other sign says that it is rounded."""
+_NAMED_NUMBER: Final = re.compile(r"\b(?:version|ver|release|v)\.?\s?$", re.IGNORECASE)
+_TAIL: Final = re.compile(r"[a-z]+\d[a-z\d]*", re.IGNORECASE)
 _BULLET: Final = re.compile(r"^[ \t]*(?:[-*•‣◦]|\d{1,2}[.)])[ \t]+", re.MULTILINE)
 _TYPOGRAPHY: Final = str.maketrans(
     {
@@ -125,7 +139,8 @@ _LEXER: Final = re.compile(
         (?:\s?(?P<sum_scale>(?:{_SCALE})\b)|(?P<sum_short>[kmb]\b))?)
     | (?P<number>(?<![\w.])-?{_N}|{_N})
     | (?P<number_word>\b(?:{_NUMERAL})\b)
-    | (?P<word>[^\W\d_][^\W_]*(?:'[^\W_]+)*(?:\+\+|\#)?|[^\W_]+)
+    | (?P<word>[^\W\d_][^\W_]*(?:'[^\W_]+)*(?:\+\+|\#|\+(?!\w)
+        |(?:(?<=\b[a-z])|(?<=\bab))-(?![\w-]))?|[^\W_]+)
     """,
     re.VERBOSE | re.IGNORECASE,
 )
@@ -185,7 +200,8 @@ def prepare(text: str) -> str:
     text = unicodedata.normalize("NFKC", text).translate(_TYPOGRAPHY)
     text = "".join(character for character in text if unicodedata.category(character) != "Cf")
     text = _without_accents(text)
-    return _BULLET.sub("", text).replace("&", " and ")
+    text = _BULLET.sub("", text).replace("&", " and ")
+    return _BOUND.sub(lambda match: f" {_BOUNDS.get(match[0].strip(), 'about')} ", text)
 
 
 def _fraction(match: re.Match[str]) -> str:
@@ -204,9 +220,13 @@ def _without_accents(text: str) -> str:
 
 
 def _gap(between: str) -> Gap:
+    if between == "-":  # one word, as in blue-green
+        return "none"
     if any(character in between for character in ",;\n/|"):
         return "comma"
-    return "strong" if any(character in between for character in '.:!?()[]"=-') else "none"
+    if any(character in between for character in ":="):
+        return "label"
+    return "strong" if any(character in between for character in '.!?()[]"-') else "none"
 
 
 def _token(match: re.Match[str], text: str) -> tuple[Token | None, int]:
@@ -276,7 +296,8 @@ def _number(match: re.Match[str], text: str) -> tuple[Token | None, int]:
     if raw in ORDINAL_WORDS:
         return Token("", _of("ordinal", "", Decimal(ORDINAL_WORDS[raw]))), match.end()
     amount = Decimal(NUMBER_WORDS[raw]) if raw in NUMBER_WORDS else read_number(raw)
-    if amount is None:  # a version, an address, a list without spaces
+    is_version = _NAMED_NUMBER.search(text, max(0, match.start() - 12), match.start())
+    if amount is None or is_version:  # an address, a list without spaces
         return Token(raw, is_name=True), match.end()
     after = _UNIT.match(text, match.end())
     assert after is not None
@@ -294,11 +315,17 @@ def _number(match: re.Match[str], text: str) -> tuple[Token | None, int]:
     end = after.end("scale") if after["scale"] else match.end()
     if end == match.end() and attached:  # 4x4, 3D, A4: a name that begins with a digit
         return Token(raw + attached.casefold(), is_name=True), after.end()
+    if end == match.end() and (tail := _TAIL.match(text, end)):  # 1e6, 3f2a
+        return Token(raw + tail[0].casefold(), is_name=True), tail.end()
+    if re.fullmatch(r"0\d+", raw):  # a code: its zeros count
+        return Token(raw, is_name=True), end
     return Token("", _of("number", "", amount)), end
 
 
 def _with_unit(amount: Decimal, unit: str) -> Value | None:
     """An amount of a unit, if it is one."""
+    if unit in CASED_UNITS:
+        return _of(CASED_UNITS[unit], "", amount)
     name = re.sub(r"[\s.]", "", unit.casefold())
     name = _SPELLINGS.get(name, name)
     if name in AMBIGUOUS_POUNDS:
@@ -361,6 +388,7 @@ def _numeric_date(match: re.Match[str]) -> Value | None:
 def _named_date(match: re.Match[str]) -> Value | None:
     weekday = re.match(rf"(?:{WEEKDAYS})\b\.?,?\s+", match[0], re.IGNORECASE)
     said = match[0][weekday.end() :] if weekday else match[0]
+    said = re.sub(r"(?<=\d)(?:st|nd|rd|th)", " ", said, flags=re.IGNORECASE)
     month = next(MONTHS[word] for word in re.findall(r"[a-z]+", said.casefold()) if word in MONTHS)
     numbers = [int(piece) for piece in re.findall(r"\d+", said)]
     year = next((number for number in numbers if number > 31), None)
@@ -433,7 +461,7 @@ def _summed(found: list[Token]) -> list[Token]:
             pending_and = token
             continue
         before = made[-1].value if made else None
-        if before and token.value and token.gap != "strong" and _adds_up(before, token.value):
+        if before and token.value and token.gap not in ("label", "strong") and _adds_up(before, token.value):
             total = _amount(before) + _amount(token.value)
             (kind,) = before.kinds
             both = Value(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -104,6 +105,39 @@ def test_a_function_of_ones_own(run: Path, tmp_path: Path, monkeypatch: pytest.M
     assert webgym("judge", run, "--judge", "lenient_judges:always", "--limit", "3") == 0
     (held,) = read_verdicts(run).values()
     assert len(held) == 3
+
+
+def test_a_judge_that_always_fails_is_told_with_its_reason(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "failing_judges.py").write_text(
+        "def never(task, episode): raise ValueError('no\\x1b[31m idea')\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert webgym("judge", run, "--judge", "failing_judges:never", "--limit", "3") == 1
+    said = capsys.readouterr().out
+    assert "judged     0 of" in said
+    assert "  3 failing_judges:never failed: ValueError: no [31m idea" in said
+    assert "\x1b" not in said
+
+
+def test_what_was_paid_for_attempts_without_a_verdict_is_told(
+    run: Path, judge_model: JudgeModel, capsys: pytest.CaptureFixture[str]
+) -> None:
+    judge_model.answers = lambda asked: "It looks fine to me."
+    arguments = ["--base-url", judge_model.url, "--model", "mumbler", "--price", "2,8", "--limit", "2"]
+    assert webgym("judge", run, *arguments) == 1
+    said, asked = capsys.readouterr().out, len(judge_model.asked)
+    assert asked > 0
+    paid = re.search(
+        r"^paid now   ([0-9]+) replies, ([0-9]+) \+ ([0-9]+) tokens, \$0\.[0-9]+$", said, re.MULTILINE
+    )
+    assert paid is not None
+    count = int(paid[1])
+    assert 0 < count <= asked  # those that a failure beside them called off were not waited for
+    assert (int(paid[2]), int(paid[3])) == (count * 12, count * 3)
+    assert "no clear verdict in 3 replies" in said
 
 
 @pytest.mark.parametrize(

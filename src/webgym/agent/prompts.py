@@ -28,7 +28,7 @@ _ACTIONS: dict[str, str] = {
 
 _SCREEN: dict[Mode, str] = {
     "coordinates": "The screen is {0}x{1}, from (0, 0) at the top left to ({0}, {1}) at the bottom right.",
-    "marks": "The screen is {0}x{1}. Every element that can be used carries a number on the screenshot; "
+    "marks": "Every element that can be used carries a number on the screenshot; "
     "name an element by that number.",
 }
 

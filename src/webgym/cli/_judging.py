@@ -13,6 +13,7 @@ from rich.text import Text
 from webgym.core.outcome import Outcome
 from webgym.core.verdict import Cost
 from webgym.llm.ledger import Ledger
+from webgym.llm.usage import Usage
 from webgym.rollout.live import COLORS
 from webgym.rollout.rejudge import Judging
 
@@ -77,4 +78,15 @@ def print_account(ledger: Ledger, console: Console) -> None:
             f"{usage.completion_tokens:,}",
             "not known" if usage.unpriced else f"{usage.dollars:.4f}",
         )
+    console.print("all that judges were asked about this run:", style="dim", highlight=False)
     console.print(table)
+
+
+def spent_since(before: Usage, now: Usage) -> Cost:
+    """What was paid between two states of an account, verdict or none."""
+    return Cost(
+        calls=now.calls - before.calls,
+        prompt_tokens=now.prompt_tokens - before.prompt_tokens,
+        completion_tokens=now.completion_tokens - before.completion_tokens,
+        dollars=now.dollars - before.dollars,
+    )

@@ -11,6 +11,23 @@ from webgym.core.task import LEVELS
 from webgym.rollout.live import COLORS, duration
 from webgym.rollout.summary import Summary
 
+REASONS = 5
+"""How many reasons of attempts without a reward are shown; the report has all."""
+
+_FAILED = (Outcome.POLICY_ERROR, Outcome.ENVIRONMENT_ERROR, Outcome.JUDGE_ERROR)
+
+
+def line(message: str, limit: int = 300) -> str:
+    """A message of others on a terminal: one line without control characters."""
+    told = " ".join("".join(char if char.isprintable() else " " for char in message).split())
+    return told if len(told) <= limit else f"{told[: limit - 1]}…"
+
+
+def all_failed(summary: Summary) -> bool:
+    """Whether there were attempts and every one of them ended in an error."""
+    failed = sum(summary["outcomes"].get(outcome, 0) for outcome in _FAILED)
+    return 0 < failed == summary["attempts"]
+
 
 def print_summary(summary: Summary, console: Console) -> None:
     """Outcomes and success rates of a run."""
@@ -41,6 +58,10 @@ def print_summary(summary: Summary, console: Console) -> None:
     console.print(rates)
     console.print()
     console.print(outcomes)
+    for code, loss in list(summary["losses"].items())[:REASONS]:
+        reason = f": {line(loss['message'])}" if loss["message"] else ""
+        told = f"  {loss['count']} {code}{reason} ({loss['attempt_id']})"
+        console.print(told, highlight=False, soft_wrap=True, markup=False)
     console.print(
         f"{summary['attempts']} trajectories, {summary['steps']} steps in "
         f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{latency}",

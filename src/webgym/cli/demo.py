@@ -51,7 +51,7 @@ def command(
 
     from webgym.agent.config import AgentConfig
     from webgym.cli._run import policy_choice, run, show_on, tell_on
-    from webgym.cli._summary import print_summary
+    from webgym.cli._summary import all_failed, print_summary
     from webgym.collection import RunConfig, TaskChoice, collect
     from webgym.report import write_report
     from webgym.rollout.collector import CollectorConfig
@@ -75,3 +75,5 @@ def command(
     report = write_report(folder)
     print_summary(summary, console)
     console.print(f"\nreport   {report}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True)
+    if all_failed(summary):
+        raise typer.Exit(1)

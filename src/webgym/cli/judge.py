@@ -16,6 +16,7 @@ from webgym.cli._agreement import agreement_command
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from webgym.core.verdict import Cost
     from webgym.rollout.rejudge import Judging
 
 
@@ -104,10 +105,11 @@ def judge_a_run(
     May be stopped at any time and called again: what was judged is kept, by the judge's name, in
     RUN/verdicts, and nothing is asked or counted twice. The run's own verdicts are not touched.
     """
+    import msgspec
     from rich.console import Console
 
     from webgym.cli._judge import judge_choice, own_choice
-    from webgym.cli._judging import print_account, showing
+    from webgym.cli._judging import print_account, showing, spent_since
     from webgym.cli._run import run as run_job
     from webgym.judge.factory import open_judge
     from webgym.llm import Ledger, Prices, ReplyCache
@@ -138,43 +140,55 @@ def judge_a_run(
     known = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
     settings = RejudgeConfig(judges=concurrency, limit=limit, again=again)
 
-    async def job() -> Judging:
+    async def job() -> tuple[Judging, Cost]:
         folder = run / VERDICTS
         folder.mkdir(exist_ok=True)
         async with ReplyCache(folder / REPLIES) as cache:
             ledger = Ledger(cache, prices=known)
+            before = msgspec.structs.replace(ledger.totals.all)
             async with open_judge(choice, cache=cache, ledger=ledger) as opened:
                 with showing(console) as show:
                     state = await judge_run(run, opened, settings, show=show)
             if choice.name == "rubric":
                 print_account(ledger, console)
-            return state
+            return state, spent_since(before, ledger.totals.all)
 
-    state = run_job(job)
-    _print(state, console)
+    state, spent = run_job(job)
+    _print(state, spent, console)
     if compare is not None:
         _, mine = verdicts_of(run, state.judge)
         name, theirs = verdicts_of(run, compare)
         _print_comparison(state.judge, name, compare_verdicts(mine, theirs), console)
+    if 0 < sum(state.failures.values()) == state.done:
+        raise typer.Exit(1)
 
 
 app.command("agreement")(agreement_command)
 
 
-def _print(state: Judging, console: Console) -> None:
+def _print(state: Judging, spent: Cost, console: Console) -> None:
     from webgym.cli._judging import cost_line, outcomes_line
+    from webgym.cli._summary import REASONS, line
 
     console.print(f"judge      {state.judge}", highlight=False, soft_wrap=True, markup=False)
-    told = f"{state.done} of {state.total} attempts judged, {state.earlier} of them earlier"
+    unjudged = sum(state.failures.values())
+    told = f"{state.done - unjudged} of {state.total} attempts judged, {state.earlier} of them earlier"
     skipped = f"; {state.skipped} did not end of their own" if state.skipped else ""
     console.print(f"judged     {told}{skipped}", highlight=False, soft_wrap=True)
     console.print("outcomes  ", outcomes_line(state))
+    for message, count in state.failures.most_common(REASONS):
+        console.print(f"  {count} {line(message)}", highlight=False, soft_wrap=True, markup=False)
     console.print(f"cost       {cost_line(state.cost)}", highlight=False, soft_wrap=True)
-    if state.earlier:
+    if spent.calls > state.spent.calls - state.spent.cached:
+        # What was paid for attempts that have no verdict stands in none.
+        console.print(f"paid now   {cost_line(spent)}", highlight=False, soft_wrap=True)
+    elif state.earlier:
         console.print(f"cost now   {cost_line(state.spent)}", highlight=False, soft_wrap=True)
 
 
 def _print_comparison(one: str, other: str, comparison: Any, console: Console) -> None:
+    from webgym.cli._summary import line
+
     both, agreed = comparison.both, comparison.agreed
     share = f"{agreed / both:.1%}" if both else "–"
     console.print()
@@ -185,7 +199,7 @@ def _print_comparison(one: str, other: str, comparison: Any, console: Console) -
     for difference in comparison.differences:
         outcomes = f"{difference.one.outcome} / {difference.other.outcome}"
         console.print(
-            f"  {difference.attempt_id}: {outcomes}: {difference.why()}",
+            f"  {difference.attempt_id}: {outcomes}: {line(difference.why(), 600)}",
             highlight=False,
             soft_wrap=True,
             markup=False,

@@ -46,7 +46,7 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
-    from webgym.cli._summary import print_summary
+    from webgym.cli._summary import all_failed, print_summary
     from webgym.collection import ServerChoice, collect
     from webgym.collection import resume as go_on
     from webgym.core.errors import UsageError
@@ -87,3 +87,5 @@ def command(
     console.print(f"\nrun      {folder}", highlight=False, soft_wrap=True)
     if path is not None:
         console.print(f"report   {path}", highlight=False, soft_wrap=True)
+    if all_failed(summary):
+        raise typer.Exit(1)

@@ -66,6 +66,7 @@ class Judging:
         cost: of all verdicts.
         spent: of the verdicts that were made now.
         failed_in_a_row: the latest attempts without a verdict.
+        failures: why attempts have no verdict, and how many have none for this reason.
     """
 
     judge: str
@@ -77,11 +78,14 @@ class Judging:
     cost: Cost = field(default_factory=Cost)
     spent: Cost = field(default_factory=Cost)
     failed_in_a_row: int = 0
+    failures: Counter[str] = field(default_factory=Counter)
 
     def count(self, judged: Judged, *, now: bool) -> None:
         """Take note of a judgement."""
         self.done += 1
         self.outcomes[judged.outcome] += 1
+        if judged.failure:
+            self.failures[judged.failure.message] += 1
         cost = judged.verdict.cost if judged.verdict and judged.verdict.cost else Cost()
         self.cost += cost
         if now:

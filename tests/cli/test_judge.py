@@ -167,6 +167,14 @@ def test_a_folder_that_is_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "is not a run" in capsys.readouterr().err
 
 
+def test_a_folder_that_takes_no_verdicts_is_one_line(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (run / "verdicts").touch()
+    assert webgym("judge", run, "--judge", "offline") != 0
+    told = capsys.readouterr().err
+    assert "verdicts" in told
+    assert "unexpected" not in told
+
+
 def test_settings_from_a_file(run: Path, judge_model: JudgeModel, tmp_path: Path) -> None:
     file = tmp_path / "judge.yaml"
     file.write_text(

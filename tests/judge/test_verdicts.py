@@ -199,3 +199,10 @@ def test_lists_of_verdicts() -> None:
     assert isinstance(read_per_image(reply + "\nSCREENSHOT 1: YES", 3, CODE), NoVerdict)
     assert isinstance(read_per_image(reply, 3, CODE, finish_reason="length"), NoVerdict)
     assert read_per_image(reply + f"\nSCREENSHOT 3 {CODE}: YES", 3, CODE) == (False, True, True)
+
+
+@pytest.mark.parametrize(
+    "text", ["VERDICT c0de: NOT\nSUCCESS", "NOT\n\n**SUCCESS**", "NOT\u2028SUCCESS", "It is not:\nSUCCESS"]
+)
+def test_a_negative_verdict_in_two_lines_is_no_positive_one(text: str) -> None:
+    assert isinstance(read_verdict(text, "criterion", "c0de"), NoVerdict)

@@ -113,7 +113,7 @@ def judge_a_run(
     from webgym.cli._run import run as run_job
     from webgym.judge.factory import open_judge
     from webgym.llm import Ledger, Prices, ReplyCache
-    from webgym.rollout.files import VERDICTS
+    from webgym.rollout.files import VERDICTS, disk_errors
     from webgym.rollout.rejudge import RejudgeConfig, judge_run, verdicts_of
     from webgym.rollout.rejudge import compare as compare_verdicts
     from webgym.rollout.store import RunReader
@@ -142,7 +142,8 @@ def judge_a_run(
 
     async def job() -> tuple[Judging, Cost]:
         folder = run / VERDICTS
-        folder.mkdir(exist_ok=True)
+        with disk_errors(f"making {folder}"):
+            folder.mkdir(exist_ok=True)
         async with ReplyCache(folder / REPLIES) as cache:
             ledger = Ledger(cache, prices=known)
             before = msgspec.structs.replace(ledger.totals.all)

@@ -35,6 +35,8 @@ _MARKUP: Final = "*_`#\"'“”‘’«»[](){}"
 """Emphasis, not quotation: a line that begins with ``>`` or ``|`` repeats what somebody else said."""
 _CODE: Final = r"(?: (?P<code>[0-9a-z]{4,64}))?\s?[:=–—-]\s?"
 _LINE: Final = re.compile(rf"(?:(?:final )?verdict{_CODE})?(?P<said>not success|success|yes|no)")
+_DANGLING: Final = re.compile(r"\bnot[\s:.…-]*$")
+"""A negative verdict that was broken in two lines."""
 _IMAGE_LINE: Final = re.compile(
     rf"(?:screenshot|image|picture) (?P<number>[0-9]{{1,4}}){_CODE}(?P<said>yes|no)"
 )
@@ -88,6 +90,8 @@ def read_verdict(
     if last is None:
         return NoVerdict(f"the last line is no verdict line; it must say {positive} or {negative}")
     verdict, is_signed = last
+    if verdict and any(_DANGLING.search(plain(line)) for line in lines[-2:-1]):
+        return NoVerdict(f"the line before the last ends in NOT; say {positive} or {negative} on one line")
     if not is_signed and not bare:
         return NoVerdict("the verdict line does not carry the code of this request")
     # What stands in the reply without the code may be quoted; only a signed line outweighs it.

@@ -206,3 +206,9 @@ def test_lists_of_verdicts() -> None:
 )
 def test_a_negative_verdict_in_two_lines_is_no_positive_one(text: str) -> None:
     assert isinstance(read_verdict(text, "criterion", "c0de"), NoVerdict)
+
+
+def test_a_whole_signed_line_counts_after_a_line_that_ends_in_not() -> None:
+    found = read_verdict("It is not\nVERDICT c0de: SUCCESS", "criterion", "c0de")
+    assert isinstance(found, Finding)
+    assert found.passed

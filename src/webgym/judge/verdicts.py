@@ -90,7 +90,7 @@ def read_verdict(
     if last is None:
         return NoVerdict(f"the last line is no verdict line; it must say {positive} or {negative}")
     verdict, is_signed = last
-    if verdict and any(_DANGLING.search(plain(line)) for line in lines[-2:-1]):
+    if verdict and not is_signed and any(_DANGLING.search(plain(line)) for line in lines[-2:-1]):
         return NoVerdict(f"the line before the last ends in NOT; say {positive} or {negative} on one line")
     if not is_signed and not bare:
         return NoVerdict("the verdict line does not carry the code of this request")

@@ -194,8 +194,9 @@ class TestPages:
             await expect(page.locator("#rows-body tr")).to_have_count(4)
             for wide in (1200, 390):
                 await page.set_viewport_size({"width": wide, "height": 800})
-                width = await page.evaluate("[document.documentElement.scrollWidth, innerWidth]")
-                assert width[0] <= width[1]
+                await page.wait_for_function(
+                    "wide => innerWidth == wide && document.documentElement.scrollWidth <= wide", arg=wide
+                )
 
     async def test_search_filters_and_pages(self, browser: Browser, folder: Path) -> None:
         async with viewed(folder) as url, opened(browser, url) as page:

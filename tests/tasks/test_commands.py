@@ -153,6 +153,19 @@ def test_a_file_of_drawn_tasks_holds_each_once(commands: Commands, tmp_path: Pat
     assert not held.broken
 
 
+def test_a_read_only_file_system_is_one_line(
+    commands: Commands, tmp_path: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(Path, "unlink", refuse)
+    (tmp_path / "taken").touch()
+    out = tmp_path / "taken" / "drawn.jsonl"
+    code, output = commands.run("tasks", "sample", whole, "--count", 3, "--out", out)
+    assert (code, f"webgym: cannot write {out}: " in output) == (2, True), output
+
+
 def test_sample_chooses(commands: Commands, tmp_path: Path, whole: Path) -> None:
     out = tmp_path / "drawn.jsonl"
     options = ("--ratio", "1:1:2", "--without", "Entertainment", "--block", "https://site3.example/x")

@@ -12,7 +12,7 @@ import os
 import uuid
 import zlib
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
@@ -133,7 +133,8 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
             f"cannot write {path}: {error.strerror or error}", hint="choose another place or free some space"
         ) from error
     finally:
-        torn.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only file system refuses even to look for it
+            torn.unlink(missing_ok=True)
 
 
 def _sync(path: Path) -> None:

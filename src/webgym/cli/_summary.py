@@ -58,12 +58,17 @@ def print_summary(summary: Summary, console: Console) -> None:
     console.print(rates)
     console.print()
     console.print(outcomes)
-    for code, loss in list(summary["losses"].items())[:REASONS]:
-        reason = f": {line(loss['message'])}" if loss["message"] else ""
-        told = f"  {loss['count']} {code}{reason} ({loss['attempt_id']})"
-        console.print(told, highlight=False, soft_wrap=True, markup=False)
+    print_losses(summary, console)
     console.print(
         f"{summary['attempts']} trajectories, {summary['steps']} steps in "
         f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{latency}",
         highlight=False,
     )
+
+
+def print_losses(summary: Summary, console: Console) -> None:
+    """Why attempts carry no reward, the commonest reasons first."""
+    for code, loss in list(summary["losses"].items())[:REASONS]:
+        reason = f": {line(loss['message'])}" if loss["message"] else ""
+        told = f"  {loss['count']} {code}{reason} ({loss['attempt_id']})"
+        console.print(told, highlight=False, soft_wrap=True, markup=False)

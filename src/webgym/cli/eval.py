@@ -79,6 +79,7 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
+    from webgym.cli._summary import all_failed, print_losses
     from webgym.collection import ServerChoice, collect
     from webgym.collection import resume as go_on
     from webgym.report import write_report
@@ -98,7 +99,7 @@ def command(
     if resume is not None:
         folder = resume
         servers = ServerChoice(url=server, sites_url=sites) if server or sites else None
-        _run.run(
+        summary = _run.run(
             lambda: go_on(
                 folder, secrets=secrets, server=servers, skip_corrupt=skip_corrupt, show=show, tell=tell
             )
@@ -122,11 +123,14 @@ def command(
             )
         )
         folder = out or _new_folder()
-        _run.run(lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell))
+        summary = _run.run(lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell))
     if report:
         write_report(folder)
     _tell([evaluate(folder)], console, as_json, as_markdown, as_latex)
+    print_losses(summary, console)
     console.print(f"\nrun      {folder}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True)
+    if all_failed(summary):
+        raise typer.Exit(1)
 
 
 def _tell(

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from webgym.cli._run import settings
+from webgym.tasks.build.config import read_config
+from webgym.tasks.sources import SOURCES
 
 ROOT = Path(__file__).parent.parent
 
@@ -27,6 +29,14 @@ def test_an_example_runs(example: Path, tmp_path: Path) -> None:
     assert "attempts" in done.stdout
 
 
-@pytest.mark.parametrize("preset", sorted((ROOT / "configs").glob("*.yaml")), ids=lambda path: path.stem)
-def test_a_preset_loads(preset: Path) -> None:
+TASK_SET = ROOT / "configs" / "task-set.yaml"
+RUNS = sorted(set((ROOT / "configs").glob("*.yaml")) - {TASK_SET})
+
+
+@pytest.mark.parametrize("preset", RUNS, ids=lambda path: path.stem)
+def test_a_preset_of_a_run_loads(preset: Path) -> None:
     assert settings(preset, {}).policy.name == "openai"
+
+
+def test_the_preset_of_the_task_set_names_all_its_sources() -> None:
+    assert set(read_config(TASK_SET, {}).sources) == set(SOURCES) - {"webgym"}

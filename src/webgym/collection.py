@@ -29,6 +29,7 @@ from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile, profile_of
 from webgym.core.errors import ConfigError, RunFolderError, Unauthorized
 from webgym.core.task import Task
+from webgym.core.websites import site_or_text
 from webgym.judge import Judge
 from webgym.judge.factory import JudgeChoice, open_judge
 from webgym.llm.config import ChatConfig
@@ -44,7 +45,6 @@ from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
 from webgym.tasks import BrokenRecord, draw, draw_spread, read_tasks
-from webgym.tasks.websites import site_or_text
 
 
 class _Settings(BaseModel):

@@ -12,9 +12,9 @@ from tests.conftest import Commands
 from webgym.bench.tasks import STAGES, Run, Stage, TasksBench, TasksFigures, dominating, missed, tasks_tables
 from webgym.bench.taskset import Shape, make_lengths, make_tasks
 from webgym.core.task import LEVELS
+from webgym.core.websites import site_of
 from webgym.tasks.sources import SOURCES
 from webgym.tasks.statistics import describe
-from webgym.tasks.websites import site_of
 
 SMALL = Shape(tasks=6_000, websites=2_500)
 

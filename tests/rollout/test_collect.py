@@ -17,6 +17,7 @@ from webgym.collection import PolicyChoice, RunConfig, ServerChoice, TaskChoice,
 from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
+from webgym.core.websites import site_of
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
 from webgym.rollout.attempt import AttemptConfig
@@ -25,7 +26,6 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.tasks import draw, write_tasks
-from webgym.tasks.websites import site_of
 
 pytestmark = pytest.mark.browser
 

@@ -14,12 +14,12 @@ from tests.tasks.making import rubric, task
 
 from webgym.core.errors import TooFewWebsites
 from webgym.core.task import LEVELS, Task
+from webgym.core.websites import site_of
 from webgym.tasks.balance import balanced
 from webgym.tasks.decompose import decompose
 from webgym.tasks.split import SplitConfig, split
 from webgym.tasks.taxonomy import DOMAIN_OF
 from webgym.tasks.validate import validate
-from webgym.tasks.websites import site_of
 
 FORMS = (
     "https://{}/",

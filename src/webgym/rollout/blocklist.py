@@ -1,7 +1,7 @@
 """Websites that kept the agent out are left alone for a while (paper §4; 12 h in the authors' code).
 
 A file of lines ``{"site", "at", "reason"}`` that grows by one line per blocked attempt and may be shared by
-the runs of one machine. The registrable domain decides (:mod:`webgym.tasks.websites`): whoever blocks on one
+the runs of one machine. The registrable domain decides (:mod:`webgym.core.websites`): whoever blocks on one
 host of a website blocks on the others.
 """
 
@@ -14,8 +14,8 @@ from pathlib import Path
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
+from webgym.core.websites import site_or_text
 from webgym.rollout.files import Log, disk_errors
-from webgym.tasks.websites import site_or_text
 
 
 class BlocklistConfig(BaseModel):

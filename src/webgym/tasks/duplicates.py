@@ -1,6 +1,6 @@
 """The same task twice, within a source and across sources (SOURCES.md, pitfall 5).
 
-Two tasks can only repeat each other on one website (:func:`webgym.tasks.websites.site_of`; where it is not
+Two tasks can only repeat each other on one website (:func:`webgym.core.websites.site_of`; where it is not
 known yet, that is one of its own). There, they are
 
 * **the same** if nothing but case, punctuation, white space and Unicode's forms tells their texts apart;
@@ -27,12 +27,12 @@ from typing import Final, Generic, Literal, TypeAlias, TypeVar
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.task import Task
+from webgym.core.websites import site_or_text
 from webgym.tasks.decompose import SYNTHETIC
 from webgym.tasks.families import roots_of
 from webgym.tasks.files import collector_paused
 from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.texts import LITTLE, fold, joined, names, number, template
-from webgym.tasks.websites import site_or_text
 
 AnyTask = TypeVar("AnyTask", Task, SourceTask)
 Why: TypeAlias = Literal["same", "near", "parent", "template", "website"]

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webgym.core.task import Task
-from webgym.tasks.websites import site_of
+from webgym.core.websites import site_of
 
 Places: TypeAlias = NDArray[np.intp]
 

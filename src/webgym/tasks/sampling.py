@@ -27,8 +27,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from webgym.core.errors import ConfigError, NothingToDraw
 from webgym.core.task import LEVELS, Level, Task
+from webgym.core.websites import site_of, site_or_text
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
-from webgym.tasks.websites import site_of, site_or_text
 
 T = TypeVar("T")
 

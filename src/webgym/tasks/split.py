@@ -1,6 +1,6 @@
 """Training and test tasks that share no website (paper §3.2; SYSTEM.md 1.5).
 
-Every test task is from a website of its own (:func:`webgym.tasks.websites.site_of`: the registrable domain
+Every test task is from a website of its own (:func:`webgym.core.websites.site_of`: the registrable domain
 decides), and no training task is on any of these websites. Families stay together: whatever descends from a
 test task, or from a task on a test website, is no training task, wherever it is itself.
 
@@ -21,10 +21,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.errors import TooFewWebsites
 from webgym.core.task import Task
+from webgym.core.websites import site_of
 from webgym.tasks.balance import balanced
 from webgym.tasks.families import roots_of
 from webgym.tasks.files import collector_paused
-from webgym.tasks.websites import site_of
 
 WhyLeftOut: TypeAlias = Literal["test website", "test family", "no website"]
 

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from webgym.core.task import LEVELS, Level, Task, level_of
+from webgym.core.websites import site_or_text
 from webgym.tasks.taxonomy import DOMAINS
-from webgym.tasks.websites import site_or_text
 
 Part: TypeAlias = Literal["train", "test", "decomposed", "unsplit"]
 PARTS: Final[tuple[Part, ...]] = ("train", "test", "decomposed", "unsplit")

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from webgym.core.task import Task
+from webgym.core.websites import site_of, site_or_text
 from webgym.tasks.families import roots_of
 from webgym.tasks.published import DIFFICULTY_DIFFERS
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
-from webgym.tasks.websites import site_of, site_or_text
 
 Rule: TypeAlias = Literal[
     "id", "instruction", "website", "domain", "difficulty", "split", "distinct", "leak", "family", "derived"

@@ -16,13 +16,13 @@ from pydantic import BaseModel, ConfigDict, Field
 from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.text import fold, says
+from webgym.core.websites import host_of
 from webgym.llm import Completes, Completion, Sampling, ask_for
 from webgym.tasks import prompts
 from webgym.tasks.rules import Asked, Draft, DraftGroup, Finding, check_rubric
 from webgym.tasks.rules.reading import Text
 from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF
-from webgym.tasks.websites import host_of
 
 _REASONS: Final = 6
 """Findings that a model is told at once; the others may well go with them."""

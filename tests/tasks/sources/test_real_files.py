@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from tests.tasks.sources import native
 
+from webgym.core.websites import host_of
 from webgym.tasks.published import DIFFICULTY_DIFFERS, NONE_FACT
 from webgym.tasks.sources import Read, read_source
 from webgym.tasks.sources.base import DATED, ENCRYPTED_SOURCE, GARBLED
-from webgym.tasks.websites import host_of
 
 TODAY = date(2026, 1, 15)
 

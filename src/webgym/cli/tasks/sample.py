@@ -93,7 +93,7 @@ def _config(
 
 def _checked(website: str) -> str:
     from webgym.core.errors import ConfigError
-    from webgym.tasks.websites import site_of
+    from webgym.core.websites import site_of
 
     try:
         return site_of(website)

@@ -19,6 +19,7 @@ import msgspec
 
 from webgym.core.errors import TooFewWebsites
 from webgym.core.task import Rubric, Task
+from webgym.core.websites import site_of
 from webgym.llm import Completes
 from webgym.tasks.build.asking import Done, Failed, Pending, ask_all
 from webgym.tasks.build.books import Books
@@ -31,7 +32,6 @@ from webgym.tasks.rules import Finding
 from webgym.tasks.sources import SourceTask
 from webgym.tasks.split import split
 from webgym.tasks.taxonomy import DOMAIN_OF
-from webgym.tasks.websites import site_of
 from webgym.tasks.writing import Inferred, Written, infer_website, review, rewrite, write_rubric
 
 T = TypeVar("T", SourceTask, Task)

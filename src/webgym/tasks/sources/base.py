@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from webgym.core.task import Rubric, WebsiteFrom
-from webgym.tasks.websites import site_of
+from webgym.core.websites import site_of
 
 if TYPE_CHECKING:
     from webgym.tasks.sources.beside import Beside
@@ -184,6 +184,6 @@ class Read:
 
 
 def sites(tasks: Iterable[SourceTask]) -> set[str]:
-    """The websites of tasks, as :func:`webgym.tasks.websites.site_of` names them."""
+    """The websites of tasks, as :func:`webgym.core.websites.site_of` names them."""
     urls = {task.website for task in tasks}
     return {site_of(url) for url in urls if url is not None}

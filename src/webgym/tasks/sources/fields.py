@@ -8,8 +8,8 @@ import math
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
+from webgym.core.websites import host_of
 from webgym.tasks.sources.base import Unusable
-from webgym.tasks.websites import host_of
 
 _ABSENT = frozenset({"", "none", "null", "nan", "n/a", "**"})
 _LONGEST_ABSENT = max(map(len, _ABSENT))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from webgym.tasks.websites import host_of, site_of
+from webgym.core.websites import host_of, site_of
 
 
 @pytest.mark.parametrize(

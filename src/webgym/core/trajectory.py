@@ -9,6 +9,7 @@ import msgspec
 from webgym.core.action import Action
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
+from webgym.core.tokens import ReplyTokens
 from webgym.core.verdict import Verdict
 
 
@@ -51,6 +52,8 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
         sampling: the exact sampling parameters of the request.
         prompt_tokens, completion_tokens: as the endpoint counted them; 0 if it did not.
         seconds: wall time from request to the last byte.
+        tokens: exactly what was read and sampled, where the endpoint tells; training uses it as it is.
+        weight_version: of the weights that replied, where the endpoint tells; else empty.
     """
 
     text: str
@@ -61,6 +64,8 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
     completion_tokens: int = 0
     seconds: float = 0.0
     reasoning: str = ""
+    tokens: ReplyTokens | None = None
+    weight_version: str = ""
 
 
 class Revision(msgspec.Struct, frozen=True, omit_defaults=True):

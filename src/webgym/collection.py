@@ -223,7 +223,7 @@ async def resume(
     config, run_id = read_config(reader)
     if server is not None:
         config = config.model_copy(update={"server": server})
-    tasks = list(reader.tasks.values())
+    tasks = reader.drawn
     async with (
         await RunWriter.reopen(out, skip_corrupt=skip_corrupt) as store,
         _company(config, secrets or Secrets(), tasks, policy, tell) as company,

@@ -55,15 +55,17 @@ async def carry_out(plan: Plan, rng: random.Random, *, stop_after: int | None = 
 
 
 def test_a_plan_and_its_resumption_add_up() -> None:
-    @given(st.integers(0, 2**32), st.integers(1, 3), st.integers(0, 3), st.integers(0, 20))
-    def check(seed: int, samples: int, retries: int, stop_after: int) -> None:
+    drawn = st.lists(st.sampled_from(TASKS), min_size=1, max_size=8)  # some twice, as a sampler may draw them
+
+    @given(drawn, st.integers(0, 2**32), st.integers(1, 3), st.integers(0, 3), st.integers(0, 20))
+    def check(tasks: list[Task], seed: int, samples: int, retries: int, stop_after: int) -> None:
         rng = random.Random(seed)
 
         async def both() -> list[Entry]:
-            first = await carry_out(Plan(TASKS, samples=samples, retries=retries), rng, stop_after=stop_after)
-            resumed = Plan(TASKS, samples=samples, retries=retries, recorded=first)
+            first = await carry_out(Plan(tasks, samples=samples, retries=retries), rng, stop_after=stop_after)
+            resumed = Plan(tasks, samples=samples, retries=retries, recorded=first)
             second = await carry_out(resumed, rng)
-            assert resumed.done == resumed.total == samples * len(TASKS)
+            assert resumed.done == resumed.total == samples * len(tasks)
             return first + second
 
         entries = asyncio.run(both())
@@ -71,7 +73,8 @@ def test_a_plan_and_its_resumption_add_up() -> None:
         by_sample: dict[tuple[str, int], list[Outcome]] = {}
         for each in sorted(entries, key=lambda each: each.retry):
             by_sample.setdefault((each.task_id, each.sample), []).append(each.outcome)
-        assert len(by_sample) == samples * len(TASKS)
+        wanted = Counter(each.id for each in tasks * samples)
+        assert Counter(task_id for task_id, _ in by_sample) == wanted
         for outcomes in by_sample.values():
             *before, last = outcomes
             assert all(outcome.is_retried for outcome in before)
@@ -80,6 +83,22 @@ def test_a_plan_and_its_resumption_add_up() -> None:
             assert not last.is_retried or failures[True] == retries + 1
 
     check()
+
+
+async def test_a_task_drawn_twice_is_two_attempts_and_each_is_made_again_by_itself() -> None:
+    drawn = [TASKS[0], TASKS[1], TASKS[0]]
+    plan = Plan(drawn, samples=2, retries=1)
+    taken = [await plan.take() for _ in range(6)]
+    ids = [planned.attempt_id for planned in taken if planned]
+    assert ids == ["t0#0.0", "t1#0.0", "t0#1.0", "t0#2.0", "t1#1.0", "t0#3.0"]
+    ended = dict(
+        zip(ids, [Outcome.SUCCESS, *[Outcome.POLICY_ERROR] * 2, *[Outcome.FAILURE] * 3], strict=True)
+    )
+    recorded = [entry(planned, ended[planned.attempt_id]) for planned in taken[:4] if planned]
+    resumed = Plan(drawn, samples=2, retries=1, recorded=recorded)
+    rest = [await resumed.take() for _ in range(resumed.waiting)]
+    assert [planned.attempt_id for planned in rest if planned] == ["t1#0.1", "t0#1.1", "t1#1.0", "t0#3.0"]
+    assert resumed.done == 2
 
 
 async def test_an_error_is_attempted_again_under_a_new_name() -> None:

@@ -66,6 +66,14 @@ async def begun(path: Path, *numbers: int, limits: StoreLimits | None = None) ->
     return writer
 
 
+async def test_a_task_that_was_drawn_twice_is_drawn_twice_when_the_run_is_resumed(tmp_path: Path) -> None:
+    async with await RunWriter.create(tmp_path / "run", {}, [TASK, TASK]):
+        pass
+    reader = RunReader(tmp_path / "run")
+    assert reader.drawn == [TASK, TASK]
+    assert reader.tasks == {TASK.id: TASK}
+
+
 async def test_what_was_appended_reads_back_in_order(tmp_path: Path) -> None:
     async with await begun(tmp_path / "run", 0, 1, 2) as writer:
         await writer.metric({"steps": 3})

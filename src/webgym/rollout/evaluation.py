@@ -68,7 +68,7 @@ class Row(msgspec.Struct, frozen=True):
     """One level of difficulty, or all.
 
     Attributes:
-        tasks: of the test set.
+        tasks: of the test set; one that was drawn twice counts twice.
         attempts: samples that ended with a reward; the rate is of these.
         successes: how many of them succeeded.
         rate: success rate; ``None`` of nothing.
@@ -131,7 +131,7 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
     name, outcome_of = _judged_by(run, judge)
     policies: dict[str, None] = {}
     samples = list(_samples(reader, outcome_of, policies))
-    levels = Counter(task.level for task in reader.tasks.values())
+    levels = Counter(task.level for task in reader.drawn)
     told = reader.summary or {}
     attempt = settings.get("attempt")
     return Evaluation(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +18,8 @@ class Planned:
 
     Attributes:
         task: the task.
-        sample: which of the planned samples of the task, from 0.
+        sample: which of the planned attempts at the task, from 0; a task that was drawn twice has twice
+            as many.
         retry: how many attempts at this sample have been recorded before.
         failures: how many of those ended in an error of the environment or the policy. One that was
             cancelled is made again as often as it takes.
@@ -47,8 +48,8 @@ class Plan:
     attempts as allowed ended in an error.
 
     Args:
-        tasks: in the order in which they are attempted.
-        samples: attempts wanted for every task.
+        tasks: in the order in which they are attempted. One that comes twice is attempted twice as often.
+        samples: attempts wanted for every time that a task comes.
         retries: how often a sample is attempted again after an error.
         recorded: what a run that is resumed has on disk.
     """
@@ -64,8 +65,11 @@ class Plan:
         for entry in sorted(recorded, key=lambda entry: entry.retry):
             done.setdefault((entry.task_id, entry.sample), []).append(entry.outcome)
         self._waiting: deque[Planned] = deque()
-        for sample in range(samples):
+        taken: Counter[str] = Counter()
+        for _ in range(samples):
             for task in tasks:
+                sample = taken[task.id]
+                taken[task.id] += 1
                 planned: Planned | None = Planned(task, sample)
                 for outcome in done.get((task.id, sample), ()):
                     planned = self._next(planned, outcome) if planned else None

@@ -2,7 +2,8 @@
 
     RUN/
       config.yaml               everything resolved; its presence makes the folder a run
-      tasks.jsonl               the tasks, hidden truth included: a run can be judged again from itself
+      tasks.jsonl               the tasks as they were drawn, hidden truth included: a run can be judged again
+                                from itself
       trajectories/00000.jsonl  one checksummed line per trajectory (see `records`), rotated by size
       screenshots/ab/<name>.png named by content, so that equal pictures are stored once
       metrics.jsonl             figures over time
@@ -20,6 +21,7 @@ import hashlib
 import os
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import cached_property
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -136,7 +138,7 @@ class RunWriter:
         Args:
             path: does not exist yet, or is empty.
             config: everything resolved, as plain data; no secrets.
-            tasks: all the tasks of the run.
+            tasks: all the tasks of the run, in their order; one that was drawn twice comes twice.
 
         Raises:
             RunFolderError: the folder holds a run or something else already, or cannot be made.
@@ -386,7 +388,6 @@ class RunReader:
         self.path = path
         self._skip_corrupt = skip_corrupt
         self._index = Index(path / TRAJECTORIES)
-        self._tasks: dict[str, Task] | None = None
 
     @property
     def config(self) -> dict[str, Any]:
@@ -403,25 +404,31 @@ class RunReader:
             raise StoreCorrupt(f"{self.path / CONFIG} is not a mapping")
         return config
 
-    @property
+    @cached_property
     def tasks(self) -> dict[str, Task]:
         """The tasks of the run by id, hidden truth included.
 
         Raises:
             StoreCorrupt: a line is not a task; names file, line and reason.
         """
-        if self._tasks is None:
-            decoder = msgspec.json.Decoder(Task)
-            found: dict[str, Task] = {}
-            with disk_errors(f"reading {self.path}"), (self.path / TASKS).open("rb") as file:
-                for number, line in enumerate(file, 1):
-                    try:
-                        task = decoder.decode(line)
-                    except ValueError as error:
-                        raise StoreCorrupt(str(CorruptLine(TASKS, number, str(error)))) from error
-                    found[task.id] = task
-            self._tasks = found
-        return self._tasks
+        return {task.id: task for task in self.drawn}
+
+    @cached_property
+    def drawn(self) -> list[Task]:
+        """The tasks of the run as they were drawn: in their order, and one that was drawn twice comes twice.
+
+        Raises:
+            StoreCorrupt: as for :attr:`tasks`.
+        """
+        decoder = msgspec.json.Decoder(Task)
+        drawn = []
+        with disk_errors(f"reading {self.path}"), (self.path / TASKS).open("rb") as file:
+            for number, line in enumerate(file, 1):
+                try:
+                    drawn.append(decoder.decode(line))
+                except ValueError as error:
+                    raise StoreCorrupt(str(CorruptLine(TASKS, number, str(error)))) from error
+        return drawn
 
     def refresh(self) -> Mapping[str, Entry]:
         """Take note of what was written since, and return :attr:`attempts`.

@@ -14,7 +14,7 @@ import asyncio
 import uuid
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
@@ -44,7 +44,7 @@ from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
-from webgym.tasks import BrokenRecord, draw, draw_spread, read_tasks
+from webgym.tasks import TaskFile, draw, draw_spread, read_tasks
 
 
 class _Settings(BaseModel):
@@ -126,21 +126,20 @@ Show = Callable[[Progress], AbstractAsyncContextManager[None]]
 Tell = Callable[[str], None]
 
 
-def choose_tasks(config: RunConfig) -> tuple[list[Task], list[BrokenRecord]]:
-    """The tasks of a run, in the order of their attempts, and the records that were skipped.
+def choose_tasks(config: RunConfig) -> TaskFile:
+    """The tasks of a run, in the order of their attempts, and the records that were skipped or set aside.
 
     Raises:
         TaskFileError: the file cannot be read or holds no task.
         ConfigError: no task is left.
     """
     choice = config.tasks
-    broken: list[BrokenRecord] = []
     if choice.file is None:
         web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family)
-        tasks = list(web.tasks(choice.split))
+        found = TaskFile(list(web.tasks(choice.split)), [])
+        tasks = found.tasks
     else:
         found = read_tasks(choice.file)
-        broken = found.broken
         tasks = [task for task in found.tasks if choice.split in (None, task.split)]
     blocked = Blocklist(config.blocklist).blocked()
     tasks = [task for task in tasks if site_or_text(task.website) not in blocked] if blocked else tasks
@@ -150,8 +149,10 @@ def choose_tasks(config: RunConfig) -> tuple[list[Task], list[BrokenRecord]]:
             f"there is no task in the split {choice.split!r}{where}", hint="choose another split"
         )
     if choice.spread:
-        return draw_spread(tasks, choice.count, config.seed, key=lambda task: task.website), broken
-    return draw(tasks, choice.count, config.seed), broken
+        tasks = draw_spread(tasks, choice.count, config.seed, key=lambda task: task.website)
+    else:
+        tasks = draw(tasks, choice.count, config.seed)
+    return replace(found, tasks=tasks)
 
 
 async def collect(
@@ -179,12 +180,16 @@ async def collect(
     if policy is not None:
         config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
     config = resolved(config, policy, tell)
-    tasks, broken = choose_tasks(config)
-    for line in broken:
+    chosen = choose_tasks(config)
+    tasks = chosen.tasks
+    for line in chosen.broken:
         _say(tell, f"skipped {line}")
+    if aside := chosen.set_aside:
+        _say(tell, f"set aside {len(aside):,} tasks without a fact to judge; the first: {aside[0]}")
     held = config.model_dump(mode="json", exclude={"sites": {"token"}})
     stamp = {"run_id": uuid.uuid4().hex, "started": datetime.now(UTC).isoformat(timespec="seconds")}
-    record = {**stamp, "skipped_records": len(broken), **held}
+    left_out = {"skipped_records": len(chosen.broken), "set_aside_tasks": len(chosen.set_aside)}
+    record = {**stamp, **left_out, **held}
     async with (
         _company(config, secrets or Secrets(), tasks, policy, tell) as company,
         # Not before all else is there: a run that cannot start leaves no folder.
@@ -278,7 +283,7 @@ def read_config(reader: RunReader) -> tuple[RunConfig, str]:
     """
     held = dict(reader.config)
     run_id = str(held.pop("run_id", ""))
-    for stamp in ("started", "skipped_records"):
+    for stamp in ("started", "skipped_records", "set_aside_tasks"):
         held.pop(stamp, None)
     try:
         return RunConfig.model_validate(held), run_id

@@ -98,6 +98,30 @@ def test_what_could_not_be_read_is_said_and_fails(tmp_path: Path, run: Run) -> N
     assert len(read_tasks(out).tasks) == 3
 
 
+@pytest.fixture
+def published(tmp_path: Path) -> Path:
+    """Three published rows, of which the second says nothing that could be judged."""
+    path = tmp_path / "test.jsonl"
+    tasks = [replace(task, split="test", flags=()) for task in made(4)[2:]]
+    tasks.insert(1, replace(tasks[0], id="deepshop/none", rubric=Rubric((FactGroup(1, "", ("None",)),))))
+    write_tasks(path, tasks, format="published")
+    return path
+
+
+@pytest.mark.parametrize(
+    "command",
+    [("convert", "{}", "{}.parquet"), ("check", "{}"), ("validate", "{}"), ("show", "{}"), ("stats", "{}")],
+    ids=lambda command: command[0],
+)
+def test_tasks_without_a_fact_to_judge_are_set_aside_and_counted(
+    published: Path, run: Run, command: tuple[str, ...]
+) -> None:
+    _, said = run("tasks", *(part.format(published) for part in command))
+    assert "set aside 1 tasks without a fact to judge; the first: " in said.replace("\n", " ")
+    assert f"{published}:2: deepshop/none has no fact to judge" in said
+    assert "deepshop/none" not in said.replace(f"{published}:2: deepshop/none", "")
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

@@ -9,9 +9,12 @@ from hypothesis import strategies as st
 
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.truth import AnswerTruth, Click, Evidence, FactTruth, StateCheck, Truth
+from webgym.tasks.absent import is_absent, is_no_fact
+from webgym.tasks.files import NO_FACTS
+from webgym.tasks.published import task_of
 
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
-spoken = text.filter(str.strip)
+spoken = text.filter(lambda said: not is_no_fact(said) and not is_absent(said))
 json_values = st.recursive(
     st.none()
     | st.booleans()
@@ -26,7 +29,7 @@ groups = st.builds(
     FactGroup,
     id=st.integers(-5, 2**62),
     description=text,
-    facts=st.lists(spoken | st.just("None"), min_size=1, max_size=4).map(tuple),
+    facts=st.lists(spoken, min_size=1, max_size=4).map(tuple),
 )
 rubrics = st.lists(groups, min_size=1, max_size=4, unique_by=lambda group: group.id).map(
     lambda some: Rubric(tuple(some))
@@ -51,7 +54,7 @@ def tasks(ids: st.SearchStrategy[str] = spoken) -> st.SearchStrategy[Task]:
         subdomain=text,
         rubric=rubrics,
         source=text,
-        reference_answer=st.none() | text,
+        reference_answer=st.none() | spoken,
         example_answer=st.none() | text,
         parent_id=st.none() | text,
         split=st.sampled_from([None, "train", "test"]),
@@ -79,7 +82,7 @@ _group_rows = st.fixed_dictionaries(
     optional={"note": json_values},
 )
 _old_rows = st.fixed_dictionaries({"description": text, "difficulty": st.integers(0, 9) | text})
-references = st.one_of(
+_any_references = st.one_of(
     st.lists(_group_rows, max_size=4),
     text,
     st.none(),
@@ -88,6 +91,14 @@ references = st.one_of(
     st.lists(_group_rows | _old_rows | text, max_size=4),
     st.lists(_group_rows, max_size=2).map(json.dumps),
 )
+
+
+def _can_be_judged(reference: object) -> bool:
+    row = {"task_id": 1, "task_name": "x", "website": "y", "evaluator_reference": reference}
+    return NO_FACTS not in task_of(row).flags
+
+
+references = _any_references.filter(_can_be_judged)
 
 
 @st.composite

@@ -309,7 +309,9 @@ def test_any_bytes_are_tasks_or_an_error_of_ours(
 @pytest.mark.parametrize("name", NAMES)
 def test_a_run_takes_its_tasks_from_any_format(tmp_path: Path, name: str) -> None:
     tasks = [task(number, split="train") for number in range(3)]
-    write_tasks(tmp_path / name, tasks, format=NAMES[name])
-    chosen, broken = choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / name, split="train")))
-    assert {each.id for each in chosen} == {each.id for each in tasks}
-    assert broken == []
+    nothing = Rubric((FactGroup(1, "", ("None",)),))
+    aside = replace(tasks[0], id="offline/nothing", rubric=nothing)
+    write_tasks(tmp_path / name, [*tasks, aside], format=NAMES[name])
+    found = choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / name, split="train")))
+    assert {each.id for each in found.tasks} == {each.id for each in tasks}
+    assert (found.broken, len(found.set_aside)) == ([], 1)

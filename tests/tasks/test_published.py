@@ -11,16 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
-from tests.tasks.strategies import json_values, published_files
+from tests.tasks.strategies import json_values, published_files, spoken
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.tasks import read_tasks, write_tasks
+from webgym.tasks.files import NO_FACTS, NONE_FACT
 from webgym.tasks.published import (
     DIFFICULTY_DIFFERS,
     KEPT,
-    NO_FACTS,
-    NONE_FACT,
     OLD_RUBRIC,
     line_of,
     task_of,
@@ -91,13 +90,44 @@ SHAPES: list[tuple[Any, tuple[tuple[str, ...], ...], tuple[str, ...]]] = [
     ([{"id": 4, "description": "x", "facts": "One"}], (("One",),), ()),
     ([{"id": 1, "facts": ["One"]}, {"id": 1, "facts": ["Two"]}], (("One",), ("Two",)), ()),
     ([{"id": 1, "facts": ["One", ""]}, {"id": 2, "facts": []}], (("One",),), ()),
-    ([{"id": 1, "facts": ["One"]}, {"id": 2, "facts": ["None"]}], (("One",), ("None",)), (NONE_FACT,)),
-    ([{"id": 1, "facts": ["One", None]}], (("One", "None"),), (NONE_FACT,)),
+    ([{"id": 1, "facts": ["One"]}, {"id": 2, "facts": ["None"]}], (("One",),), (NONE_FACT,)),
+    ([{"id": 1, "facts": ["One", None, "N/A."]}], (("One",),), (NONE_FACT,)),
+    ([{"id": 1, "facts": ["One"]}, {"id": 2, "description": "x", "facts": None}], (("One",),), (NONE_FACT,)),
+    ("[{'id': 1, 'description': None, 'facts': ['One']}]", (("One",),), ()),
     ('[{"id": 1, "description": "x", "facts": ["One"]}]', (("One",),), ()),
     ("[draft] One", (("[draft] One",),), (OLD_RUBRIC,)),
-    ("", ((ROW["task_name"],),), (NO_FACTS,)),
-    (None, ((ROW["task_name"],),), (NO_FACTS,)),
-    ([], ((ROW["task_name"],),), (NO_FACTS,)),
+]
+
+NOTHING: list[Any] = [
+    *(
+        "",
+        " \t",
+        "None",
+        "none",
+        "null",
+        "N/A",
+        "nan",
+        "-",
+        "[]",
+        "{}",
+        "['None']",
+        '["None"]',
+        "[None]",
+        "**",
+    ),
+    *("**", None, [], {}, [[]], [None], ["None"], ["", "N/A"], float("nan")),
+    [
+        {"id": 1, "description": "x", "facts": ["None"]},
+        {"id": 2, "description": "y", "facts": [""]},
+    ],
+    [
+        {"id": 1, "description": "x", "facts": None},
+        {"id": 2, "description": "y", "facts": "None"},
+    ],
+    [{"id": 1, "description": "x", "facts": [" None. ", "Not applicable", "None specified", "null"]}],
+    [{"description": "None", "difficulty": 0}, {"description": "", "difficulty": 0}],
+    '[{"id": 1, "description": "x", "facts": ["None"]}]',
+    "[{'id': 1, 'description': 'filters', 'facts': ['None']}]",
 ]
 
 
@@ -114,12 +144,58 @@ def test_every_shape_of_the_facts_loads_and_is_written_again(
     assert round_trip(tmp_path, lines(told)) == lines(told)
 
 
+def test_rows_without_a_fact_to_judge_are_set_aside_and_counted(tmp_path: Path) -> None:
+    """Judged, they would reward nothing: whatever the row says of its difficulty and its answer."""
+    aside = [row(task_id=place, evaluator_reference=said) for place, said in enumerate(NOTHING)]
+    aside += [row(task_id="level", difficulty="medium", evaluator_reference=[], definite_answer="Paris")]
+    aside += [row(task_id="zero", difficulty=0, evaluator_reference="None")]
+    (tmp_path / "test.jsonl").write_bytes(lines(*aside, ROW))
+    found = read_tasks(tmp_path / "test.jsonl")
+    assert [task.id for task in found.tasks] == ["deepshop/Shop--1"]
+    assert found.broken == []
+    assert [record.line for record in found.set_aside] == list(range(1, len(aside) + 1))
+    assert found.set_aside[0].reason == "deepshop/0 has no fact to judge"
+    (tmp_path / "none.jsonl").write_bytes(lines(*aside))
+    with pytest.raises(
+        TaskFileError, match=rf"no task that can be judged: {len(aside)} have no fact to judge"
+    ):
+        read_tasks(tmp_path / "none.jsonl")
+
+
+def test_what_was_read_before_such_rows_were_known_is_set_aside_too(tmp_path: Path) -> None:
+    """WebGym's own files may hold what an older release made of such rows."""
+    task = task_of(ROW)
+    nothing = Rubric((FactGroup(1, "x", ("None",)),))
+    partly = Rubric((FactGroup(1, "x", ("One", "None")), FactGroup(2, "y", ("N/A",))))
+    tasks = [
+        replace(task, id="flagged", flags=(NO_FACTS,)),
+        replace(task, id="none", rubric=nothing),
+        replace(task, id="partly", rubric=partly, reference_answer="None"),
+    ]
+    for name in ("own.jsonl", "own.parquet"):
+        write_tasks(tmp_path / name, tasks)
+        found = read_tasks(tmp_path / name)
+        assert [record.line for record in found.set_aside] == [1, 2]
+        [left] = found.tasks
+        assert left.rubric == Rubric((FactGroup(1, "x", ("One",)),))
+        assert (left.reference_answer, left.flags) == (None, (NONE_FACT,))
+
+
 @pytest.mark.parametrize(
     ("column", "value", "field", "read"),
     [
         ("definite_answer", "", "reference_answer", None),
         ("definite_answer", None, "reference_answer", None),
         ("definite_answer", " ", "reference_answer", None),
+        ("definite_answer", "None", "reference_answer", None),
+        ("definite_answer", " null ", "reference_answer", None),
+        ("definite_answer", "N/A", "reference_answer", None),
+        ("definite_answer", "nan", "reference_answer", None),
+        ("definite_answer", [], "reference_answer", None),
+        ("definite_answer", ["None"], "reference_answer", None),
+        ("definite_answer", "['None']", "reference_answer", None),
+        ("definite_answer", "Nothing", "reference_answer", "Nothing"),
+        ("definite_answer", 0, "reference_answer", "0"),
         ("definite_answer", "Paris", "reference_answer", "Paris"),
         ("definite_answer", 42, "reference_answer", "42"),
         ("task_id", 17, "id", "deepshop/17"),
@@ -128,6 +204,8 @@ def test_every_shape_of_the_facts_loads_and_is_written_again(
         ("benchmark_name", "", "id", "webgym/Shop--1"),
         ("task_id_decomposed_from", None, "parent_id", None),
         ("task_id_decomposed_from", "", "parent_id", None),
+        ("task_id_decomposed_from", "None", "parent_id", None),
+        ("domain", "nan", "domain", ""),
         ("task_id_decomposed_from", "Shop--0", "parent_id", "deepshop/Shop--0"),
         ("task_id_decomposed_from", 0, "parent_id", "deepshop/0"),
         ("domain", None, "domain", ""),
@@ -162,6 +240,7 @@ def test_every_form_of_a_column(tmp_path: Path, column: str, value: Any, field: 
         (lines(row(task_id="")).strip(), "task_id is empty"),
         (lines(row(task_name="  ")).strip(), "task_name is empty"),
         (lines(row(website=None)).strip(), "website is empty"),
+        (lines(row(website="None")).strip(), "website is empty"),
         (lines({k: v for k, v in ROW.items() if k != "website"}).strip(), "has no website"),
         (
             lines({k: v for k, v in ROW.items() if k != "evaluator_reference"}).strip(),
@@ -247,7 +326,7 @@ def test_the_real_rows(tmp_path: Path) -> None:
         assert found.broken == []
         assert len(found.tasks) == len(content.splitlines())
         flags = [set(task.flags) for task in found.tasks]
-        assert flags == [{DIFFICULTY_DIFFERS}, {DIFFICULTY_DIFFERS, NONE_FACT}]
+        assert flags == [{DIFFICULTY_DIFFERS}, {NONE_FACT}]
         assert round_trip(tmp_path, content) == content
 
 
@@ -289,7 +368,7 @@ def test_what_was_changed_since_is_written_anew_and_nothing_else() -> None:
     assert changed(told, extra={KEPT: json.dumps(told)}) == without
 
 
-@given(content=published_files(), flag=st.text(max_size=3), answer=st.text(max_size=3))
+@given(content=published_files(), flag=st.text(max_size=3), answer=spoken)
 @settings(max_examples=60, deadline=None)
 def test_a_changed_task_is_read_back_as_it_was_changed(
     tmp_path_factory: pytest.TempPathFactory, content: bytes, flag: str, answer: str

@@ -127,6 +127,7 @@ def tasks_overview(name: str, found: TaskFile, index: TaskIndex, figures: Sequen
         "flags": index.counts("flag"),
         "facts": _histogram(sizes),
         "broken": found.broken,
+        "set_aside": len(found.set_aside),
         "figures": figures,
     }
     return Markup(ENVIRONMENT.get_template("tasks_overview.html.j2").render(shown))  # noqa: S704 - autoescaped

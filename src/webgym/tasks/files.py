@@ -18,9 +18,11 @@ from pathlib import Path
 from typing import Any, BinaryIO, Final, cast
 
 import msgspec
+from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
-from webgym.core.task import Task
+from webgym.core.task import Rubric, Task
+from webgym.tasks.absent import is_no_fact
 
 BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 _GZIP: Final = b"\x1f\x8b"
@@ -30,7 +32,7 @@ _BUFFER: Final = 1 << 20
 
 @dataclass(frozen=True)
 class BrokenRecord:
-    """A record that is no task.
+    """A record that is no task, or one that cannot be judged.
 
     Attributes:
         file: as it was given; where a folder was, the file in it.
@@ -48,10 +50,17 @@ class BrokenRecord:
 
 @dataclass(frozen=True)
 class TaskFile:
-    """What a file held: the tasks, and the records that were skipped and why."""
+    """What a file held.
+
+    Attributes:
+        tasks: that can be judged.
+        broken: records that are no tasks, and why.
+        set_aside: tasks that nobody can judge, for none of their facts says anything.
+    """
 
     tasks: list[Task]
     broken: list[BrokenRecord]
+    set_aside: list[BrokenRecord] = field(default_factory=list)
 
 
 @dataclass
@@ -60,10 +69,15 @@ class Findings:
 
     tasks: dict[str, Task] = field(default_factory=dict)
     broken: list[BrokenRecord] = field(default_factory=list)
+    set_aside: list[BrokenRecord] = field(default_factory=list)
 
     def add(self, file: Path, line: int, task: Task) -> bool:
-        """Take a task in, unless there is one of its id; whether it was taken."""
-        if self.tasks.setdefault(task.id, task) is task:
+        """Take a task in, unless nobody can judge it or there is one of its id; whether it was taken."""
+        judged = _judged(task)
+        if judged is None:
+            self.set_aside.append(BrokenRecord(file, line, f"{task.id} has no fact to judge"))
+            return False
+        if self.tasks.setdefault(judged.id, judged) is judged:
             return True
         self.skip(file, line, f"a second task with the id {task.id!r}")
         return False
@@ -71,6 +85,36 @@ class Findings:
     def skip(self, file: Path, line: int, reason: object) -> None:
         """Note a record that is no task."""
         self.broken.append(BrokenRecord(file, line, str(reason)))
+
+
+NONE_FACT: Final = "none-fact"
+"""Flag: a fact said nothing ("None", "N/A"), somebody's empty value made a text. It is left out."""
+NO_FACTS: Final = "no-facts"
+"""Flag: no fact says anything, and the instruction holds the place of one. Nothing can be judged, so readers
+of task files set the task aside."""
+
+
+def _judged(task: Task) -> Task | None:
+    """The task with what a judge can use; ``None`` if no fact says anything.
+
+    Facts and reference answers that stand for "there is none" go: judged, they make a reward of nothing.
+    """
+    if NO_FACTS in task.flags:
+        return None
+    if any(is_no_fact(fact) for group in task.rubric.groups for fact in group.facts):
+        said = [
+            (group, tuple(fact for fact in group.facts if not is_no_fact(fact)))
+            for group in task.rubric.groups
+        ]
+        groups = tuple(replace(group, facts=facts) for group, facts in said if facts)
+        if not groups:
+            return None
+        flags = dict.fromkeys((*task.flags, NONE_FACT))
+        task = replace(task, rubric=Rubric(groups), flags=tuple(flags))
+    answer = task.reference_answer
+    if answer is not None and answer.strip() in ("", "None"):  # "none" may well be one, as GAIA's is
+        task = replace(task, reference_answer=None)
+    return task
 
 
 @contextmanager

@@ -46,8 +46,8 @@ _SPLITS: Final[tuple[Literal["train", "test"], ...]] = ("train", "test")
 def read_tasks(path: Path) -> TaskFile:
     """Read a task file, or the task files of a folder, in any format.
 
-    A broken record is reported and skipped; the rest loads. In the published format, the split is told by
-    the file's name.
+    A broken record is reported and skipped, and a task without a fact to judge is set aside; the rest loads.
+    In the published format, the split is told by the file's name.
 
     Raises:
         TaskFileError: it cannot be read, or holds no task at all.
@@ -57,9 +57,15 @@ def read_tasks(path: Path) -> TaskFile:
         for file in _files(path):
             _read(file, found)
     if not found.tasks:
-        reason = f"; the first record that is none: {found.broken[0]}" if found.broken else ", it is empty"
-        raise TaskFileError(f"{path} holds no task{reason}")
-    return TaskFile(list(found.tasks.values()), found.broken)
+        raise TaskFileError(f"{path} holds no task{_why_none(found)}")
+    return TaskFile(list(found.tasks.values()), found.broken, found.set_aside)
+
+
+def _why_none(found: Findings) -> str:
+    if found.set_aside:
+        count = len(found.set_aside)
+        return f" that can be judged: {count:,} have no fact to judge; the first: {found.set_aside[0]}"
+    return f"; the first record that is none: {found.broken[0]}" if found.broken else ", it is empty"
 
 
 def write_tasks(path: Path, tasks: Iterable[Task], *, format: Format | None = None) -> int:

@@ -13,7 +13,9 @@ column of our own, ``webgym``, which nobody else needs to read.
 from __future__ import annotations
 
 import json
+from ast import literal_eval
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -22,7 +24,8 @@ from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.tasks.files import BYTE_ORDER_MARK, Findings
+from webgym.tasks.absent import is_absent, is_no_fact
+from webgym.tasks.files import BYTE_ORDER_MARK, NO_FACTS, NONE_FACT, Findings
 
 SOURCE: Final = "webgym"
 """Source of a task whose row names no benchmark."""
@@ -33,10 +36,6 @@ OURS: Final = "webgym"
 
 DIFFICULTY_DIFFERS: Final = "difficulty-differs"
 """Flag: the row's difficulty is not the number of its facts."""
-NONE_FACT: Final = "none-fact"
-"""Flag: a fact is the word "None": somebody's empty value became a text."""
-NO_FACTS: Final = "no-facts"
-"""Flag: the row has no fact; the whole task stands for one."""
 OLD_RUBRIC: Final = "old-rubric"
 """Flag: facts that came without groups (a string, strings, or descriptions with a difficulty)."""
 
@@ -112,7 +111,8 @@ def task_of(row: object, split: str | None = None) -> Task:
     source = _text(row, "benchmark_name") or SOURCE
     instruction = _needed(row, "task_name")
     rubric = _rubric(row, instruction, flags)
-    if "difficulty" in row and not _is_number(row["difficulty"], rubric.difficulty):
+    is_told = "difficulty" in row and NO_FACTS not in flags
+    if is_told and not _is_number(row["difficulty"], rubric.difficulty):
         flags.append(DIFFICULTY_DIFFERS)
     parent = _text(row, "task_id_decomposed_from")
     task = Task(
@@ -175,9 +175,9 @@ def _with_ours(task: Task) -> Task:
 def _text(row: Mapping[str, Any], column: str) -> str:
     """A column as text; empty for none. A number is the text that it is written as."""
     value = row.get(column)
-    if isinstance(value, str):
-        return value if value.strip() else ""
-    return "" if value is None else msgspec.json.encode(value).decode()
+    if is_absent(value):
+        return ""
+    return value if isinstance(value, str) else msgspec.json.encode(value).decode()
 
 
 def _needed(row: Mapping[str, Any], column: str) -> str:
@@ -205,47 +205,46 @@ def _rubric(row: Mapping[str, Any], instruction: str, flags: list[str]) -> Rubri
     groups: list[FactGroup] = []
     loose: list[str] = []
     for item in items:
-        if isinstance(item, dict) and item.get("facts") is not None:
-            if facts := tuple(_facts(item["facts"])):
+        if isinstance(item, dict) and "facts" in item:
+            if facts := tuple(_facts(item["facts"], flags)):
                 groups.append(FactGroup(item.get("id"), _text(item, "description"), facts))  # type: ignore[arg-type]
         elif isinstance(item, dict):
-            if fact := _text(item, "description"):
-                groups.append(FactGroup(len(groups) + 1, "", (fact,)))
+            if facts := tuple(_facts(_text(item, "description"), flags)):
+                groups.append(FactGroup(len(groups) + 1, "", facts))
                 flags.append(OLD_RUBRIC)
         else:
-            loose += _facts([item])
+            loose += _facts(item, flags)
     if loose:
         groups.append(FactGroup(len(groups) + 1, "", tuple(loose)))
         flags.append(OLD_RUBRIC)
     if not groups:
         groups = [FactGroup(1, "", (instruction,))]
         flags.append(NO_FACTS)
-    if any(fact.strip() == "None" for group in groups for fact in group.facts):
-        flags.append(NONE_FACT)
     flags[:] = dict.fromkeys(flags)
     return Rubric(tuple(_numbered(groups)))
 
 
 def _items(reference: object) -> list[Any]:
     if isinstance(reference, str) and reference.lstrip().startswith(("[", "{")):
-        try:
-            return _items(msgspec.json.decode(reference))
-        except msgspec.DecodeError:
-            return [reference]  # a text that begins so
+        for decode in (msgspec.json.decode, literal_eval):  # Python writes its own lists, too
+            with suppress(ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
+                return _items(decode(reference.strip()))
+        return [reference]  # a text that begins so
     if isinstance(reference, list | tuple):
         return list(reference)
     return [] if reference is None else [reference]
 
 
-def _facts(facts: object) -> Iterator[str]:
+def _facts(facts: object, flags: list[str]) -> Iterator[str]:
+    """The facts that say something; flags where one does not."""
     for fact in facts if isinstance(facts, list | tuple) else [facts]:
-        if isinstance(fact, str):
-            if fact.strip():
-                yield fact
-        elif fact is None or isinstance(fact, bool | int | float):
-            yield str(fact)
-        else:
+        if not (isinstance(fact, str | bool | int | float) or fact is None):
             raise ValueError("a fact in evaluator_reference is no text")
+        text = fact if isinstance(fact, str) else "" if is_absent(fact) else str(fact)
+        if not is_no_fact(text):
+            yield text
+        elif text.strip() or fact is None:
+            flags.append(NONE_FACT)
 
 
 def _numbered(groups: list[FactGroup]) -> list[FactGroup]:

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 from tests.tasks.sources import native
 
-from webgym.tasks.published import DIFFICULTY_DIFFERS, NO_FACTS, NONE_FACT, OLD_RUBRIC
+from webgym.tasks.files import NO_FACTS, NONE_FACT
+from webgym.tasks.published import DIFFICULTY_DIFFERS, OLD_RUBRIC
 from webgym.tasks.sources import SOURCES, Read, SourceTask, read_source
 from webgym.tasks.sources.base import ENCRYPTED_SOURCE, GARBLED, NEEDS_FILE, PLACEHOLDER_WEBSITE
 
@@ -289,12 +290,14 @@ def test_the_published_set_has_rubrics(tmp_path: Path) -> None:
         ),
         (
             {"evaluator_reference": [{"id": 1, "description": "x", "facts": ["Green", "None"]}]},
-            ["Green", "None"],
-            {NONE_FACT},
+            ["Green"],
+            {NONE_FACT, DIFFICULTY_DIFFERS},
         ),
         ({"difficulty": 5}, ["Controller in green", "Rated above 4 stars"], {DIFFICULTY_DIFFERS}),
         ({"difficulty": "2"}, ["Controller in green", "Rated above 4 stars"], set()),
-        ({"evaluator_reference": None}, [], {NO_FACTS, DIFFICULTY_DIFFERS}),
+        ({"evaluator_reference": None}, [], {NO_FACTS}),
+        ({"evaluator_reference": ["None"]}, [], {NO_FACTS}),
+        ({"evaluator_reference": "['None']"}, [], {NO_FACTS}),
     ],
 )
 def test_the_published_sets_older_rows(

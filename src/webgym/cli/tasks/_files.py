@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,19 +19,26 @@ _NAMED = 5
 
 @dataclass(frozen=True)
 class Held:
-    """What files hold together: the tasks, in order, and the records that are none."""
+    """What files hold together: the tasks, in order, the records that are none, and what nobody can judge."""
 
     tasks: list[Task]
     broken: list[BrokenRecord]
+    set_aside: list[BrokenRecord]
 
-    def tell_broken(self) -> None:
-        """Say on stderr what was skipped, if anything was."""
-        import sys
-
+    def tell_left_out(self) -> None:
+        """Say on stderr what was skipped or set aside, if anything was."""
+        tell_set_aside(self.set_aside)
         for record in self.broken[:_NAMED]:
             print(record, file=sys.stderr)
         if len(self.broken) > _NAMED:
             print(f"and {len(self.broken) - _NAMED:,} more broken records", file=sys.stderr)
+
+
+def tell_set_aside(records: Sequence[BrokenRecord]) -> None:
+    """Say on stderr how many tasks were set aside because they have no fact to judge."""
+    if records:
+        told = f"set aside {len(records):,} tasks without a fact to judge; the first: {records[0]}"
+        print(told, file=sys.stderr)
 
 
 def read_all(files: Iterable[Path]) -> Held:
@@ -39,7 +47,7 @@ def read_all(files: Iterable[Path]) -> Held:
     Raises:
         TaskFileError: one cannot be read or holds no task.
     """
-    held = Held([], [])
+    held = Held([], [], [])
     for path in files:
         found = read_tasks(path)
         split = split_of(path)
@@ -48,17 +56,18 @@ def read_all(files: Iterable[Path]) -> Held:
             for task in found.tasks
         )
         held.broken.extend(found.broken)
+        held.set_aside.extend(found.set_aside)
     return held
 
 
 def with_own_ids(files: Sequence[Path]) -> list[Task]:
-    """As :func:`read_all`, for what needs every id once; broken records are told and left out.
+    """As :func:`read_all`, for what needs every id once; what is broken or set aside is told.
 
     Raises:
         TaskFileError: as there; or an id stands in two files.
     """
     held = read_all(files)
-    held.tell_broken()
+    held.tell_left_out()
     seen: set[str] = set()
     for task in held.tasks:
         if task.id in seen:

@@ -14,7 +14,9 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.task import LEVELS
+    from webgym.core.websites import site_or_text
     from webgym.tasks import read_tasks
 
     found = read_tasks(file)
@@ -28,8 +30,9 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     for domain, subdomain in sorted({key[:2] for key in counts}):
         table.add_row(domain, subdomain, *(str(counts[domain, subdomain, level]) for level in LEVELS))
     console.print(table)
-    websites = len({task.website for task in found.tasks})
+    websites = len({site_or_text(task.website) for task in found.tasks})
     console.print(f"{len(found.tasks)} tasks on {websites} websites, {len(found.broken)} broken records")
+    tell_set_aside(found.set_aside)
     for record in found.broken:
         console.print(str(record), highlight=False, markup=False, soft_wrap=True)
     if found.broken:

@@ -23,7 +23,11 @@ def convert(
         show_default=False,
     ),
 ) -> None:
-    """Write a task set in another format. Fails if a record could not be read; the rest is written."""
+    """Write a task set in another format. Fails if a record could not be read; the rest is written.
+
+    Tasks without a fact to judge are not written, and counted.
+    """
+    from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.errors import ConfigError
     from webgym.tasks import FORMATS, read_tasks, write_tasks
 
@@ -33,6 +37,7 @@ def convert(
     found = read_tasks(source)
     count = write_tasks(out, found.tasks, format=chosen)
     print(f"{count} tasks written to {out}")
+    tell_set_aside(found.set_aside)
     if found.broken:
         for record in found.broken:
             print(f"left out {record}", file=sys.stderr)

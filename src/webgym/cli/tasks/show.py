@@ -35,12 +35,14 @@ def show(
     In a terminal the list is browsed by keys; into a pipe it is one line per task, tab-separated: id,
     facts, level, website, domain, instruction.
     """
+    from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.errors import UsageError
     from webgym.tasks import read_tasks
     from webgym.tasks.index import TaskIndex, Wanted
 
     found = read_tasks(file)
     index = TaskIndex(found.tasks)
+    tell_set_aside(found.set_aside)
     if found.broken:
         print(f"{len(found.broken)} broken records left out; webgym tasks check names them", file=sys.stderr)
     if task_id is not None:

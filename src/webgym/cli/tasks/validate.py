@@ -21,11 +21,12 @@ def validate(
 ) -> None:
     """Prove that no training task is on a test website, among other rules; name the offenders. Fails if any.
 
-    A file named train or test splits tasks that do not say what they are for. Broken records offend, too.
+    A file named train or test splits tasks that do not say what they are for. Broken records offend, too;
+    tasks without a fact to judge are counted and not checked.
     """
     import msgspec
 
-    from webgym.cli.tasks._files import read_all
+    from webgym.cli.tasks._files import read_all, tell_set_aside
     from webgym.tasks.files import whole_file
     from webgym.tasks.validate import validate as check
 
@@ -33,10 +34,12 @@ def validate(
     report = check(held.tasks, split=not unsplit)
     broken = [str(record) for record in held.broken]
     if json is not None:
-        whole = {"report": report, "broken": broken}
+        aside = [str(record) for record in held.set_aside]
+        whole = {"report": report, "broken": broken, "set_aside": aside}
         with whole_file(json) as file:
             file.write(msgspec.json.format(msgspec.json.encode(whole)))
     _tell(report, broken, lines)
+    tell_set_aside(held.set_aside)
     if broken or not report.ok:
         raise typer.Exit(1)
 

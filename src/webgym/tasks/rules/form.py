@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
+from webgym.tasks.absent import is_no_fact
 from webgym.tasks.rules.case import Case, Fact, at
 from webgym.tasks.rules.reading import STOP_WORDS
 
@@ -15,9 +16,6 @@ MOST_FACTS: Final = 60
 MANY_GROUPS: Final = 10
 """From here on the subsets of groups, and so the tasks derived from one, are counted in thousands."""
 
-_NOTHING: Final = re.compile(
-    r"[\W_]*(?:none|n/?a|null|nil|nothing|not applicable|unspecified|absent|tbd)?[\W_]*", re.I
-)
 _SAYING: Final = re.compile(
     r"\b(?:is|are|was|were|be|been|has|have|correctly|successfully|found|given|reported|stated|provided|shown"
     r"|identified|returned|listed|named|the|a|an)\b|[^\w\s.,%$€£+-]|(?<!\d)[.,]|[.,](?!\d)"
@@ -37,14 +35,14 @@ def empty_facts(case: Case) -> Iterator[str]:
     """A fact says something: a blank, ``None`` or ``N/A`` stands for nothing (SOURCES.md, DeepShop)."""
     for group in case.draft.fact_groups:
         for number, fact in enumerate(group.facts, start=1):
-            if _NOTHING.fullmatch(fact):
+            if is_no_fact(fact):
                 yield f"fact {number} of group {group.id} is empty: {fact!r}; leave it out"
 
 
 def no_description(case: Case) -> Iterator[str]:
     """Every group is described."""
     for group in case.draft.fact_groups:
-        if _NOTHING.fullmatch(group.description):
+        if is_no_fact(group.description):
             yield f"group {group.id} has no description"
 
 

@@ -6,9 +6,10 @@ string is plain words. A final ``stop`` carries the answer that the model gave: 
 
 from __future__ import annotations
 
+from webgym.tasks.absent import is_absent
 from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
 from webgym.tasks.sources.beside import Beside
-from webgym.tasks.sources.fields import Fields, as_text, is_absent, unpacked
+from webgym.tasks.sources.fields import Fields, as_text, unpacked
 
 _INSTRUCTION = ("task", "instruction")
 

@@ -9,22 +9,11 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
 from webgym.core.websites import host_of
+from webgym.tasks.absent import is_absent
 from webgym.tasks.sources.base import Unusable
 
-_ABSENT = frozenset({"", "none", "null", "nan", "n/a", "**"})
-_LONGEST_ABSENT = max(map(len, _ABSENT))
 _DEEPEST_LITERAL = 1_000_000
 """Characters of a Python literal that are looked at; the values we read are far shorter."""
-
-
-def is_absent(value: object) -> bool:
-    """Whether a value stands for "there is none": null, NaN, empty, or a word for it."""
-    if isinstance(value, str):
-        word = value.strip()
-        return len(word) <= _LONGEST_ABSENT and word.casefold() in _ABSENT
-    if isinstance(value, float):
-        return math.isnan(value)
-    return value is None or value == [] or value == {}
 
 
 @lru_cache(maxsize=4096)

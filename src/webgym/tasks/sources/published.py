@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
-from contextlib import suppress
-
-from webgym.tasks.published import NO_FACTS, task_of
+from webgym.tasks.absent import is_absent
+from webgym.tasks.files import NO_FACTS
+from webgym.tasks.published import task_of
 from webgym.tasks.sources.base import Draft, Source, Unusable
 from webgym.tasks.sources.beside import Beside
-from webgym.tasks.sources.fields import Fields, unpacked
+from webgym.tasks.sources.fields import Fields
 
 _NAME = "webgym"
 _INSTRUCTION = ("task_name",)
-_NEEDED = {"task_id": "none", "website": "https://website.invalid/", "evaluator_reference": None}
+_NEEDED = {"task_id": "-", "website": "https://website.invalid/", "evaluator_reference": None}
 """What a finished task must have and a source's need not. Nothing of it is taken over."""
 _KEPT = ("benchmark_name", "task_id_decomposed_from")
 """Columns that a finished task tells and a source's does not."""
@@ -20,11 +19,7 @@ _KEPT = ("benchmark_name", "task_id_decomposed_from")
 
 def _draft(fields: Fields, _: Beside) -> Draft:
     instruction = fields.instruction(*_INSTRUCTION)
-    given = {name: value for name, value in fields.record.items() if not _is_null(value)}
-    reference = given.get("evaluator_reference")
-    if isinstance(reference, str) and reference.lstrip().startswith(("[", "{")):
-        with suppress(Unusable):  # then it is a text that begins so
-            given["evaluator_reference"] = unpacked(reference, "evaluator_reference")
+    given = {name: value for name, value in fields.record.items() if not is_absent(value)}
     try:
         task = task_of(_NEEDED | given)
     except (ValueError, TypeError) as error:
@@ -40,10 +35,6 @@ def _draft(fields: Fields, _: Beside) -> Draft:
         flags=list(task.flags),
         extra=task.extra | {name: given[name] for name in _KEPT if name in given},
     )
-
-
-def _is_null(value: object) -> bool:
-    return value is None or value == "" or (isinstance(value, float) and math.isnan(value))
 
 
 SOURCE = Source(

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import json
 
+from webgym.tasks.absent import is_absent
 from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
 from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import subdomain
-from webgym.tasks.sources.fields import Fields, is_absent, texts
+from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("query",)
 _CONSTRAINTS = (

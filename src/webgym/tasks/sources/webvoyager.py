@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from webgym.tasks.absent import is_absent
 from webgym.tasks.sources.base import Draft, Source, Unusable
 from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import UNKNOWN, Place, subdomain
-from webgym.tasks.sources.fields import Fields, as_text, is_absent
+from webgym.tasks.sources.fields import Fields, as_text
 
 ANSWERS = "reference_answer.json"
 

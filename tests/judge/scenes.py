@@ -7,9 +7,10 @@ import io
 from collections.abc import Sequence
 from typing import Any
 
+import msgspec
 from PIL import Image, ImageDraw
 
-from webgym.core.action import Action, Answer, LeftClick, Target
+from webgym.core.action import Action, Answer, LeftClick, Navigate, Target
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending
 from webgym.core.task import FactGroup, Rubric, Task
@@ -89,3 +90,10 @@ def episode(
         "answer": answer,
     }
     return Episode(**fields | more)
+
+
+def opened_twice(seen: Observation, again: Observation, answer: str | None = "I was kept out.") -> Episode:
+    """An episode that opened the front page again, saw no more, and answered."""
+    made = episode([seen, again], answer)
+    first = msgspec.structs.replace(made.steps[0], action=Navigate(TASK.website))
+    return msgspec.structs.replace(made, steps=(first, *made.steps[1:]))

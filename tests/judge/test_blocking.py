@@ -1,18 +1,25 @@
-"""Which pages keep robots out, by rule."""
+"""Which pages keep robots out, and when that excuses an attempt, by rule."""
 
 from __future__ import annotations
 
+import hashlib
 from typing import Any
 
+import msgspec
 import pytest
 
-from webgym.core.observation import Observation
-from webgym.judge.blocking import GUARDS, find_block
+from webgym.core.action import Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
+from webgym.core.observation import Element, Notice, Observation
+from webgym.core.outcome import Ending
+from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.trajectory import Episode, Reply, Step
+from webgym.judge.blocking import GUARDS, challenge, find_block
 
 
 def look(text: str | None = "", **more: Any) -> Observation:
     fields: dict[str, Any] = {"url": "https://shop.example/", "title": "Shop", "status": 200}
-    return Observation(screenshot="0" * 64, viewport=(1280, 768), text=text, **fields | more)
+    name = hashlib.sha256(repr((text, more)).encode()).hexdigest()
+    return Observation(screenshot=name, viewport=(1280, 768), text=text, **fields | more)
 
 
 FINE = look("Welcome. Red Mug $9.00")
@@ -49,6 +56,16 @@ BLOCKED = [
 NOT_BLOCKED = [
     FINE,
     look("404 Not Found", status=404),
+    # Forms with a CAPTCHA in them: a sign-up, a search of a library, by words and by fields.
+    look("Create an account. E-mail. Password. I'm not a robot. Please complete the CAPTCHA.", title="Join"),
+    look(
+        "Reserve a room. I'm not a robot. Please complete the CAPTCHA.",
+        elements=tuple(
+            Element(number, "textbox", name, (0, 0, 9, 9))
+            for number, name in enumerate(("Name", "Guests"), 1)
+        ),
+    ),
+    look("Log in to see this page. Access denied", status=401),
     look("Page not found. Access denied is not what this says.", status=404),
     look("Internal Server Error", status=500),
     look("504 Gateway Time-out", status=504),
@@ -66,30 +83,193 @@ NOT_BLOCKED = [
 ]
 
 
+HOME = "https://shop.example/"
+ITEM = "https://shop.example/p/1"
+ENGINE = "https://search.example/?q=mug"
+CLICK = LeftClick(Target(coordinate=(500, 500)))
+SEARCH = Type(Target(coordinate=(500, 100)), "mug")
+WAIT = Wait(5)
+
+TASK = Task(
+    id="shop/mug",
+    instruction="What does the Red Mug cost?",
+    website=HOME,
+    domain="Lifestyle & Leisure",
+    subdomain="Shopping",
+    rubric=Rubric((FactGroup(1, "The mug", ("its price is found",)),)),
+    source="made-up",
+)
+
+
+def wall(url: str = HOME, **more: Any) -> Observation:
+    """A challenge at this address."""
+    return look("Verify you are human", url=url, title="Just a moment...", **{"status": 403} | more)
+
+
+def page(url: str = HOME, text: str = "Welcome. Red Mug $9.00", **more: Any) -> Observation:
+    return look(text, url=url, **more)
+
+
+def trip(*turns: Observation | tuple[Action, Observation], answer: str | None = None) -> Episode:
+    """An attempt: the first page, then what was done and the page that followed."""
+    looks = [turn if isinstance(turn, Observation) else turn[1] for turn in turns]
+    acts: list[Action] = [turn[0] for turn in turns if isinstance(turn, tuple)]
+    last: tuple[Action, ...] = () if answer is None else (Answer(answer),)
+    steps = tuple(
+        Step(index, looks[index], (), Reply("...", "test"), action)
+        for index, action in enumerate((*acts, *last))
+    )
+    ending = Ending.BUDGET_SPENT if answer is None else Ending.ANSWERED
+    final = looks[-1] if answer is None else None
+    return Episode("shop/mug#0.0", TASK.id, 0, 0, 1, "test", 0.0, 1.0, steps, ending, final, answer)
+
+
+AGAIN = (Navigate(HOME), wall())
+
+
 @pytest.mark.parametrize("page", BLOCKED)
 def test_challenges_are_known(page: Observation) -> None:
-    found = find_block([FINE, page])
-    assert found.passed, page
-    assert found.steps == (1,)
+    assert challenge(page), page
 
 
 @pytest.mark.parametrize("page", NOT_BLOCKED)
 def test_other_pages_are_none(page: Observation) -> None:
-    assert not find_block([FINE, page]).passed, page
+    assert not challenge(page), page
 
 
-def test_a_refusal_that_persists_is_blocking() -> None:
-    forbidden = look("Forbidden", status=403)
-    assert find_block([FINE, forbidden, forbidden]).steps == (1, 2)
-    assert not find_block([forbidden, FINE]).passed
-    assert not find_block([forbidden]).passed
-    assert find_block([look("", status=429), forbidden]).passed
+ANSWER = "The Red Mug costs $12."
+
+KEPT_OUT = {
+    "never let in, answered": trip(wall(), AGAIN, answer=ANSWER),
+    "never let in, gave up": trip(wall(), AGAIN),
+    "never let in anywhere": trip(wall(), (Navigate(ITEM), wall(ITEM)), (WAIT, wall(ITEM))),
+    "without a challenge's words": trip(
+        page(text="Forbidden", status=403), (Navigate(HOME), page(status=429))
+    ),
+    "on another host of the website": trip(
+        wall(), (Navigate("https://m.shop.example"), wall("https://m.shop.example/"))
+    ),
+    "then away, and nothing found": trip(wall(), AGAIN, (Navigate(ENGINE), page(ENGINE)), answer=ANSWER),
+    "a faulty and a blank page are no way in": trip(
+        wall(), (Navigate(ITEM), page(ITEM, status=502)), (WAIT, page(ITEM, "", title="")), AGAIN
+    ),
+    "its challenge is at the guard's own address": trip(
+        look("", url="https://geo.captcha-delivery.com/captcha/?x=1"),
+        (Navigate(HOME), look("", url="https://geo.captcha-delivery.com/captcha/?x=2")),
+    ),
+    "where its front page led": trip(
+        wall("https://shop-moved.example/"), (Navigate(HOME), wall("https://shop-moved.example/"))
+    ),
+    "its doors closed for good": trip(
+        page(), (CLICK, page(ITEM)), (CLICK, wall("https://shop.example/p/2")), AGAIN, (WAIT, wall())
+    ),
+}
+
+NOT_KEPT_OUT = {
+    "one 403 after good pages": trip(
+        page(),
+        *[(CLICK, page(f"{HOME}p/{n}")) for n in range(8)],
+        (CLICK, look("Access Denied", url=f"{HOME}admin", title="Access Denied", status=403)),
+        answer=ANSWER,
+    ),
+    "closed after it had let the agent in, answered": trip(page(), AGAIN, AGAIN, answer=ANSWER),
+    "a single refusal, answered at once": trip(wall(), answer=ANSWER),
+    "waits at a challenge until the budget is spent": trip(wall(), *[(WAIT, wall())] * 9),
+    "scrolls and clicks at a challenge": trip(
+        wall(), (Scroll("down"), wall()), (CLICK, wall()), (GoBack(), wall())
+    ),
+    "the challenge reloads itself": trip(
+        wall(), (WAIT, wall(f"{HOME}?__cf_chl_tk=1")), (WAIT, wall(f"{HOME}check"))
+    ),
+    "a challenge that passed": trip(wall(), (WAIT, page()), answer=ANSWER),
+    "let in between two challenges": trip(wall(), AGAIN, (Navigate(ITEM), page(ITEM)), AGAIN, answer=ANSWER),
+    "let in again at the end": trip(page(), AGAIN, AGAIN, (Navigate(ITEM), page(ITEM))),
+    "a search engine's challenge": trip(
+        page(),
+        (Navigate(ENGINE), wall(ENGINE)),
+        (Navigate("https://search.example/"), wall("https://search.example/")),
+    ),
+    "a search engine's challenge, answered": trip(
+        page(),
+        (Navigate("https://www.google.com/search?q=mug"), wall("https://www.google.com/sorry/index")),
+        (Navigate("https://www.google.com/"), wall("https://www.google.com/sorry/index")),
+        answer=ANSWER,
+    ),
+    "closed doors inside, its front page never tried again": trip(
+        page(), *[(Navigate(f"{HOME}admin/{n}"), wall(f"{HOME}admin/{n}")) for n in range(9)]
+    ),
+    "a form that was refused at a page's own address": trip(
+        page(),
+        (CLICK, page(f"{HOME}search")),
+        (GoBack(), page()),
+        (SEARCH, wall(f"{HOME}search")),
+        (CLICK, wall(f"{HOME}oops")),
+    ),
+    "a missing page is shown": trip(page(f"{HOME}a", status=404), AGAIN, AGAIN, answer=ANSWER),
+    "a navigation that failed shows the old page": trip(
+        wall(), (Navigate(ITEM), wall(notices=(Notice("navigation_failed", "reset"),)))
+    ),
+    "a sign-up form with a CAPTCHA": trip(
+        page(f"{HOME}join", "E-mail Password I'm not a robot. Complete the CAPTCHA."),
+        (Navigate(HOME), page(HOME, "E-mail Password I'm not a robot. Complete the CAPTCHA.")),
+        answer=ANSWER,
+    ),
+}
 
 
-@pytest.mark.parametrize("page", BLOCKED)
-def test_a_challenge_that_was_left_behind_is_none(page: Observation) -> None:
-    assert not find_block([page, FINE]).passed
-    assert not find_block([]).passed
+@pytest.mark.parametrize("made", KEPT_OUT.values(), ids=KEPT_OUT)
+def test_a_website_that_kept_the_agent_out_excuses_it(made: Episode) -> None:
+    found = find_block(TASK, made)
+    assert found.passed, found.reason
+    assert len(found.steps) >= 2
+
+
+@pytest.mark.parametrize("made", NOT_KEPT_OUT.values(), ids=NOT_KEPT_OUT)
+def test_nothing_else_does(made: Episode) -> None:
+    assert not find_block(TASK, made).passed
+
+
+def test_a_deep_start_page_may_be_closed_where_the_website_is_not() -> None:
+    maps = f"{HOME}maps"
+    task = msgspec.structs.replace(TASK, website=maps)
+    again = (Navigate(maps), wall(maps))
+    assert "front page" in find_block(task, trip(wall(maps), again, again)).reason
+    assert find_block(task, trip(wall(maps), again, AGAIN)).passed
+
+
+def test_an_attempt_that_saw_nothing_was_not_blocked() -> None:
+    made = msgspec.structs.replace(trip(wall()), steps=(), final=None)
+    assert not find_block(TASK, made, suspect_last=True).passed
+
+
+@pytest.mark.parametrize(
+    "url", ["http://[", "http://a@[b@shop.example/", "javascript:1", "", "https://shop.example:x/"]
+)
+def test_an_agent_may_open_anything(url: str) -> None:
+    assert find_block(TASK, trip(wall(), (Navigate(url), wall(notices=())), AGAIN)).passed
+
+
+def unknown(url: str = HOME, ray: int = 1) -> Observation:
+    """A challenge that no rule knows."""
+    return look(f"Bitte beweisen Sie, dass Sie ein Mensch sind. Nummer {ray}", url=url, title="Kurz warten")
+
+
+def test_a_suspicion_is_bounded_by_the_same_rules() -> None:
+    """What a model may at most excuse: an attempt that saw nothing but such pages, asked for twice."""
+
+    def may_be(made: Episode) -> bool:
+        assert not find_block(TASK, made).passed
+        return find_block(TASK, made, suspect_last=True).passed
+
+    again = (Navigate(HOME), unknown(ray=2))
+    assert may_be(trip(unknown(), again, answer=ANSWER))
+    assert may_be(trip(wall(), again))
+    assert may_be(trip(page(), (Navigate(ITEM), unknown(ITEM)), again))
+    assert not may_be(trip(page(), (Navigate(ITEM), unknown(ITEM)), again, answer=ANSWER))
+    assert not may_be(trip(unknown(), (WAIT, unknown(ray=3)), answer=ANSWER))
+    assert not may_be(trip(page(), (Navigate(ENGINE), unknown(ENGINE)), (Navigate(ENGINE), unknown(ENGINE))))
+    long = page(text="A page with much on it. " * 100)
+    assert not may_be(trip(long, (Navigate(HOME), long), answer=ANSWER))
 
 
 def test_guards_are_written_folded() -> None:

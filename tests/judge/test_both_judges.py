@@ -12,6 +12,7 @@ from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.text import fold, says
+from webgym.judge import OfflineJudge
 from webgym.judge.factory import JudgeChoice, open_judge
 from webgym.judge.numbers import numbers
 from webgym.llm import Ledger, Prices, ReplyCache
@@ -132,7 +133,7 @@ async def test_a_run_is_judged_by_both_judges_with_costs(tmp_path: Path) -> None
     after = (run / "trajectories/00000.jsonl").read_bytes(), (run / "summary.json").read_bytes()
     assert after == before
     # The offline judge says again what it said; the model agrees but where only the server knows.
-    _, offline_verdicts = verdicts_of(run, "offline/1")
+    _, offline_verdicts = verdicts_of(run, OfflineJudge.name)
     _, recorded = verdicts_of(run, RECORDED)
     assert compare(recorded, offline_verdicts).differences == ()
     name, rubric = verdicts_of(run, "rubric")

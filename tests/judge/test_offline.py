@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from webgym.core.action import Navigate
 from webgym.core.errors import JudgeError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending
@@ -139,11 +140,19 @@ async def test_what_happens_after_the_budget_is_no_success() -> None:
     assert (await judged(episode(FRONT, PRODUCT, answer=None))).reward == 0
 
 
-async def test_a_challenge_that_stays_is_blocking_and_one_left_behind_is_not() -> None:
-    verdict = await judged(episode(FRONT, CHALLENGE, answer="I was blocked."))
+def asked_twice(seen: Observation, **more: Any) -> Episode:
+    """An attempt that opened the front page again."""
+    made = episode(seen, seen, **more)
+    again = msgspec.structs.replace(made.steps[0], action=Navigate(TASK.website))
+    return msgspec.structs.replace(made, steps=(again, *made.steps[1:]))
+
+
+async def test_a_challenge_that_stays_is_blocking_and_one_met_on_the_way_is_not() -> None:
+    verdict = await judged(asked_twice(CHALLENGE, answer="I was blocked."))
     assert verdict.blocked.passed
     assert verdict.reward is None
-    assert not (await judged(episode(CHALLENGE, FRONT, PRODUCT))).blocked.passed
+    for made in (episode(FRONT, CHALLENGE), episode(CHALLENGE, FRONT), episode(CHALLENGE, CHALLENGE)):
+        assert (await judged(made)).reward == 0
 
 
 @pytest.mark.parametrize(
@@ -151,14 +160,14 @@ async def test_a_challenge_that_stays_is_blocking_and_one_left_behind_is_not() -
 )
 async def test_other_trouble_is_not_blocking(status: int, text: str) -> None:
     seen = msgspec.structs.replace(FRONT, status=status, text=text)
-    verdict = await judged(episode(seen, seen, answer="nothing"))
+    verdict = await judged(asked_twice(seen, answer="nothing"))
     assert not verdict.blocked.passed
     assert verdict.reward == 0
 
 
 async def test_a_refusal_that_persists_is_blocking() -> None:
     seen = msgspec.structs.replace(FRONT, status=403, text="Forbidden")
-    assert (await judged(episode(seen, seen, answer="nothing"))).blocked.passed
+    assert (await judged(asked_twice(seen, answer="nothing"))).blocked.passed
     assert not (await judged(episode(seen, answer="nothing"))).blocked.passed
 
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 from tests.judge.judge_model import Asked, serve_judge
-from tests.judge.scenes import TASK, episode, look, pictures
+from tests.judge.scenes import TASK, episode, look, opened_twice, pictures
 
 from webgym.core.errors import ConfigError, JudgeError
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Cost, FactJudgement, Judgement, Verdict
-from webgym.judge import Pictures
+from webgym.judge import OfflineJudge, Pictures
 from webgym.judge.config import PanelConfig
 from webgym.judge.custom import FunctionJudge, load_judge
 from webgym.judge.factory import JudgeChoice, open_judge
@@ -98,7 +98,7 @@ async def test_samples_of_the_rubric_judge_draw_replies_of_their_own() -> None:
         )
         async with open_judge(choice) as judge:
             verdict = await judge.judge(TASK, episode(), pictures)
-    assert judge.name.startswith("panel of 3 at 0.9: rubric/1 judge-1@")
+    assert judge.name.startswith("panel of 3 at 0.9: rubric/2 judge-1@")
     assert verdict.judge == judge.name
     assert verdict.reward == 1
     assert verdict.confidence == pytest.approx(2 / 3)
@@ -165,7 +165,8 @@ async def test_a_function_that_fails_or_says_something_else_gives_no_verdict() -
 
 async def test_a_function_sees_blocking_as_others_do() -> None:
     challenge = look("Verify you are human", status=403)
-    assert (await run(lambda task, made: False, episode(["front", challenge]))).reward is None
+    assert (await run(lambda task, made: False, opened_twice(challenge, challenge))).reward is None
+    assert (await run(lambda task, made: False, episode(["front", challenge]))).reward == 0
 
 
 def test_judges_are_loaded_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,7 +192,7 @@ def test_judges_are_loaded_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 async def test_judges_are_chosen_by_name() -> None:
     async with open_judge(JudgeChoice()) as judge:
-        assert judge.name == "offline/1"
+        assert judge.name == OfflineJudge.name
     async with open_judge(JudgeChoice(name=f"{__name__}:is_short")) as judge:
         assert (await judge.judge(TASK, episode(), pictures)).reward == 1
     for name in ("nobody", "rubric"):

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from pydantic import ValidationError
 from tests.judge.judge_model import Answers, Asked, JudgeModel, serve_judge
-from tests.judge.scenes import TASK, episode, look, picture, pictures
+from tests.judge.scenes import TASK, episode, look, opened_twice, picture, pictures
 
 from webgym.core.errors import JudgeError
 from webgym.core.task import FactGroup, Rubric, Task
@@ -18,6 +18,9 @@ from webgym.judge.config import JudgeConfig, StageConfig
 from webgym.judge.factory import JudgeChoice, open_judge
 from webgym.judge.rubric import cited
 from webgym.llm.config import ChatConfig
+
+PUZZLES = tuple(look(f"Welches Bild zeigt {number} Katzen?", title="Ein Moment") for number in (3, 4))
+"""A challenge that only a model knows for one."""
 
 
 def agrees(asked: Asked) -> str:
@@ -77,7 +80,7 @@ async def test_one_fact_that_fails_fails_the_attempt_and_shows_in_the_score() ->
     assert verdict.score == pytest.approx(2 / 3)
     assert [fact.judgement.passed for fact in verdict.facts] == [True, False, True]
     assert not verdict.blocked.passed
-    assert len(model.of("blocking")) == 1
+    assert not model.of("blocking")  # it had seen the website
 
 
 async def test_an_answer_that_was_not_seen_fails_the_attempt() -> None:
@@ -224,9 +227,10 @@ async def test_no_clear_verdict_is_an_error_and_never_a_reward(stage: str, said:
         # Blocking is asked about only after a failure.
         return without("response")(asked) if stage == "blocking" else agrees(asked)
 
+    made = opened_twice(PUZZLES[0], PUZZLES[1]) if stage == "blocking" else episode()
     async with serve_judge(answers) as model:
         with pytest.raises(JudgeError, match=f"no clear verdict in 2 replies at the {stage} stage"):
-            await judge(model, tries=2)
+            await judge(model, made=made, tries=2)
 
 
 async def test_an_endpoint_that_is_gone_is_an_error_and_never_a_reward() -> None:
@@ -264,7 +268,9 @@ async def test_every_stage_has_its_model() -> None:
             stage: StageConfig(chat=chat.model_copy(update={"model": f"{stage}-model"}))
             for stage in ("keypoint", "fact", "response", "blocking", "reference")
         }
-        verdict = await judge(model, task, reference_rule="required", **stages)
+        verdict = await judge(
+            model, task, opened_twice(PUZZLES[0], PUZZLES[1]), reference_rule="required", **stages
+        )
     assert {asked.body["model"] for asked in model.asked} == {f"{stage}-model" for stage in stages}
     assert all(asked.body["model"] == f"{asked.stage}-model" for asked in model.asked)
     assert "fact-model" in verdict.judge
@@ -272,24 +278,40 @@ async def test_every_stage_has_its_model() -> None:
 
 async def test_blocking_is_seen_by_rule_or_by_the_model() -> None:
     challenge = look("Verify you are human", status=403, title="Just a moment...")
-    async with serve_judge(without("response")) as model:
-        verdict = await judge(model, made=episode(["front", challenge]))
+
+    def says_blocked(asked: Asked) -> Any:
+        if asked.stage == "blocking":
+            return asked.verdict(True, "Step 2 is a puzzle.")
+        return without("fact")(asked)
+
+    async with serve_judge(says_blocked) as model:
+        verdict = await judge(model, made=opened_twice(challenge, challenge))
         assert verdict.reward is None
         assert verdict.blocked.passed
         assert not model.of("blocking")
-
-    def blocked(asked: Asked) -> Any:
-        return (
-            asked.verdict(True, "Step 3 is a puzzle.")
-            if asked.stage == "blocking"
-            else without("fact")(asked)
-        )
-
-    async with serve_judge(blocked) as model:
-        verdict = await judge(model)
+        verdict = await judge(model, made=opened_twice(PUZZLES[0], PUZZLES[1]))
         assert verdict.reward is None
-        assert verdict.blocked.steps == (2,)
-        assert (await judge(model, blocking_model=False)).reward == 0
+        assert verdict.blocked.steps == (1,)
+        assert len(model.of("blocking")) == 1
+        assert (
+            await judge(model, made=opened_twice(PUZZLES[0], PUZZLES[1]), blocking_model=False)
+        ).reward == 0
+
+
+async def test_the_model_is_not_asked_whether_an_attempt_was_blocked_that_cannot_have_been() -> None:
+    def says_blocked(asked: Asked) -> Any:
+        return asked.verdict(True) if asked.stage == "blocking" else without("fact")(asked)
+
+    elsewhere = look("puzzle", url="https://search.example/", title="Ein Moment", status=403)
+    async with serve_judge(says_blocked) as model:
+        for made in (
+            episode(),
+            episode(["front", "mug $12.50", look("Access Denied", title="Access Denied", status=403)]),
+            episode(["front", elsewhere, elsewhere]),
+            episode(["front", elsewhere, elsewhere], answer=None),
+        ):
+            assert (await judge(model, made=made)).reward == 0
+        assert not model.of("blocking")
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ scrolling alone. It never trusts that a move worked: it looks. Its rules:
 - A page that is still loading is waited for.
 - What is not visible is searched by scrolling to one end of the page, then to the other.
 - A move whose effect did not come, because the screen is the same, is tried once more.
+- A page that the website refuses is asked for once more, from its front page.
 - After that, or when something cannot be found, it answers honestly that it could not be done.
 """
 
@@ -28,7 +29,18 @@ from webgym.agent.page import (
     target_of,
     usable,
 )
-from webgym.core.action import Action, Answer, Direction, GoBack, LeftClick, Mode, Scroll, Type, Wait
+from webgym.core.action import (
+    Action,
+    Answer,
+    Direction,
+    GoBack,
+    LeftClick,
+    Mode,
+    Navigate,
+    Scroll,
+    Type,
+    Wait,
+)
 from webgym.core.observation import Element, Observation
 from webgym.core.text import fold
 from webgym.core.truth import Back, Choose, Click, Fill, Give, Home, Move, See
@@ -62,6 +74,9 @@ MAX_WAITS: Final = 3
 MAX_INNER_SCROLLS: Final = 5
 """How often in a row the wheel is turned while the window stays where it is: a box in the page may scroll,
 or an animation may only look like it."""
+
+_REFUSED: Final = frozenset({403, 429, 503})
+"""HTTP statuses of pages that another request may yet show."""
 
 MAX_TRIES: Final = 2
 _POINTS: Final = ((0.5, 0.5), (0.2, 0.3))
@@ -126,6 +141,7 @@ class Solver:
         self._cleared: dict[str, int] = {}
         self._previous: Observation | None = None
         self._redone: set[int] = set()
+        self._asked_again = False
         self.seen: list[tuple[str, ...]] = []
 
     def progress(self) -> dict[str, str]:
@@ -285,6 +301,9 @@ class Solver:
         if not self._effort.waited:
             self._effort.waited = True
             return Act(Wait(LOADING_WAIT_SECONDS), "Wait in case the page is not complete yet")
+        if observation.status in _REFUSED and not self._asked_again:
+            self._asked_again = True
+            return Act(Navigate(self._website), "Open the front page again: the website refused this page")
         return self._without(move, observation, mode)
 
     def _sweep_on(self, move: Move, observation: Observation) -> Direction | None:

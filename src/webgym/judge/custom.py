@@ -62,9 +62,9 @@ class FunctionJudge:
             raise
         except Exception as error:
             raise JudgeError(f"{self._name} failed: {type(error).__name__}: {error}") from error
-        return self._verdict(found, episode)
+        return self._verdict(found, task, episode)
 
-    def _verdict(self, found: Any, episode: Episode) -> Verdict:
+    def _verdict(self, found: Any, task: Task, episode: Episode) -> Verdict:
         if isinstance(found, Verdict):
             return msgspec.structs.replace(found, judge=self._name)
         reason = ""
@@ -76,7 +76,7 @@ class FunctionJudge:
                 hint="return a Verdict, a bool, or (bool, reason); raise JudgeError when in doubt",
             )
         passed = bool(found) and episode.answer is not None
-        blocked = Judgement(False, "the attempt succeeded") if passed else find_block(episode.observations)
+        blocked = Judgement(False, "the attempt succeeded") if passed else find_block(task, episode)
         response = Judgement(bool(found), reason or f"{self._name} says so")
         return Verdict(self._name, None if blocked.passed else int(passed), (), blocked, response)
 

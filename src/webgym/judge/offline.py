@@ -38,7 +38,7 @@ class _View:
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 
-    name = "offline/1"
+    name = "offline/2"
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
@@ -67,7 +67,7 @@ class OfflineJudge:
         passed = all(fact.judgement.passed for fact in facts)
         passed = passed and response is not None and response.passed
         passed = passed and (reference is None or reference.passed)
-        blocked = find_block(episode.observations) if not passed else Judgement(False, "the task was done")
+        blocked = find_block(task, episode) if not passed else Judgement(False, "the task was done")
         return Verdict(
             judge=self.name,
             reward=None if blocked.passed else int(passed),

@@ -35,7 +35,7 @@ from webgym.judge.verdicts import Finding
 from webgym.llm.completion import Completes
 from webgym.llm.prices import Prices
 
-VERSION = "rubric/1"
+VERSION = "rubric/2"
 """Of the rules and prompts; raised when a change of theirs can change a verdict."""
 
 _STEPS = re.compile(
@@ -207,14 +207,15 @@ class _Case:
         )
 
     async def _find_block(self) -> Judgement:
-        """What the rules see; where they see nothing, what a model sees in the last screenshots."""
-        seen = self._episode.observations
-        by_rule = find_block(seen)
-        if by_rule.passed or not seen or not self._config.blocking_model:
+        """What the rules see; where they see nothing, what a model sees in what could be refusals."""
+        by_rule = find_block(self._task, self._episode)
+        if by_rule.passed or not self._config.blocking_model:
             return by_rule
-        texts = self._config.texts
-        count = min(len(seen), self._config.blocking.images_per_call)
-        last = range(len(seen) - count, len(seen))
+        at_most = find_block(self._task, self._episode, suspect_last=True)
+        if not at_most.passed:
+            return by_rule  # whatever a model said, the attempt would not be blocked
+        seen, texts = self._episode.observations, self._config.texts
+        last = at_most.steps[-self._config.blocking.images_per_call :]
         pages = "\n".join(f"{seen[i].url}, status {seen[i].status}, {seen[i].title}" for i in last)
         history = action_history(self._episode, line_chars=texts.action_chars, limit=texts.history_chars)
         write = partial(prompts.blocking, website=self._task.website, history=history, last=pages)

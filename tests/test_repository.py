@@ -309,3 +309,81 @@ def test_tests_that_a_document_names_are_there() -> None:
     for document in (ROOT / "docs").glob("*.md"):
         for name in re.findall(r"`(test_\w+)`", document.read_text()):
             assert f"def {name}(" in tests, f"{document.name} names {name}"
+
+
+# --- citations of the paper ---------------------------------------------------------------------------
+
+CITED = re.compile(
+    r"§\s?(?P<section>\d+(?:\.\d+)*)|\b(?P<kind>appendix|algorithm|table)\s(?P<one>[A-Z]|\d+)\b"
+    r"(?:\sand\s(?P<other>[A-Z])\b)?|\bpaper(?:'s)?,?\s(?P<wrong>section|sec\.?|app\.)\s",
+    re.IGNORECASE,
+)
+TASKS = frozenset({"§3", "appendix E", "Algorithm 1", "Table 1"})
+JUDGING = frozenset({"§3.4", "appendix E"})
+ROLLOUT = frozenset({"§4", "appendix B"})
+AGENT = frozenset({"§5", "appendix C", "appendix E"})
+TRAINING = frozenset({"§5", "appendix D", "appendix F"})
+SECTIONS = {
+    "tasks": TASKS,
+    "judge": JUDGING,
+    "server": ROLLOUT | {"appendix F"},  # the sizes of its pools
+    "browser": ROLLOUT | {"appendix C"},  # the actions
+    "rollout": ROLLOUT | JUDGING | TRAINING,  # what an attempt may cost, how it is judged
+    "agent": AGENT | TRAINING,  # how replies are sampled
+    "train": TRAINING,
+    "offline": {"Algorithm 1"},
+}
+"""Where the paper says what a package is about. Other packages may cite any of these."""
+
+
+def citations(text: str) -> Iterator[str]:
+    """The parts of the paper that a text cites; a form that is not ours as it stands."""
+    for found in CITED.finditer(text):
+        if found["wrong"]:
+            yield found.group().strip()
+        elif found["section"]:
+            yield f"§{found['section']}"
+        else:
+            yield from (f"{found['kind']} {one}" for one in (found["one"], found["other"]) if one)
+
+
+def wrong_citations(name: str, text: str) -> list[str]:
+    everything = frozenset().union(*SECTIONS.values())
+    parts = Path(name).parts
+    package = parts[2] if parts[:2] == ("src", "webgym") else ""
+    return [cited for cited in citations(text) if cited not in SECTIONS.get(package, everything)]
+
+
+def test_citations_of_the_paper_name_sections_that_are_about_it() -> None:
+    folders = [SOURCE / "webgym", ROOT / "configs", ROOT / "docs"]
+    files = [
+        path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".md", ".yaml")
+    ]
+    wrong, count = {}, 0
+    for path in [*files, ROOT / "README.md"]:
+        name, text = str(path.relative_to(ROOT)), path.read_text("utf-8")
+        count += len(list(citations(text)))
+        if found := wrong_citations(name, text):
+            wrong[name] = found
+    assert wrong == {}
+    assert count > 50
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "wrong"),
+    [
+        ("src/webgym/tasks/split.py", "(paper §3.2; SYSTEM.md 1.5)", ["§3.2"]),
+        ("src/webgym/core/task.py", "(paper §3.1)", ["§3.1"]),
+        ("src/webgym/judge/blocking.py", "(paper §3.4)", []),
+        ("src/webgym/judge/blocking.py", "(paper §4)", ["§4"]),
+        ("src/webgym/server/admission.py", "(paper, section 4)", ["paper, section"]),
+        ("src/webgym/agent/prompts.py", "(paper §5, appendix C and E)", []),
+        ("src/webgym/agent/prompts.py", "(paper §5, appendix B and E)", ["appendix B"]),
+        ("src/webgym/agent/prompts.py", "(paper §5, Appendix C)", ["Appendix C"]),
+        ("docs/training.md", "(paper appendix G)", ["appendix G"]),
+        ("docs/task-set.md", "paper Algorithm 2 and its Table 1", ["Algorithm 2"]),
+        ("src/webgym/bench/hardweb/server.py", "RFC 6455, section 1.3", []),
+    ],
+)
+def test_a_citation_of_a_wrong_section_is_found(name: str, text: str, wrong: list[str]) -> None:
+    assert wrong_citations(name, text) == wrong

@@ -27,7 +27,7 @@ class AgentConfig(BaseModel):
     profile says: points but for GPT-class models."""
 
     prompt_format: PromptFormat = "memory"
-    """What a reply consists of. The memory prompt is worth three points of success in the paper (§5)."""
+    """What a reply consists of. The memory prompt is worth three points of success (paper §5)."""
 
     rounds: int = Field(default=4, ge=0, le=50)
     """Past rounds that are shown whole, as screenshot and reply, before the current screenshot. The paper

@@ -26,7 +26,7 @@ class Shape(msgspec.Struct, frozen=True, kw_only=True):
     seed: int = 0
 
 
-_SOURCES: Final = {  # paper, Table 1: tasks, and the websites that are not everybody's
+_SOURCES: Final = {  # paper Table 1: tasks, and the websites that are not everybody's
     "insta-v3": (146_441, 0),
     "pae-webvoyager": (128_499, 13),
     "agentsynth-web": (2_086, 328),
@@ -39,11 +39,11 @@ _SOURCES: Final = {  # paper, Table 1: tasks, and the websites that are not ever
     "gaia-web": (87, 1),
 }
 _LEVELS: Final = ((0.80, (1, 3)), (0.15, (4, 6)), (0.05, (7, 10)))
-"""Share of the tasks and their least and most facts: about 80 % are easy (paper §3.3)."""
+"""Share of the tasks and their least and most facts: about 80 % are easy (paper §3)."""
 _GROUPS: Final = (1,) * 30 + (2,) * 18 + (3, 4)
 """Facts of a group. Few are large, for the paper's set has about one derived task in twenty."""
 _STEPS: Final[dict[Level, float]] = {"easy": 7.8, "medium": 9.9, "hard": 11.9}
-"""Mean steps of a trajectory (paper §3.3)."""
+"""Mean steps of a trajectory (paper §3)."""
 _SUFFIXES: Final = ("com",) * 12 + ("org", "net", "co.uk", "de", "io", "com.au", "edu", "fr", "info", "co.jp")
 _FORMS: Final = ("https://www.{}/", "https://{}/", "http://{}", "{}", "https://shop.{}/en/", "www.{}")
 

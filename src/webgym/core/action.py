@@ -1,4 +1,4 @@
-"""What an agent can do (paper §4, appendix C): seven actions, in two interaction modes.
+"""What an agent can do (paper §5, appendix C): seven actions, in two interaction modes.
 
 In *coordinates* mode a target is a point on a 0-1000 grid over the viewport, whatever its size in
 pixels. In *marks* mode (Set-of-Marks) a target is the number drawn on an element.

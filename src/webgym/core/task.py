@@ -1,4 +1,4 @@
-"""Tasks and rubrics (paper §3.1).
+"""Tasks and rubrics (paper §3).
 
 They hold no cycles, and a task set has hundreds of thousands of them: the garbage collector is told not to
 look at them (``gc=False``).
@@ -21,11 +21,11 @@ WebsiteFrom: TypeAlias = Literal["given", "derived", "inferred"]
 EASY_AT_MOST = 3
 MEDIUM_AT_MOST = 6
 LARGE_GROUP_AT_LEAST = 3
-"""A fact group of this size makes a task worth decomposing (paper, Algorithm 1)."""
+"""A fact group of this size makes a task worth decomposing (paper Algorithm 1)."""
 
 
 def level_of(difficulty: int) -> Level:
-    """Easy 1-3, medium 4-6, hard from 7 (paper §3.1)."""
+    """Easy 1-3, medium 4-6, hard from 7 (paper §3)."""
     if difficulty <= EASY_AT_MOST:
         return "easy"
     return "medium" if difficulty <= MEDIUM_AT_MOST else "hard"
@@ -73,7 +73,7 @@ class Rubric(msgspec.Struct, frozen=True, gc=False):
         return sum(len(group.facts) for group in self.groups)
 
     def decompositions(self) -> list[Rubric]:
-        """The rubrics of the tasks that can be derived from one with this rubric (paper, Algorithm 1).
+        """The rubrics of the tasks that can be derived from one with this rubric (paper Algorithm 1).
 
         Returns:
             Every proper, non-empty subset of the groups that contains a large group, smaller subsets

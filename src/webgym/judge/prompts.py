@@ -1,4 +1,4 @@
-"""The words that a judge model reads (paper §3.4). Wording is ours.
+"""The words that a judge model reads (paper §3.4, appendix E). Wording is ours.
 
 Every text of others stands in a quotation (:mod:`webgym.judge.untrusted`); the system message says what that
 means, and how the reply must end.

@@ -2,7 +2,7 @@
 
 A task is a list of parts. A part is one thing to ask for: its clause in the instruction, its facts (one
 fact group), the moves that solve it and the sentence that answers it. A task and everything that can
-be decomposed from it (paper, Algorithm 1) are therefore compositions of the same parts, and no model
+be decomposed from it (paper Algorithm 1) are therefore compositions of the same parts, and no model
 is needed to write them.
 """
 

@@ -1,4 +1,4 @@
-"""Run permits, and a queue of its own for each type of operation in front of them (paper, section 4).
+"""Run permits, and a queue of its own for each type of operation in front of them (paper §4).
 
 A slot's processes run only while it holds a permit; between calls they are stopped. How many may run at
 once is found by measuring: more while the processors have time to spare (a slot that waits for the

@@ -28,7 +28,7 @@ class Admission(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     order: Literal["per_operation", "global"] = "per_operation"
-    """``per_operation``: each type of operation has its own queue, and they take turns (paper, section 4).
+    """``per_operation``: each type of operation has its own queue, and they take turns (paper §4).
     ``global``: first come, first served, whatever it is."""
 
     fewest: int = Field(default_factory=lambda: 2 * usable_cores(), gt=0)
@@ -219,8 +219,8 @@ class RayConfig(BaseModel):
 class ClientLimits(BaseModel):
     """How much a client asks for at once, and how long it waits.
 
-    Each type of operation has a pool of its own, so that a burst of one never holds up another (paper,
-    section 4; the pool sizes are those of its appendix F).
+    Each type of operation has a pool of its own, so that a burst of one never holds up another (paper
+    §4; the sizes of the pools are those of paper appendix F).
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -1,4 +1,4 @@
-"""Easier tasks out of harder ones (paper §3.1, Algorithm 1). No rollout and no model is needed for it.
+"""Easier tasks out of harder ones (paper Algorithm 1). No rollout and no model is needed for it.
 
 A task whose rubric has two groups or more, one of them large, gives one task for every proper subset of the
 groups that holds a large one. What it asks for is its subset; its instruction is still its parent's until it
@@ -19,7 +19,7 @@ from webgym.core.task import FactGroup, Rubric, Task
 from webgym.tasks.published import DIFFICULTY_DIFFERS
 
 SYNTHETIC: Final = ("pae-webvoyager", "agentsynth-web")
-"""Sources that a model wrote. Deriving more from them fills the set with what looks alike (paper §3.1)."""
+"""Sources that a model wrote. Deriving more from them fills the set with what looks alike (paper §3)."""
 
 
 class Decomposing(BaseModel):

@@ -70,7 +70,7 @@ class DuplicateLimits(BaseModel):
     per_template: int = Field(default=20, ge=1)
     """Tasks of a website whose texts differ in nothing but numbers."""
     per_website: int = Field(default=12_000, ge=1)
-    """Tasks of a website. PAE-WebVoyager has 128,499 on 13, about 9,900 each (paper, Table 1)."""
+    """Tasks of a website. PAE-WebVoyager has 128,499 on 13, about 9,900 each (paper Table 1)."""
     seed: int = 0
     """Of the draw."""
 

@@ -1,4 +1,6 @@
-"""What models are asked when a task set is built, in our own words (paper §3.1; SYSTEM.md 1.3 and 1.4).
+"""What models are asked when a task set is built (paper §3, appendix E; SYSTEM.md 1.3 and 1.4).
+
+The wording is ours.
 
 The rules stand in the system message, which is the same for every task, so that endpoints which remember the
 beginning of a prompt charge it less; the task stands in the user's.

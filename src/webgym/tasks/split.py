@@ -1,4 +1,4 @@
-"""Training and test tasks that share no website (paper §3.2; SYSTEM.md 1.5).
+"""Training and test tasks that share no website (paper §3; SYSTEM.md 1.5).
 
 Every test task is from a website of its own (:func:`webgym.core.websites.site_of`: the registrable domain
 decides), and no training task is on any of these websites. Families stay together: whatever descends from a
@@ -35,7 +35,7 @@ class SplitConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     test_tasks: int = Field(default=1_167, ge=0)
-    """Test tasks, each from a website of its own (paper §3.2)."""
+    """Test tasks, each from a website of its own (paper §3)."""
     largest_website: int = Field(default=100, ge=1)
     """A test website takes all its other tasks out of training. Those with more tasks than this, which would
     take thousands, are for testing only where the others do not suffice, the smallest first."""

@@ -1,4 +1,4 @@
-"""What a task set holds (paper §3.3; SYSTEM.md 1.6): counts that figures and tables are made from."""
+"""What a task set holds (paper §3; SYSTEM.md 1.6): counts that figures and tables are made from."""
 
 from __future__ import annotations
 

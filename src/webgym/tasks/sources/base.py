@@ -138,7 +138,7 @@ class Source:
         licence: of the data, where its publisher states one.
         instruction: names of the field that holds the instruction; a record is known by it.
         draft: what a record says.
-        synthetic: the tasks were made by a model, so that near-duplicates are to be expected (paper §3.2).
+        synthetic: the tasks were made by a model, so that near-duplicates are to be expected (paper §3).
         beside: patterns of files that belong to the tasks' file and hold no tasks themselves.
     """
 

@@ -127,7 +127,8 @@ class Conversation:
         config, profile = self._agent.config, self._agent.profile
         past = _with_effect(self._rounds, observation)
         index = len(past)
-        now = Now(observation, index, self._budget, self.memory, self.revisions.get(index - 1, Revision()))
+        revision = self.revisions.get(index - 1, Revision())
+        now = Now(observation, index, self._budget, self.memory, revision, self.progress)
         request = build_request(self._task, past, now, config, profile)
         sent = profile.picture_size(observation.viewport, config.image_max_side)
         if observation.screenshot not in self._images and sent != observation.viewport:
@@ -147,7 +148,10 @@ class Conversation:
         )
         reply = await self._ask(turn)
         parsed = self._parse(reply, turn)
+        # A compact reply lists what is new only.
         unseen = list(self.memory)[: request.cut.entries]
+        if config.prompt_format == "compact":
+            unseen = list(self.memory)
         revision = self._remember(parsed, unseen)
         if revision:
             self.revisions[index] = revision

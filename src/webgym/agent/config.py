@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import datetime
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.action import Mode
 
-PromptFormat: TypeAlias = Literal["memory", "official"]
-"""``memory``: Memory, Progress, Intention, Action, tool call. ``official``: the last two (paper §5)."""
+PromptFormat: TypeAlias = Literal["memory", "official", "compact", "compact_official"]
+"""``memory``: Memory, Progress, Intention, Action, tool call. ``official``: the last two (paper §5). The
+compact ones say the same in a line of words, for very small models (:mod:`webgym.agent.compact`)."""
+
+WITH_MEMORY: Final = frozenset[PromptFormat]({"memory", "compact"})
+"""The formats in which a reply states memory, progress and intention."""
 
 
 class AgentConfig(BaseModel):

@@ -16,7 +16,8 @@ from typing import Any
 import msgspec
 
 from webgym.agent.budget import Cut, fit_request
-from webgym.agent.config import AgentConfig
+from webgym.agent.compact import COMPACT_FORMATS, action_line, memory_line, progress_line
+from webgym.agent.config import WITH_MEMORY, AgentConfig
 from webgym.agent.memory import to_json
 from webgym.agent.parser import ParsedReply, ParseError, said_aloud
 from webgym.agent.pictures import Size
@@ -50,6 +51,7 @@ class Now(msgspec.Struct, frozen=True):
         budget: turns in all.
         memory: what has been remembered so far.
         revision: how the last reply's memory had to be mended.
+        progress: the agent's latest statement of it; the compact formats repeat it.
     """
 
     observation: Observation
@@ -57,6 +59,7 @@ class Now(msgspec.Struct, frozen=True):
     budget: int
     memory: Mapping[str, Any] = {}
     revision: Revision = Revision()
+    progress: Mapping[str, Any] = {}
 
 
 _NOTICES: dict[NoticeKind, str] = {
@@ -105,7 +108,7 @@ def build_request(
         profile,
         rounds=rounds,
         lines=len(past) - rounds,
-        entries=len(now.memory) if config.prompt_format == "memory" else 0,
+        entries=len(now.memory) if config.prompt_format in WITH_MEMORY else 0,
         most_tokens=config.request_tokens or profile.request_tokens,
         most_images=config.max_images or profile.max_images,
     )
@@ -115,6 +118,8 @@ def build_request(
 def _render(
     task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile, cut: Cut
 ) -> tuple[Message, ...]:
+    if config.prompt_format in COMPACT_FORMATS:
+        return _render_compact(task, past, now, config, profile, cut)
     rounds = min(config.rounds, len(past)) - cut.rounds
     older, window = past[: len(past) - rounds], past[len(past) - rounds :]
     seen = now.observation
@@ -133,6 +138,47 @@ def _render(
     text = opening + _observation_text(seen, now.index, now.budget, before) + _revision_text(now.revision)
     messages.append(_user(text, _picture(seen, config, profile)))
     return tuple(messages)
+
+
+def _render_compact(
+    task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile, cut: Cut
+) -> tuple[Message, ...]:
+    """As the full formats, but in single words: the picture first, the task in the last message."""
+    rounds = min(config.rounds, len(past)) - cut.rounds
+    screen = profile.screen(profile.picture_size(now.observation.viewport, config.image_max_side))
+    blind = cut.pictures - cut.rounds
+    messages = [Message("system", (TextPart(system_prompt(config, profile.mode, screen)),))]
+    for number, shown in enumerate(past[len(past) - rounds :]):
+        picture = () if number < blind else (_picture(shown.step.observation, config, profile),)
+        messages.append(Message("user", (*picture, TextPart(f"step {shown.step.index + 1} of {now.budget}"))))
+        reply = said_aloud(shown.step.reply.text, thinking_of(shown.step.reply, profile))
+        messages.append(Message("assistant", (TextPart(reply),)))
+    lines = [f"task {task.instruction}"]
+    if config.prompt_format in WITH_MEMORY:
+        lines.append(f"memory {memory_line(dict(list(now.memory.items())[cut.entries :]))}".rstrip())
+        lines.append(f"progress {progress_line(now.progress)}".rstrip())
+    lines.append(_last_line(past[-1] if past else None, now.observation, screen))
+    lines += [f"note {kind}" for kind in _compact_notices(now.observation)]
+    lines.append(f"step {now.index + 1} of {now.budget}")
+    shown_now = (_picture(now.observation, config, profile), TextPart("\n".join(lines)))
+    return (*messages, Message("user", shown_now))
+
+
+def _last_line(before: Round | None, observation: Observation, screen: Size) -> str:
+    match before.parsed if before else None:
+        case None:
+            return "last nothing"
+        case ParseError():
+            return "last unreadable"
+        case ParsedReply(action=action):
+            assert before is not None
+            changed = before.step.observation.screenshot != observation.screenshot
+            return f"last {action_line(action, screen)} {'changed' if changed else 'unchanged'}"
+
+
+def _compact_notices(observation: Observation) -> list[str]:
+    told = {notice.kind for notice in observation.notices} - {"unchanged", "reply_unreadable"}
+    return sorted(told)
 
 
 def thinking_of(reply: Reply, profile: Profile) -> Thinking:
@@ -164,7 +210,7 @@ def _opening(
         lines = [f"(The first {cut.lines} are left out.)"] if cut.lines else []
         lines += [_summary_line(past, screen, config.summary_line_max_chars) for past in older[cut.lines :]]
         parts.append("Earlier actions:\n" + "\n".join(lines))
-    if config.prompt_format == "memory":
+    if config.prompt_format in WITH_MEMORY:
         shown = dict(list(now.memory.items())[cut.entries :])
         left_out = f" (The {cut.entries} oldest entries are kept but left out here.)" if cut.entries else ""
         parts.append(f"Memory so far: {to_json(shown)}{left_out}")

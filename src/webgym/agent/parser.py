@@ -11,6 +11,7 @@ text does not spell out. It is linear in the length of the reply. Its rules:
 3. Between the two stands one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and
    an object as ``arguments``. No key stands twice; NaN and infinity are no JSON.
 4. The arguments are read by :mod:`webgym.agent.wire`.
+   The compact formats have a line in their place (:mod:`webgym.agent.compact`); the rest holds for them too.
 5. The sections before the call (Memory, Progress, Intention, Action) never spoil a good call: one that
    is missing or unreadable is ``None`` or empty.
 """
@@ -23,7 +24,8 @@ from typing import Any, NoReturn
 
 import msgspec
 
-from webgym.agent.config import PromptFormat
+from webgym.agent.compact import COMPACT_FORMATS, parse_compact
+from webgym.agent.config import WITH_MEMORY, PromptFormat
 from webgym.agent.pictures import Size
 from webgym.agent.profile import Thinking
 from webgym.agent.wire import TOOL_NAME, ParseProblem, Refused, from_arguments
@@ -90,6 +92,8 @@ def parse_reply(
         thinking: whether a chat template has opened the thinking.
     """
     try:
+        if prompt_format in COMPACT_FORMATS:
+            return _read_compact(text, mode, prompt_format, screen, thinking)
         before, call = _split(text, thinking)
         action = _read_call(call, mode, screen)
     except Refused as refused:
@@ -104,6 +108,16 @@ def parse_reply(
         intention=_line(sections.get("intention", "")),
         description=_line(sections.get("action", "")),
     )
+
+
+def _read_compact(
+    text: str, mode: Mode, prompt_format: PromptFormat, screen: Size, thinking: Thinking
+) -> ParsedReply:
+    start, unfinished = _thought(text, thinking)
+    if unfinished is not None:
+        raise Refused("unfinished_thinking", "the reply ended before the thinking did")
+    with_memory = prompt_format in WITH_MEMORY
+    return ParsedReply(*parse_compact(text[start:], mode, with_memory=with_memory, screen=screen))
 
 
 def said_aloud(text: str, thinking: Thinking = "tagged") -> str:

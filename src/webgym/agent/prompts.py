@@ -11,7 +11,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from webgym.agent.config import AgentConfig, PromptFormat
+from webgym.agent.compact import COMPACT_FORMATS, render_compact
+from webgym.agent.config import WITH_MEMORY, AgentConfig, PromptFormat
 from webgym.agent.pictures import Size
 from webgym.agent.wire import ARGUMENTS, TOOL_NAME, to_arguments
 from webgym.core.action import GRID, MAX_WAIT_SECONDS, Action, Mode
@@ -89,7 +90,7 @@ Action: one sentence that says what you do now and on what.
 {{"name": "{tool}", "arguments": {{"action": ..., ...}}}}
 </tool_call>"""
 
-_REPLIES: dict[PromptFormat, str] = {"memory": _MEMORY_REPLY, "official": _OFFICIAL_REPLY}
+_REPLIES = {"memory": _MEMORY_REPLY, "official": _OFFICIAL_REPLY}
 _TARGETS: dict[Mode, str] = {
     "coordinates": "the point `coordinate`",
     "marks": "the element with the number `element`",
@@ -104,6 +105,8 @@ def system_prompt(config: AgentConfig, mode: Mode = "coordinates", screen: Size 
         mode: how a target is named.
         screen: where points end, to the right and below.
     """
+    if config.prompt_format in COMPACT_FORMATS:
+        return "act with memory" if config.prompt_format in WITH_MEMORY else "act"
     parts = [
         _ROLE if config.today is None else f"{_ROLE}\n{_date(config.today)}",
         f"# Tool\n<tools>\n{json.dumps(tool_declaration(mode, screen))}\n</tools>",
@@ -159,9 +162,18 @@ def render_reply(
 ) -> str:
     """A reply as the prompt asks for it; the parser reads back what was put in.
 
-    ``intention`` and ``description`` become one line each. The ``official`` format has no room for
-    memory, progress and intention; they are left out.
+    ``intention`` and ``description`` become one line each. The official formats have no room for memory,
+    progress and intention, the compact ones none for the description; they are left out.
     """
+    if prompt_format in COMPACT_FORMATS:
+        return render_compact(
+            action,
+            with_memory=prompt_format in WITH_MEMORY,
+            memory=memory or {},
+            progress=progress or {},
+            intention=_line(intention),
+            screen=screen,
+        )
     lines = []
     if prompt_format == "memory":
         lines += [

@@ -35,7 +35,7 @@ RUNS = sorted(set((ROOT / "configs").glob("*.yaml")) - {TASK_SET})
 
 @pytest.mark.parametrize("preset", RUNS, ids=lambda path: path.stem)
 def test_a_preset_of_a_run_loads(preset: Path) -> None:
-    assert settings(preset, {}).policy.name == "openai"
+    assert settings([preset], {}).policy.name == "openai"
 
 
 def test_the_preset_of_the_task_set_names_all_its_sources() -> None:

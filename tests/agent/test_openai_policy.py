@@ -80,7 +80,7 @@ async def test_the_sampling_is_recorded_as_it_was_sent(
     (step,) = await talk(endpoint.url(), png, sampling=sampling)
     sent = {k: v for k, v in endpoint.requests[0].items() if k not in ("model", "messages", "stream")}
     assert step.reply.sampling == sent
-    assert sent == (DEFAULT_SAMPLING if sampling == Sampling() else sampling).body()
+    assert sent == sampling.over(DEFAULT_SAMPLING).body()
 
 
 @pytest.mark.parametrize(

@@ -163,7 +163,8 @@ def test_sampling_in_the_familys_words() -> None:
     assert families["qwen3-vl"].sampling_of(Sampling()) == PAPER_SAMPLING
     assert GENERIC.sampling_of(Sampling()) == DEFAULT_SAMPLING
     mine = Sampling(temperature=0, max_tokens=100, extra_body={"seed": 1})
-    assert families["qwen3-vl"].sampling_of(mine) is mine
+    told = families["qwen3-vl"].sampling_of(mine).body()
+    assert told == {"temperature": 0, "top_p": 0.99, "max_tokens": 100, "top_k": 2, "seed": 1}
     thinks = families["gpt-5"]
     assert thinks.sampling_of(mine).body() == {"temperature": 0, "max_completion_tokens": 100, "seed": 1}
     assert set(thinks.sampling_of(Sampling()).body()) == {"max_completion_tokens"}

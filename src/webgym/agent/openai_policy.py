@@ -28,7 +28,7 @@ class OpenAIPolicy:
     """A model that knows nothing but the request; it plays every attempt the same way.
 
     Args:
-        config: endpoint, model, sampling and limits. A config that names no sampling gets the profile's.
+        config: endpoint, model, sampling and limits. Its sampling is laid over the profile's.
         profile: of the model's family; by default the one that the model's name leads to.
     """
 

@@ -34,7 +34,7 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
         mode: how a target is named, unless the settings say otherwise.
         thinking: how a reply's thinking is told from the reply.
         detail: the ``detail`` of every picture in a request; empty to leave it out.
-        sampling: used where the settings name none.
+        sampling: holds for what the settings do not say.
         length_key: what the endpoint calls the longest reply.
         request_tokens: longest request, in tokens: the context that the model is usually served with, less
             the longest reply.
@@ -71,8 +71,8 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
         return sent if self.grid == "pixels" else (GRID, GRID)
 
     def sampling_of(self, given: Sampling) -> Sampling:
-        """The sampling of a request: what was given, else the family's own, in the family's words."""
-        chosen = self.sampling if given == Sampling() else given
+        """The sampling of a request: what was given over the family's own, in the family's words."""
+        chosen = given.over(self.sampling)
         if self.length_key == "max_tokens" or chosen.max_tokens is None:
             return chosen
         extra = {self.length_key: chosen.max_tokens} | chosen.extra_body

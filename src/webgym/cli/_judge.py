@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
 from webgym.core.errors import ConfigError
 from webgym.judge.config import STAGES
 from webgym.judge.factory import JudgeChoice
+from webgym.settings import read_settings
 
 JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
 """Where a judge's key is looked for first; else where a policy's is."""
@@ -45,7 +45,11 @@ def judge_choice(
     Raises:
         ConfigError: something is missing or malformed.
     """
-    held = _read(file) if file else (default or JudgeChoice()).model_dump(mode="json", exclude_none=True)
+    held = (
+        read_settings(file, hint="see docs/judge.md")
+        if file
+        else (default or JudgeChoice()).model_dump(mode="json", exclude_none=True)
+    )
     if name or base_url:
         held["name"] = name or "rubric"
     if held.get("name") == "rubric":
@@ -90,15 +94,3 @@ def own_choice(config: Mapping[str, Any]) -> JudgeChoice:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
         raise ConfigError(f"config.yaml: judge.{where}: {first['msg']}", hint="give --judge") from error
-
-
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        held = yaml.safe_load(file.read_text()) or {}
-    except OSError as error:
-        raise ConfigError(f"cannot read {file}: {error.strerror}") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{file} is not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(held, dict):
-        raise ConfigError(f"{file} holds no settings", hint="see docs/judge.md")
-    return held

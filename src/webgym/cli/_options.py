@@ -16,9 +16,11 @@ Resume: TypeAlias = Annotated[
     typer.Option("--resume", help="Run folder to go on with; its own settings hold.", show_default=False),
 ]
 Config: TypeAlias = Annotated[
-    Path | None,
+    list[Path] | None,
     typer.Option(
-        "--config", help="YAML file of settings; the options below override it.", show_default=False
+        "--config",
+        help="YAML file of settings, under the options below. Repeatable: each is laid over the last.",
+        show_default=False,
     ),
 ]
 Tasks: TypeAlias = Annotated[
@@ -111,7 +113,7 @@ def mode_of(marks: bool | None) -> str | None:
 
 
 def run_settings(
-    file: Path | None,
+    files: list[Path] | None,
     overrides: Mapping[str, Any],
     policy: tuple[str | None, float | None, str | None, str | None],
     judge: tuple[str | None, str | None, str | None],
@@ -119,7 +121,7 @@ def run_settings(
     """The settings of a run.
 
     Args:
-        file: YAML, or none.
+        files: YAML, each laid over those before it.
         overrides: what other options say, in the shape of the settings; ``None`` overrides nothing.
         policy: name, share of mistakes, endpoint and model.
         judge: name, endpoint and model.
@@ -130,11 +132,7 @@ def run_settings(
     from webgym.cli import _run
     from webgym.cli._judge import judge_choice
 
-    settings = _run.settings(file, overrides)
-    name, mistakes, base_url, model = policy
-    if name or base_url or mistakes is not None:
-        choice = _run.policy_choice(name, mistakes or 0.0, base_url, model)
-        settings = settings.model_copy(update={"policy": choice})
+    settings = _run.settings(files or (), overrides, policy)
     if any(judge):
         settings = settings.model_copy(update={"judge": judge_choice(*judge, default=settings.judge)})
     return settings

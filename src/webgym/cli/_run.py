@@ -5,22 +5,21 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-from collections.abc import Callable, Coroutine, Mapping
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import Any, TypeVar
 
 import uvloop
-import yaml
 from pydantic import SecretStr, ValidationError
 from rich.console import Console
 from rich.markup import escape
 
-from webgym.collection import PolicyChoice, RunConfig, Secrets
+from webgym.collection import RunConfig, Secrets
 from webgym.core.errors import ConfigError
-from webgym.llm.config import ChatConfig, Sampling
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
+from webgym.settings import merged, read_settings, without_none
 
 T = TypeVar("T")
 
@@ -67,67 +66,64 @@ def secrets(server_token_file: Path | None = None) -> Secrets:
     )
 
 
-def policy_choice(
+def policy_section(
+    held: Mapping[str, Any],
     name: str | None,
-    mistakes: float,
+    mistakes: float | None,
     base_url: str | None,
     model: str | None,
-    sampling: Sampling | None = None,
-) -> PolicyChoice:
-    """A policy from command line options; an endpoint alone means the openai policy.
+) -> dict[str, Any]:
+    """A run's section ``policy``: what a file says of it, with command line options laid over it.
+
+    An endpoint or a model alone means the openai policy.
 
     Raises:
-        ConfigError: endpoint or model is missing or malformed.
+        ConfigError: endpoint or model is missing, or there is an endpoint and no use for it.
     """
-    name = name or ("openai" if base_url else "scripted")
-    chat = None
-    if name == "openai":
-        if not base_url or not model:
-            raise ConfigError(
-                "the openai policy needs an endpoint and a model", hint="give --base-url and --model"
-            )
-        try:
-            chat = ChatConfig(base_url=base_url, model=model, sampling=sampling or Sampling())
-        except ValidationError as error:
-            raise ConfigError(f"{base_url} is no base URL: {error.errors()[0]['msg']}") from error
-    elif base_url:
-        raise ConfigError(f"the {name} policy has no endpoint", hint="leave --base-url out, or --policy")
-    return PolicyChoice(name=name, mistakes=mistakes, chat=chat)
+    chat = {"base_url": base_url, "model": model}
+    name = name or ("openai" if base_url or model else None)
+    options = {"name": name, "mistakes": mistakes, "chat": chat}
+    section: dict[str, Any] = merged(held, without_none(options))
+    if name == "openai" and not {"base_url", "model"} <= (section.get("chat") or {}).keys():
+        raise ConfigError(
+            "the openai policy needs an endpoint and a model", hint="give --base-url and --model"
+        )
+    if name not in (None, "openai"):
+        if base_url or model:
+            raise ConfigError(f"the {name} policy has no endpoint", hint="leave --base-url out, or --policy")
+        section.pop("chat", None)
+    return section
 
 
-def settings(path: Path | None, overrides: Mapping[str, Any]) -> RunConfig:
-    """Settings from a YAML file, some of them overridden; ``None`` overrides nothing.
+def settings(
+    files: Sequence[Path],
+    overrides: Mapping[str, Any],
+    policy: tuple[str | None, float | None, str | None, str | None] = (None, None, None, None),
+) -> RunConfig:
+    """Settings from YAML files, each laid over those before it, and from options, laid over all of them.
+
+    Args:
+        files: in their order.
+        overrides: what options say, in the shape of the settings; ``None`` overrides nothing.
+        policy: what options say of it: name, share of mistakes, endpoint, model.
 
     Raises:
-        ConfigError: the file cannot be read, or a setting is unknown or out of range.
+        ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held: Any = {}
-    if path is not None:
-        try:
-            held = yaml.safe_load(path.read_text()) or {}
-        except OSError as error:
-            raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-        if not isinstance(held, dict):
-            raise ConfigError(f"{path} holds no settings", hint="see configs/ for examples")
+    held: dict[str, Any] = {}
+    for path in files:
+        held = merged(held, read_settings(path, hint="see configs/ for examples"))
+    held = merged(held, without_none(overrides))
+    if any(each is not None for each in policy):
+        own = held.get("policy")
+        held["policy"] = policy_section(own if isinstance(own, Mapping) else {}, *policy)
     try:
-        return RunConfig.model_validate(_merge(held, overrides))
+        return RunConfig.model_validate(held)
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{path or 'options'}: {where}: {first['msg']}") from error
-
-
-def _merge(held: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(held)
-    for key, value in overrides.items():
-        if isinstance(value, Mapping):
-            below = merged.get(key)
-            merged[key] = _merge(below if isinstance(below, Mapping) else {}, value)
-        elif value is not None:
-            merged[key] = value
-    return merged
+        told = ", ".join(map(str, files)) or "options"
+        raise ConfigError(f"{told}: {where}: {first['msg'].removeprefix('Value error, ')}") from error
 
 
 def show_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManager[None]]:

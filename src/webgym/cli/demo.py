@@ -49,24 +49,21 @@ def command(
 
     from rich.console import Console
 
-    from webgym.agent.config import AgentConfig
-    from webgym.cli._run import policy_choice, run, show_on, tell_on
+    from webgym.cli._options import mode_of
+    from webgym.cli._run import run, settings, show_on, tell_on
     from webgym.cli._summary import all_failed, print_summary
-    from webgym.collection import RunConfig, TaskChoice, collect
+    from webgym.collection import collect
     from webgym.report import write_report
-    from webgym.rollout.collector import CollectorConfig
 
     console = Console()
     folder = out or Path("runs") / f"demo-{datetime.now():%Y%m%d-%H%M%S}"
-    config = RunConfig(
-        seed=seed,
-        tasks=TaskChoice(split="test", count=tasks, spread=True),
-        policy=policy_choice(policy, mistakes, base_url, model),
-        agent=AgentConfig(
-            profile=profile, mode=None if marks is None else "marks" if marks else "coordinates"
-        ),
-        collector=CollectorConfig(sessions=sessions),
-    )
+    options = {
+        "seed": seed,
+        "tasks": {"split": "test", "count": tasks, "spread": True},
+        "agent": {"profile": profile, "mode": mode_of(marks)},
+        "collector": {"sessions": sessions},
+    }
+    config = settings((), options, (policy, mistakes, base_url, model))
     console.print(
         f"{tasks} tasks on unseen websites, {sessions} browser sessions, {config.policy.name} policy",
         highlight=False,

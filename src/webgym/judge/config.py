@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Final, Literal, Self, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from webgym.llm.config import ChatConfig, Sampling
+from webgym.settings import Section
 
 Stage: TypeAlias = Literal["keypoint", "fact", "response", "blocking", "reference"]
 STAGES: Final[tuple[Stage, ...]] = ("keypoint", "fact", "response", "blocking", "reference")
@@ -32,15 +33,11 @@ PROMPT_CHARS: Final = 6_000
 """At most what a prompt's own words and a rubric's facts take, for seeing early that nothing would fit."""
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-
-class StageConfig(_Settings):
+class StageConfig(Section):
     """One kind of question and the model that is asked it."""
 
     chat: ChatConfig | None = None
-    """Endpoint and model; without one, the judge's own. Its sampling does not count here."""
+    """Endpoint and model; without one, the judge's own. Its sampling holds where the stage's is silent."""
 
     sampling: Sampling = Sampling(temperature=0.0, max_tokens=1024)
     """Temperature 0 unless a panel draws several samples. A thinking model needs more tokens."""
@@ -53,7 +50,7 @@ class StageConfig(_Settings):
     """What a request may take, by the estimate below; screenshots, then the oldest actions, give way."""
 
 
-class ImageConfig(_Settings):
+class ImageConfig(Section):
     """How screenshots are sent."""
 
     max_side: int = Field(default=1280, ge=64)
@@ -69,7 +66,7 @@ class ImageConfig(_Settings):
     """For the estimate: Qwen-VL models take one token for 28 by 28 pixels, others fewer."""
 
 
-class TextConfig(_Settings):
+class TextConfig(Section):
     """How much text is sent, in characters."""
 
     chars_per_token: float = Field(default=3.0, gt=0)
@@ -91,7 +88,7 @@ class TextConfig(_Settings):
     """Of a reason that is kept in the verdict."""
 
 
-class JudgeConfig(_Settings):
+class JudgeConfig(Section):
     """The rubric judge, resolved. Holds no key."""
 
     chat: ChatConfig
@@ -178,7 +175,7 @@ class JudgeConfig(_Settings):
         return self.stage(name).chat or self.chat
 
 
-class PanelConfig(_Settings):
+class PanelConfig(Section):
     """Several samples of one judge."""
 
     samples: int = Field(default=1, ge=1)

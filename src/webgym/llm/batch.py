@@ -76,7 +76,8 @@ class Collector:
             CacheError: the file of replies cannot be read or written.
         """
         model = self.config.model
-        request = Request(self._url, model, messages, sampling or self.config.sampling)
+        sampling = (sampling or Sampling()).over(self.config.sampling)
+        request = Request(self._url, model, messages, sampling)
         stored = await self._cache.get(request.key)
         if stored is None:
             body = {name: value for name, value in request.body.items() if name != "stream"}

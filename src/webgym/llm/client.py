@@ -147,7 +147,7 @@ class ChatClient:
 
         Args:
             messages: ``{"role": ..., "content": ...}``, oldest first.
-            sampling: in place of the config's.
+            sampling: laid over the config's, key by key.
             purpose: what the ledger counts it for.
 
         Raises:
@@ -159,7 +159,9 @@ class ChatClient:
         """
         if self._http is None:
             raise RuntimeError("the client is not open: use it in an async with statement")
-        request = Request(self._url, self.config.model, messages, sampling or self.config.sampling)
+        request = Request(
+            self._url, self.config.model, messages, (sampling or Sampling()).over(self.config.sampling)
+        )
         if self._cache is None:
             async with self._paid(request, purpose) as fresh:
                 return self._read(fresh.reply, cached=False)

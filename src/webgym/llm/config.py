@@ -26,7 +26,8 @@ class Sampling(BaseModel):
     """Longest reply, in tokens."""
 
     extra_body: dict[str, Any] = {}
-    """Further fields of the request, for what only some endpoints know (``top_k``, ``seed``, ...)."""
+    """Further fields of the request, for what only some endpoints know (``top_k``, ``seed``, ...). ``None``
+    leaves one out that would be there otherwise."""
 
     sample: int = Field(default=0, ge=0)
     """Which of several replies to the same request is meant. Never sent: it only tells the cache that
@@ -39,9 +40,21 @@ class Sampling(BaseModel):
             raise ValueError(f"extra_body must not set {', '.join(sorted(taken))}")
         return extra
 
+    def over(self, base: Sampling) -> Sampling:
+        """These parameters laid over others, key by key, ``extra_body`` too.
+
+        What is set here holds, ``None`` included, which takes a parameter of the base away; the rest is the
+        base's.
+        """
+        changes = {name: getattr(self, name) for name in self.model_fields_set}
+        if base.extra_body or self.extra_body:
+            changes["extra_body"] = base.extra_body | self.extra_body
+        return base.model_copy(update=changes)
+
     def body(self) -> dict[str, Any]:
         """The fields of the request, exactly as they are sent."""
-        return self.model_dump(exclude={"extra_body", "sample"}, exclude_none=True) | self.extra_body
+        further = {name: value for name, value in self.extra_body.items() if value is not None}
+        return self.model_dump(exclude={"extra_body", "sample"}, exclude_none=True) | further
 
 
 class Retry(BaseModel):
@@ -102,7 +115,7 @@ class ChatConfig(BaseModel):
     part of a config, so that no run folder can hold it."""
 
     sampling: Sampling = Sampling()
-    """Used where a request names none."""
+    """Holds for what a request's own sampling does not say."""
 
     concurrency: int = Field(default=32, ge=1)
     """Most requests in flight at once; the others queue here, outside of every deadline below."""

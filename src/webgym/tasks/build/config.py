@@ -7,11 +7,11 @@ from datetime import date
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from webgym.core.errors import ConfigError
 from webgym.llm import Budget, ChatConfig, Price, Sampling
+from webgym.settings import Section, merged, read_settings, without_none
 from webgym.tasks.decompose import Decomposing
 from webgym.tasks.duplicates import DuplicateLimits
 from webgym.tasks.sources import SOURCES
@@ -50,14 +50,12 @@ class ModelChoice(BaseModel):
     api_key_env: str | None = None
     """Environment variable of that endpoint's key."""
 
-    sampling: Sampling | None = None
-    """Other sampling parameters, all of them together."""
+    sampling: Sampling = Sampling()
+    """Other sampling parameters."""
 
 
-class Assumptions(BaseModel):
+class Assumptions(Section):
     """What an estimate takes for granted until the cache holds enough replies to measure it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     measured_from: int = Field(default=30, ge=1)
     """Finished things of a purpose from which on what is known of them replaces the numbers below."""
@@ -65,7 +63,7 @@ class Assumptions(BaseModel):
     asked_again: float = Field(default=0.1, ge=0)
     """Calls beyond the first per thing: replies that are refused and asked for again."""
 
-    reply_tokens: dict[Purpose, int] = {"website": 40, "rubric": 250, "rewriting": 80}
+    reply_tokens: Mapping[Purpose, int] = {"website": 40, "rubric": 250, "rewriting": 80}
     """Tokens of a reply. A model that thinks writes many more: measure it with a small run."""
 
     derived_per_task: float = Field(default=0.1, ge=0)
@@ -157,11 +155,11 @@ class BuildConfig(BaseModel):
     def chat(self, purpose: Purpose) -> ChatConfig | None:
         """Endpoint and model for a purpose; ``None`` if none is given."""
         choice = self.models.get(purpose, ModelChoice())
-        changes = choice.model_dump(exclude_none=True)
-        if choice.sampling is not None:
-            changes["sampling"] = choice.sampling
+        changes = choice.model_dump(exclude_none=True, exclude={"sampling"})
         if self.model is not None:
+            changes["sampling"] = choice.sampling.over(self.model.sampling)
             return ChatConfig.model_validate(self.model.model_dump() | changes)
+        changes["sampling"] = choice.sampling
         if choice.base_url is None or choice.model is None:
             return None
         return ChatConfig.model_validate(changes)
@@ -188,18 +186,10 @@ def read_config(
     Raises:
         ConfigError: the file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held: Any = {}
-    if path is not None:
-        try:
-            held = yaml.safe_load(path.read_text("utf-8")) or {}
-        except OSError as error:
-            raise ConfigError(f"cannot read {path}: {error.strerror}") from error
-        except (yaml.YAMLError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-        if not isinstance(held, dict):
-            raise ConfigError(f"{path} holds no settings", hint="see configs/task-set.yaml for an example")
+    held = read_settings(path, hint="see configs/task-set.yaml for an example") if path is not None else {}
+    told = merged(held, without_none(overrides))
     try:
-        config = BuildConfig.model_validate(_without_nothing(_merged(held, overrides)))
+        config = BuildConfig.model_validate({key: each for key, each in told.items() if each != {}})
     except ValidationError as error:
         wrong = error.errors()
         unknown = [each for each in wrong if each["type"] == "extra_forbidden"]  # what is missing, misspelt
@@ -216,23 +206,3 @@ def read_config(
         }
         config = config.model_copy(update={"sources": limited})
     return config
-
-
-def _without_nothing(settings: dict[str, Any]) -> dict[str, Any]:
-    """Without parts that neither the file nor an option says anything about."""
-    return {key: value for key, value in settings.items() if value != {}}
-
-
-def _merged(held: Mapping[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    merged = dict(held)
-    for key, value in overrides.items():
-        if isinstance(value, Mapping):
-            if all(each is None for each in value.values()):
-                continue  # what the file says stays, whatever it is
-            below = merged.get(key)
-            if isinstance(below, str):  # a source that is given by its path alone
-                below = {"path": below}
-            merged[key] = _merged(below if isinstance(below, Mapping) else {}, value)
-        elif value is not None:
-            merged[key] = value
-    return merged

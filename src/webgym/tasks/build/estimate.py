@@ -59,7 +59,8 @@ class Estimator:
         """
         config = self._client.config
         url = f"{config.base_url}/chat/completions"
-        request = Request(url, config.model, messages, sampling or config.sampling)
+        sampling = (sampling or Sampling()).over(config.sampling)
+        request = Request(url, config.model, messages, sampling)
         stored = None if self._cache is None else await self._cache.get(request.key)
         if stored is not None:
             found = read_completion(stored.body, model=config.model, seconds=stored.seconds, cached=True)
@@ -67,7 +68,7 @@ class Estimator:
             self.reply_tokens += found.completion_tokens or count_text(found.text)
             return found
         self.calls += 1
-        self.prompt_tokens += count_messages(messages) + self._schema(sampling or self.sampling)
+        self.prompt_tokens += count_messages(messages) + self._schema(sampling)
         raise NotCached("the reply is not there, and nothing is asked in a dry run")
 
     def _schema(self, sampling: Sampling) -> int:

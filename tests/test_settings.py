@@ -1,0 +1,136 @@
+"""Settings are merged key by key, wherever they come from: who sets one key of a section keeps the rest."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from pydantic import BaseModel
+
+import webgym
+from webgym.agent.profiles import profile_of
+from webgym.cli import _run
+from webgym.cli._judge import judge_choice
+from webgym.collection import resolved
+from webgym.core.errors import ConfigError
+from webgym.judge.config import WAYS_BY_SOURCE, JudgeConfig, StageConfig
+from webgym.llm.config import ChatConfig, Sampling
+from webgym.settings import Section, merged, without_none
+from webgym.tasks.build.config import BuildConfig
+
+CHAT = {"base_url": "http://127.0.0.1:1/v1", "model": "Qwen/Qwen3-VL-8B-Instruct"}
+
+
+def written(path: Path, settings: Mapping[str, Any]) -> Path:
+    path.write_text(yaml.safe_dump(settings))
+    return path
+
+
+def test_one_key_of_the_policys_sampling_keeps_what_its_model_is_best_sampled_with(tmp_path: Path) -> None:
+    chat = CHAT | {"sampling": {"temperature": 0.7}}
+    file = written(tmp_path / "run.yaml", {"policy": {"name": "openai", "chat": chat}})
+    config = resolved(_run.settings([file], {}), None, None)
+    assert config.policy.chat is not None
+    assert config.policy.chat.sampling.body() == {
+        "temperature": 0.7,
+        "top_p": 0.99,
+        "max_tokens": 3072,
+        "top_k": 2,
+    }
+    held = config.model_dump(mode="json")  # as config.yaml holds it, from which the run is resumed
+    assert resolved(_run.settings([written(tmp_path / "config.yaml", held)], {}), None, None) == config
+
+
+def test_what_is_set_to_nothing_is_not_sent() -> None:
+    qwen = profile_of(CHAT["model"])
+    assert qwen is not None
+    given = Sampling.model_validate({"top_p": None, "extra_body": {"top_k": None, "min_p": 0.1}})
+    assert qwen.sampling_of(given).body() == {"temperature": 1.0, "max_tokens": 3072, "min_p": 0.1}
+
+
+@pytest.mark.parametrize("stage", ["keypoint", "fact", "response", "blocking", "reference"])
+def test_one_key_of_a_stages_sampling_keeps_the_others(stage: str) -> None:
+    usual: StageConfig = getattr(JudgeConfig(chat=ChatConfig.model_validate(CHAT)), stage)
+    changes = {"sampling": {"temperature": 0.7, "extra_body": {"seed": 3}}}
+    found = getattr(JudgeConfig.model_validate({"chat": CHAT, stage: changes}), stage)
+    assert found.sampling.body() == {"temperature": 0.7, "max_tokens": 1024, "seed": 3}
+    assert found.images_per_call == usual.images_per_call
+    built = JudgeConfig.model_validate({"chat": CHAT, stage: StageConfig(sampling=Sampling(temperature=0.7))})
+    assert getattr(built, stage).sampling.max_tokens == 1024
+
+
+def test_ways_of_one_source_keep_those_of_the_others() -> None:
+    config = JudgeConfig.model_validate({"chat": CHAT, "ways_by_source": {"gaia-web": ["model"]}})
+    assert config.ways_by_source == {**WAYS_BY_SOURCE, "gaia-web": ("model",)}
+
+
+def test_one_key_of_a_purposes_sampling_keeps_the_builds() -> None:
+    sampling = {"temperature": 0, "max_tokens": 4000, "extra_body": {"top_k": 5}}
+    small = {"sampling": {"max_tokens": 400, "extra_body": {"seed": 1}}}
+    config = BuildConfig.model_validate(
+        {
+            "sources": {"deepshop": "a"},
+            "model": CHAT | {"sampling": sampling},
+            "models": {"website": small},
+            "assumptions": {"reply_tokens": {"website": 50}},
+        }
+    )
+    website = config.chat("website")
+    assert website is not None
+    assert website.sampling.body() == {"temperature": 0, "max_tokens": 400, "top_k": 5, "seed": 1}
+    assert config.assumptions.reply_tokens == {"website": 50, "rubric": 250, "rewriting": 80}
+
+
+def test_an_option_keeps_what_files_say_of_the_policy(tmp_path: Path) -> None:
+    chat = CHAT | {"concurrency": 80, "sampling": {"temperature": 0.5}}
+    base = written(tmp_path / "a.yaml", {"policy": {"name": "openai", "chat": chat}, "samples": 2})
+    more = written(tmp_path / "b.yaml", {"policy": {"chat": {"sampling": {"top_p": 0.9}}}})
+    found = _run.settings([base, more], {"samples": None}, (None, None, "http://127.0.0.1:2/v1", None))
+    assert found.policy.chat == ChatConfig.model_validate(
+        chat | {"base_url": "http://127.0.0.1:2/v1", "sampling": {"temperature": 0.5, "top_p": 0.9}}
+    )
+    assert found.samples == 2
+    assert _run.settings([base], {}, ("scripted", 0.1, None, None)).policy.chat is None
+    with pytest.raises(ConfigError, match="endpoint and a model"):
+        _run.settings([], {}, (None, None, None, "a-model"))
+
+
+def test_an_option_keeps_what_a_file_says_of_the_judge(tmp_path: Path) -> None:
+    rubric = {"chat": CHAT | {"concurrency": 7}, "fact": {"sampling": {"max_tokens": 2048}}}
+    file = written(tmp_path / "judge.yaml", {"name": "rubric", "rubric": rubric})
+    found = judge_choice(None, None, "another", file=file).rubric
+    assert found is not None
+    assert (found.chat.model, found.chat.concurrency) == ("another", 7)
+    assert found.fact.sampling.body() == {"temperature": 0.0, "max_tokens": 2048}
+
+
+def test_no_section_of_ours_has_a_default_that_one_key_would_replace() -> None:
+    """Whatever section has a default of its own merges with it."""
+    for module in pkgutil.walk_packages(webgym.__path__, "webgym."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    sections = _below(BaseModel)
+    assert JudgeConfig in sections
+    for section in sections:
+        for name, field in section.model_fields.items():
+            default = field.get_default(call_default_factory=True, validated_data={})
+            sets_something = isinstance(default, BaseModel) and default.model_fields_set
+            if sets_something or (isinstance(default, Mapping) and default):
+                assert issubclass(section, Section), f"{section.__name__}.{name}"
+
+
+def _below(of: type[BaseModel]) -> set[type[BaseModel]]:
+    found = {one for one in of.__subclasses__() if one.__module__.startswith("webgym")}
+    return found.union(*map(_below, of.__subclasses__()))
+
+
+def test_merging_changes_neither_side() -> None:
+    held, over = {"a": {"b": 1, "c": 2}, "d": 3}, {"a": {"b": None}, "e": {"f": 4}}
+    assert merged(held, over) == {"a": {"b": None, "c": 2}, "d": 3, "e": {"f": 4}}
+    assert (held["a"], over["a"]) == ({"b": 1, "c": 2}, {"b": None})
+    assert without_none({"a": {"b": None}, "c": {"d": 0}, "e": None}) == {"c": {"d": 0}}

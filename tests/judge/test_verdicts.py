@@ -85,6 +85,19 @@ UNCLEAR = [
     "Done.\nSUCCESS\n<think>",
     "~~NOT~~ SUCCESS",
     "ЅUCCESS",  # a Cyrillic letter
+    # A negation, a condition or a quotation that ends in a line of its own, or contradicts it.
+    "No\nSUCCESS",
+    "No.\nSUCCESS",
+    "Not a \nSUCCESS.",
+    "It can not be called\nSUCCESS",
+    "It can not be called...\n\n**SUCCESS**",
+    "It is anything but\nNOT SUCCESS",
+    "If the price were shown, I would say\nVERDICT: SUCCESS",
+    "There isn’t any price. It isn’t.\nSUCCESS",
+    "The page says:\nSUCCESS",
+    "The page says this.\n“SUCCESS”",
+    "The price is missing.\nNO\nSo it is decided.\nSUCCESS",
+    "Is it there? NO\nSUCCESS",
 ]
 
 

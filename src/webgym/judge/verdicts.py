@@ -5,10 +5,11 @@ and ``NO`` where the question is a plain one). The code belongs to the request a
 content (:mod:`webgym.judge.untrusted`), so that no text inside of the request can hold it: whatever a model
 echoes of a page or of an answer, the echo is no verdict.
 
-A bare verdict line, without the word or the code, counts as well, for models that drop them, unless what
-was quoted in the request could have been its source (``bare=False``). Everything else is no verdict: a reply
-that was cut off, one that ends in something else, one with two different verdicts, one that says it in
-other words. Case, full-width letters, Markdown and closing punctuation do not count.
+A bare verdict line, without the word or the code, counts only where the caller allows it (``bare``), for
+models that drop them, and only if it stands alone: nothing before it runs on into it, as a negation does that
+a reply breaks in two lines. Everything else is no verdict: a reply that was cut off, one that ends in
+something else, one with two different verdicts, one that says it in other words. Case, full-width letters,
+Markdown and closing punctuation do not count.
 """
 
 from __future__ import annotations
@@ -35,8 +36,19 @@ _MARKUP: Final = "*_`#\"'“”‘’«»[](){}"
 """Emphasis, not quotation: a line that begins with ``>`` or ``|`` repeats what somebody else said."""
 _CODE: Final = r"(?: (?P<code>[0-9a-z]{4,64}))?\s?[:=–—-]\s?"
 _LINE: Final = re.compile(rf"(?:(?:final )?verdict{_CODE})?(?P<said>not success|success|yes|no)")
-_DANGLING: Final = re.compile(r"\bnot[\s:.…-]*$")
-"""A negative verdict that was broken in two lines."""
+_WHOLE: Final = re.compile(r"(?<!\.)[.!?。！？]$")
+"""How a sentence ends, its quotation marks and brackets left out. An ellipsis ends none."""
+_NO: Final = r"n['’ ]t|\b(?:no|not|never|cannot|nor|neither|none|nope|hardly|scarcely|barely)"
+_TURNS: Final = (
+    rf"(?:{_NO}|\b(?:without|non|un|false|wrong|fails?|failed|lacks?|if|unless|were|would|could|should|had"
+    r"|might|instead|rather|than))\b"
+)
+"""Words that turn what follows them, or make it depend on something."""
+_TURNED: Final = re.compile(rf"(?:{_NO})\W*$")
+_UNFINISHED: Final = re.compile(rf"{_TURNS}[^.!?]*$|(?:[,;:–—-]|\.\.)$")
+_QUOTATION: Final = re.compile(r"[\s*_`#•-]*[\"'“”„‘’‚«»‹›＂＇>|]")
+_SENTENCE: Final = 400
+"""Characters of a line that are looked at for how it ends."""
 _IMAGE_LINE: Final = re.compile(
     rf"(?:screenshot|image|picture) (?P<number>[0-9]{{1,4}}){_CODE}(?P<said>yes|no)"
 )
@@ -60,11 +72,36 @@ class NoVerdict(msgspec.Struct, frozen=True):
     why: str
 
 
+def _unmarked(line: str) -> str:
+    """A line without Markdown, quotes, case, compatibility forms and surplus space."""
+    folded = unicodedata.normalize("NFKC", line.replace("…", "...")).casefold()
+    folded = "".join(" " if character in _MARKUP else character for character in folded)
+    return " ".join(folded.split())
+
+
 def plain(line: str) -> str:
     """A line without Markdown, quotes, case, compatibility forms, surplus space and closing punctuation."""
-    folded = unicodedata.normalize("NFKC", line).casefold()
-    folded = "".join(" " if character in _MARKUP else character for character in folded)
-    return " ".join(folded.split()).rstrip(" .!。").lstrip(" -•").strip()
+    return _unmarked(line).rstrip(" .!。").lstrip(" -•").strip()
+
+
+def stands_alone(line: str, before: str) -> bool:
+    """Whether a line without a code is said for itself: it is no quotation, and what is before it is whole.
+
+    "not a" and "cannot be called" run on into a SUCCESS on the next line, and "No." contradicts it.
+    """
+    words = _unmarked(before[-_SENTENCE:])
+    is_whole = not words or (_WHOLE.search(words) is not None and not _TURNED.search(words))
+    return is_whole and not _QUOTATION.match(line)
+
+
+def runs_on(line: str, before: str) -> bool:
+    """Whether a line of a fixed form is a quotation, or the end of a sentence that turns or introduces it.
+
+    Less strict than :func:`stands_alone`, for lines that say what they are ("Status: success"): what is
+    before them may lack its full stop.
+    """
+    words = _unmarked(before[-_SENTENCE:])
+    return any(rule.search(words) for rule in (_TURNED, _UNFINISHED)) or bool(_QUOTATION.match(line))
 
 
 def read_verdict(
@@ -84,16 +121,17 @@ def read_verdict(
         return lines
     said = [_said(line, words, code) for line in lines]
     signed = {verdict for verdict, is_signed in filter(None, said) if is_signed}
-    everything = {verdict for verdict, _ in filter(None, said)}
+    # A reply that answers YES or NO on its way says something, too.
+    everything = {found[0] for kind in WORDS for line in lines if (found := _said(line, kind, code))}
     last = said[-1]
     positive, negative = (word.upper() for word in WORDS[words])
     if last is None:
         return NoVerdict(f"the last line is no verdict line; it must say {positive} or {negative}")
     verdict, is_signed = last
-    if verdict and not is_signed and any(_DANGLING.search(plain(line)) for line in lines[-2:-1]):
-        return NoVerdict(f"the line before the last ends in NOT; say {positive} or {negative} on one line")
     if not is_signed and not bare:
         return NoVerdict("the verdict line does not carry the code of this request")
+    if not is_signed and not stands_alone(lines[-1], "".join(lines[-2:-1])):
+        return NoVerdict("the verdict line may be quoted, or the end of the line before; say it for itself")
     # What stands in the reply without the code may be quoted; only a signed line outweighs it.
     if len(signed if is_signed else everything) > 1:
         return NoVerdict(f"the reply says both {positive} and {negative}")

@@ -8,7 +8,6 @@ reader made of it) and ``human`` (annotators' labels, ``success`` being Successf
 from __future__ import annotations
 
 import re
-import unicodedata
 from codecs import BOM_UTF8
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -20,12 +19,12 @@ import msgspec
 from webgym.core.errors import UsageError
 from webgym.judge.agreement import Case
 from webgym.judge.labels import BrokenLabel, Humans, Label, settled
-from webgym.judge.verdicts import plain
+from webgym.judge.verdicts import plain, runs_on, stands_alone
 
 _STATUS: Final = re.compile(r"(?:final )?status\s?[:=–—-]\s?(?P<said>[a-z -]+)")
-_AT_END: Final = re.compile(
-    r"\bstatus\W{1,6}(?P<said>(?:not |un)?success(?:ful)?|failure|failed)\W*$", re.IGNORECASE
-)
+_LAST_SENTENCE: Final = re.compile(r"(?P<before>.*[.!?][\"'”’)\]]*)\s+(?P<last>\S.*)", re.DOTALL)
+_TAIL: Final = 400
+"""Characters at a reply's end in which its last sentence is looked for."""
 _SAID: Final = {
     "success": True,
     "successful": True,
@@ -73,18 +72,23 @@ class _Record(msgspec.Struct):
 def read_status(reply: str) -> bool | None:
     """The verdict of a WebJudge reply; ``None`` if it holds none, or two. Never raises.
 
-    A line of its own that says the status counts, and where there is none, the reply's very end. A status
-    that is told of within the thoughts does not, nor one that is cut off.
+    A line of its own that says the status counts, and where there is none, the last sentence. It must stand
+    alone: a question, a quotation, a condition or a part of a longer sentence ("neither here nor status:
+    success") says no status, nor does one that is told of within the thoughts or is cut off.
     """
-    said = _THOUGHT_END.split(reply)[-1]
-    found = set()
-    for line in said.splitlines():
-        match = _STATUS.fullmatch(plain(line))
-        if match is not None:
-            found.add(_SAID.get(match["said"].strip()))
-    if not found:
-        end = _AT_END.search(unicodedata.normalize("NFKC", said[-200:]))
-        return _SAID[end["said"].casefold()] if end else None
+    lines = [line.strip() for line in _THOUGHT_END.split(reply)[-1].splitlines() if plain(line)]
+    found = {
+        _SAID.get(match["said"].strip())
+        for before, line, after in zip(["", *lines], lines, [*lines[1:], ""], strict=False)
+        if (match := _STATUS.fullmatch(plain(line)))
+        and not runs_on(line, before)
+        and not after[:1].islower()  # it runs on: "would be wrong"
+    }
+    if not found and lines and (end := _LAST_SENTENCE.fullmatch(lines[-1][-_TAIL:])):
+        match = _STATUS.fullmatch(plain(end["last"]))
+        return (
+            _SAID.get(match["said"].strip()) if match and stands_alone(end["last"], end["before"]) else None
+        )
     return found.pop() if len(found) == 1 else None
 
 

@@ -39,7 +39,7 @@ def _why(trajectory: Trajectory) -> str:
     if verdict is None:
         return "it was not judged"
     found = [verdict.reference, verdict.response, *(fact.judgement for fact in verdict.facts)]
-    reasons = [judgement.reason for judgement in found if judgement is not None and not judgement.passed]
+    reasons = [judgement.reason for judgement in found if judgement is not None and judgement.passed is False]
     return f"{'; '.join(reasons)} (answer: {episode.answer!r})"
 
 

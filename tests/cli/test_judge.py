@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import re
 import shutil
 from collections.abc import Iterator
@@ -123,10 +124,14 @@ def test_a_judge_that_always_fails_is_told_with_its_reason(
 
 
 def test_what_was_paid_for_attempts_without_a_verdict_is_told(
-    run: Path, judge_model: JudgeModel, capsys: pytest.CaptureFixture[str]
+    run: Path, judge_model: JudgeModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     judge_model.answers = lambda asked: "It looks fine to me."
-    arguments = ["--base-url", judge_model.url, "--model", "mumbler", "--price", "2,8", "--limit", "2"]
+    chat = {"base_url": judge_model.url, "model": "mumbler"}
+    # Else the reference answers of this run's tasks decide, whatever the model says.
+    settings = {"name": "rubric", "rubric": {"chat": chat, "reference_rule": "required"}}
+    (tmp_path / "judge.yaml").write_text(json.dumps(settings))
+    arguments: list[str | Path] = ["--config", tmp_path / "judge.yaml", "--price", "2,8", "--limit", "2"]
     assert webgym("judge", run, *arguments) == 1
     said, asked = capsys.readouterr().out, len(judge_model.asked)
     assert asked > 0

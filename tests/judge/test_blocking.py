@@ -259,7 +259,7 @@ def test_a_suspicion_is_bounded_by_the_same_rules() -> None:
 
     def may_be(made: Episode) -> bool:
         assert not find_block(TASK, made).passed
-        return find_block(TASK, made, suspect_last=True).passed
+        return find_block(TASK, made, suspect_last=True).passed is True
 
     again = (Navigate(HOME), unknown(ray=2))
     assert may_be(trip(unknown(), again, answer=ANSWER))

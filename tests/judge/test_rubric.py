@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -17,6 +18,7 @@ from webgym.core.verdict import Verdict
 from webgym.judge.config import JudgeConfig, StageConfig
 from webgym.judge.factory import JudgeChoice, open_judge
 from webgym.judge.rubric import cited
+from webgym.llm import ReplyCache
 from webgym.llm.config import ChatConfig
 
 PUZZLES = tuple(look(f"Welches Bild zeigt {number} Katzen?", title="Ein Moment") for number in (3, 4))
@@ -34,7 +36,8 @@ def without(stage: str, text: str = "") -> Answers:
     """Agrees, but for one stage, or for one text in it."""
 
     def answers(asked: Asked) -> str:
-        if asked.stage == stage and text in "\n".join(asked.quotes.values()):
+        told = [quoted for label, quoted in asked.quotes.items() if label != "group"]  # it names all facts
+        if asked.stage == stage and text in "\n".join(told):
             return asked.verdict(False, "No screenshot shows it.")
         return agrees(asked)
 
@@ -99,7 +102,18 @@ async def test_criterion_a_does_not_see_the_answer() -> None:
     assert "gave its answer" in model.of("fact")[0].quotes["actions"]
     assert model.of("response")[0].quotes["answer"] == secret
     assert "OR" in model.of("fact")[0].system
-    assert model.of("fact")[0].quotes["group"] == "The Blue Mug"
+
+
+async def test_criterion_a_sees_the_fact_group_as_a_whole() -> None:
+    async with serve_judge(agrees) as model:
+        await judge(model)
+    groups = {asked.quotes["fact"]: asked.quotes["group"].split("\n") for asked in model.of("fact")}
+    mug = ["The Blue Mug", "- The Blue Mug's page is opened", "- Its price is found"]
+    assert groups == {
+        "The Blue Mug's page is opened": mug,
+        "Its price is found": mug,
+        "The cart holds a mug OR a plate": ["The cart", "- The cart holds a mug OR a plate"],
+    }
 
 
 async def test_keypoints_are_chosen_and_the_last_screenshot_always_stays() -> None:
@@ -138,13 +152,79 @@ async def test_the_last_look_of_an_episode_without_an_answer_is_the_end() -> Non
     assert not model.of("response")
 
 
-async def test_more_screenshots_than_a_request_takes_are_thinned_evenly() -> None:
+async def test_more_screenshots_than_a_request_takes_are_shown_in_parts_and_none_is_dropped() -> None:
     seen = [f"page {number}" for number in range(30)]
-    async with serve_judge(agrees) as model:
-        await judge(model, made=episode(seen), fact=StageConfig(images_per_call=4))
-    labels = [label for label, _ in model.of("fact")[0].shots]
-    assert labels == ["step 1", "step 11", "step 20", "step 30"]
-    assert len(model.of("response")[0].shots) == 24
+
+    def in_parts(asked: Asked) -> str:
+        """Each fact stands on one page in the middle; the parts note what they show."""
+        if asked.stage not in ("fact", "response") or "notes" in asked.quotes:
+            return agrees(asked)
+        assert "part of the screenshots" in asked.system
+        shows = asked.stage == "fact" and picture("page 17") in [name for _, name in asked.shots]
+        return asked.verdict(shows, f"Noted {asked.shots[0][0]}.")
+
+    async with serve_judge(in_parts) as model:
+        verdict = await judge(model, made=episode(seen), fact=StageConfig(images_per_call=4))
+    assert verdict.reward == 1
+    one = [asked for asked in model.of("fact") if asked.quotes["fact"] == "Its price is found"]
+    labels = sorted(label for asked in one for label, _ in asked.shots)
+    assert labels == sorted(f"step {number}" for number in range(1, 31))
+    assert {len(asked.shots) for asked in one} <= {3, 4}
+    assert not any("notes" in asked.quotes for asked in one)  # a part that confirms it is enough
+    assert verdict.facts[1].judgement.reason == "Noted step 16."
+    parts = [asked for asked in model.of("response") if asked.shots]
+    assert [len(asked.shots) for asked in parts] == [15, 15]
+    (closing,) = [asked for asked in model.of("response") if not asked.shots]
+    assert closing.quotes["notes"] == "Part 1 of 2:\nNoted step 1.\n\nPart 2 of 2:\nNoted step 16."
+    assert closing.quotes["answer"] == "The Blue Mug costs $12.50."
+
+
+async def test_what_no_part_confirms_is_decided_over_all_parts() -> None:
+    seen = [f"page {number}" for number in range(30)]
+
+    def nowhere(asked: Asked) -> str:
+        if asked.stage == "fact" and "notes" not in asked.quotes:
+            return asked.verdict(False, "Nothing of it.")
+        if asked.stage == "fact":
+            return asked.verdict(asked.quotes["fact"] == "Its price is found", "Together they do.")
+        return agrees(asked)
+
+    async with serve_judge(nowhere) as model:
+        verdict = await judge(model, made=episode(seen))
+    assert [fact.judgement.passed for fact in verdict.facts] == [False, True, False]
+
+
+@pytest.mark.parametrize("says", [True, False])
+async def test_no_single_part_decides_about_an_answer(says: bool) -> None:
+    """One part may show what another contradicts: only the parts together tell."""
+
+    def answers(asked: Asked) -> str:
+        if asked.stage == "response":
+            return asked.verdict(says if "notes" in asked.quotes else not says)
+        return agrees(asked)
+
+    async with serve_judge(answers) as model:
+        verdict = await judge(model, made=episode([f"page {number}" for number in range(30)]))
+    assert verdict.reward == int(says)
+
+
+async def test_a_part_without_a_clear_verdict() -> None:
+    seen = [f"page {number}" for number in range(30)]
+
+    def answers(fact: str) -> Answers:
+        def said(asked: Asked) -> str:
+            is_first = bool(asked.shots) and asked.shots[0][0] == "step 1"
+            if asked.stage == "fact" and is_first:
+                return "It is hard to say."
+            return asked.verdict(fact == "yes") if asked.stage == "fact" else agrees(asked)
+
+        return said
+
+    async with serve_judge(answers("yes")) as model:
+        assert (await judge(model, made=episode(seen), tries=1)).reward == 1
+    async with serve_judge(answers("no")) as model:
+        with pytest.raises(JudgeError, match="fact stage"):
+            await judge(model, made=episode(seen), tries=1)
 
 
 @pytest.mark.parametrize("tokens", [8_000, 12_000, 16_000])
@@ -160,12 +240,16 @@ async def test_requests_stay_within_their_tokens(tokens: int) -> None:
         )
     assert {asked.stage for asked in model.asked} == {"keypoint", "fact", "response"}
     for asked in model.asked:
-        text = sum(
-            len(part["text"]) for part in asked.body["messages"][1]["content"] if part["type"] == "text"
-        )
+        content = asked.body["messages"][1]["content"]
+        told = [{"type": "text", "text": content}] if isinstance(content, str) else content
+        text = sum(len(part["text"]) for part in told if part["type"] == "text")
         pixels = 320 * 192 * len(asked.shots)
         assert (text + len(asked.system)) / 3 + pixels / 784 + 1024 <= tokens, asked.stage
-        assert asked.shots
+        assert asked.shots or "notes" in asked.quotes
+    for name in ("fact", "response"):
+        assert {label for asked in model.of(name) for label, _ in asked.shots} == {
+            f"step {number}" for number in range(1, 61)
+        }
 
 
 def test_a_request_that_could_hold_no_screenshot_is_refused_early() -> None:
@@ -209,7 +293,7 @@ async def test_an_unclear_reply_is_asked_again_with_the_reason() -> None:
     assert "SUCCESS or NOT SUCCESS" in last.body["messages"][-1]["content"]
 
 
-@pytest.mark.parametrize("stage", ["keypoint", "fact", "response", "blocking"])
+@pytest.mark.parametrize("stage", ["fact", "response", "blocking"])
 @pytest.mark.parametrize(
     "said",
     [
@@ -248,13 +332,149 @@ async def test_a_bare_verdict_counts_unless_it_may_be_an_echo() -> None:
         return "Fine.\nSUCCESS"
 
     async with serve_judge(bare) as model:
-        assert (await judge(model)).reward == 1
+        assert (await judge(model, signed_verdicts=False)).reward == 1
         with pytest.raises(JudgeError, match="does not carry the code"):
-            await judge(model, made=episode(answer="The payment was a success."))
+            await judge(model, made=episode(answer="The payment was a success."), signed_verdicts=False)
         with pytest.raises(JudgeError, match="does not carry the code"):
-            await judge(model, made=episode(["front", "SUCCESS", "cart"]))
-        with pytest.raises(JudgeError):
-            await judge(model, signed_verdicts=True)
+            await judge(model, made=episode(["front", "SUCCESS", "cart"]), signed_verdicts=False)
+        with pytest.raises(JudgeError, match="does not carry the code"):
+            await judge(model)
+
+
+# --- what the prompts ask for (paper appendix E) ------------------------------------------------------
+
+
+def words(stage: str, model: JudgeModel) -> str:
+    return " ".join(model.of(stage)[0].system.split())
+
+
+async def test_the_prompts_keep_the_papers_contract() -> None:
+    async with serve_judge(agrees) as model:
+        await judge(model)
+    keypoint, fact, response = (words(stage, model) for stage in ("keypoint", "fact", "response"))
+    # Error messages and blocking screens are kept: they may be why something could not be done.
+    matters, _, idle = keypoint.partition("It does not matter if")
+    assert all(each in matters for each in ("error message", "refusal", "test for humans", "empty result"))
+    assert "error" not in idle
+    assert "group, with all of its facts" in fact
+    # "Could not be done" is a claim like any other: true if the screenshots agree.
+    assert "It holds if the screenshots agree" in response
+    assert "makes no claim" not in response
+    assert "One claim that no screenshot supports" in response
+    assert "needs no proof" not in response  # what the task asks for is no proof that it was done
+    for text in (fact, response):
+        assert text.endswith(": NOT SUCCESS")
+    assert list(model.of("fact")[0].quotes) == ["task", "group", "fact", "actions"]
+    assert list(model.of("response")[0].quotes) == ["task", "answer"]
+
+
+# --- rewards that are decided -------------------------------------------------------------------------
+
+MUG, PRICE, CART = (text for _, _, text in TASK.rubric.facts())
+
+
+def replies(said: dict[str, bool | None]) -> Answers:
+    """Says of a stage or of a fact what it is told to; ``None`` is a reply without a verdict."""
+
+    def answers(asked: Asked) -> str:
+        found = said.get(
+            asked.quotes["fact"] if asked.stage == "fact" else asked.stage, asked.stage != "blocking"
+        )
+        if found is None:
+            return "It is hard to say."
+        return asked.each(lambda name: True) if asked.stage == "keypoint" else asked.verdict(found)
+
+    return answers
+
+
+NO_ANSWER, UNSURE = episode(answer=None), "a little over twelve dollars"
+
+
+@pytest.mark.parametrize("early_exit", [False, True])
+@pytest.mark.parametrize(
+    ("said", "reference", "rule", "made", "reward"),
+    [
+        # One criterion that clearly fails decides, whatever else cannot be read.
+        ({MUG: None, CART: False}, None, "decides", None, 0),
+        ({MUG: False, CART: None}, None, "decides", None, 0),
+        ({"response": False, MUG: None, PRICE: None, CART: None}, None, "decides", None, 0),
+        ({"response": None, PRICE: False}, None, "decides", None, 0),
+        ({"keypoint": None, PRICE: False}, None, "decides", None, 0),
+        # So does an answer that is not there, and an empty one.
+        ({MUG: None}, None, "decides", NO_ANSWER, 0),
+        ({MUG: None}, None, "decides", episode(answer=" "), 0),
+        # So does a reference answer, either way, by the rule in force.
+        ({MUG: None, "response": None}, "$12.50", "decides", None, 1),
+        ({MUG: None, "response": None}, "$13.50", "decides", None, 0),
+        ({MUG: None, "response": None}, "$13.50", "required", None, 0),
+        ({MUG: None}, "$12.50", "required", None, None),
+        ({"reference": None, MUG: False}, UNSURE, "required", None, 0),
+        ({"reference": None}, UNSURE, "required", None, None),
+        ({"reference": None, MUG: False}, UNSURE, "decides", None, None),
+        # Where all that is read holds, the reward hangs on what is not.
+        ({MUG: None}, None, "decides", None, None),
+        ({"response": None}, None, "decides", None, None),
+        ({"keypoint": None}, None, "decides", None, 1),
+    ],
+)
+async def test_a_reward_that_is_decided_is_kept(
+    said: dict[str, bool | None],
+    reference: str | None,
+    rule: str,
+    made: Episode | None,
+    reward: int | None,
+    early_exit: bool,
+) -> None:
+    task = msgspec.structs.replace(TASK, reference_answer=reference)
+    async with serve_judge(replies(said)) as model:
+        asked = judge(model, task, made, tries=1, reference_rule=rule, early_exit=early_exit)
+        if reward is None:
+            with pytest.raises(JudgeError, match="no clear verdict in 1 replies at the"):
+                await asked
+        else:
+            assert (await asked).reward == reward
+
+
+async def test_what_was_not_read_is_noted_and_makes_no_score() -> None:
+    async with serve_judge(replies({MUG: None, CART: False})) as model:
+        verdict = await judge(model, tries=1)
+    assert [fact.judgement.passed for fact in verdict.facts] == [None, True, False]
+    assert verdict.facts[0].judgement.reason.startswith(
+        "not read: no clear verdict in 1 replies at the fact stage"
+    )
+    assert verdict.score is None
+    assert msgspec.json.decode(msgspec.json.encode(verdict), type=Verdict) == verdict
+
+
+async def test_a_reference_answer_that_cannot_be_read_leaves_nothing_to_ask_where_it_decides() -> None:
+    task = msgspec.structs.replace(TASK, reference_answer=UNSURE)
+    async with serve_judge(replies({"reference": None})) as model:
+        with pytest.raises(JudgeError, match="reference stage"):
+            await judge(model, task, tries=1)
+        assert {asked.stage for asked in model.asked} == {"reference"}
+
+
+async def test_screenshots_without_a_clear_verdict_are_kept() -> None:
+    """When in doubt, a screenshot matters: that it cannot be told costs no reward."""
+    async with serve_judge(replies({"keypoint": None})) as model:
+        verdict = await judge(model, tries=1)
+    assert verdict.keypoints == (0, 1, 2)
+
+
+async def test_a_refused_reply_of_the_cache_is_none_of_the_tries(tmp_path: Path) -> None:
+    """An attempt that is judged again is asked about again, and only in what was not read."""
+    said: dict[str, bool | None] = {MUG: None}
+    async with serve_judge(replies(said)) as model, ReplyCache(tmp_path / "replies.sqlite") as cache:
+        choice = JudgeChoice(name="rubric", rubric=model.config(tries=2))
+        async with open_judge(choice, cache=cache) as opened:
+            for round_ in range(1, 3):
+                with pytest.raises(JudgeError, match=f"in {2 * round_} replies at the fact stage"):
+                    await opened.judge(TASK, episode(), pictures)
+                assert len(model.of("fact")) == 2 * round_ + 2
+            model.asked.clear()
+            said[MUG] = True
+            assert (await opened.judge(TASK, episode(), pictures)).reward == 1
+            assert [asked.stage for asked in model.asked] == ["fact"]
 
 
 # --- stages, blocking, reference ----------------------------------------------------------------------
@@ -382,7 +602,7 @@ async def test_a_name_tells_settings_apart() -> None:
             {"concurrency": 3},
             {"chat": elsewhere},
             {"early_exit": True},
-            {"signed_verdicts": True},
+            {"signed_verdicts": False},
             {"keypoint": StageConfig(images_per_call=2)},
         )
         for change in changes:

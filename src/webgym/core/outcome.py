@@ -79,6 +79,8 @@ def outcome_of(ending: Ending, verdict: Verdict | JudgeError | None) -> Outcome:
                 return Outcome.JUDGE_ERROR
             if verdict.blocked.passed:
                 return Outcome.BLOCKED
+            if verdict.reward is None:  # of somebody's own judge: no reward is never a reward of 0
+                return Outcome.JUDGE_ERROR
             if ending is not Ending.ANSWERED:
                 return Outcome.TRUNCATED
             return Outcome.SUCCESS if verdict.reward == 1 else Outcome.FAILURE

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import msgspec
 
 
@@ -9,14 +11,21 @@ class Judgement(msgspec.Struct, frozen=True, omit_defaults=True):
     """One yes-or-no finding and why.
 
     Attributes:
-        passed: the finding.
-        reason: one sentence that a person can check.
+        passed: the finding; ``None`` where the judge gave none that can be read, and the outcome did not hang
+            on it.
+        reason: one sentence that a person can check; of an unread one, why it could not be read.
         steps: indices of the steps whose observations it rests on.
     """
 
-    passed: bool
+    passed: bool | None
     reason: str
     steps: tuple[int, ...] = ()
+
+
+def all_hold(judgements: Iterable[Judgement]) -> bool | None:
+    """Whether all hold: they do not as soon as one does not; ``None`` if that hangs on an unread one."""
+    found = {judgement.passed for judgement in judgements}
+    return False if False in found else None if None in found else True
 
 
 class FactJudgement(msgspec.Struct, frozen=True):
@@ -58,6 +67,7 @@ class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
         reward: 1 if every fact and the response pass, else 0; a reference answer overrides by the judge's
             rule. ``None`` only for a blocked attempt.
         facts: criterion A, in rubric order; a judge that stops early leaves out what it did not look at.
+            One that was unread is among them only if the reward was decided without it.
         response: criterion B, every claim in the answer is visible; ``None`` if there was no answer.
         reference: the answer against the reference answer; ``None`` where there is none. It overrides.
         blocked: whether the website kept the agent out.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 import msgspec
 
@@ -19,6 +19,9 @@ from webgym.llm.completion import Completes, Completion
 from webgym.llm.prices import Prices
 
 T = TypeVar("T")
+
+_MOST_REFUSED: Final = 4
+"""Refused replies that one conversation holds at most, in rounds of ``tries``: a request has a size."""
 
 
 class Shot(msgspec.Struct, frozen=True):
@@ -119,16 +122,18 @@ class Asker:
                 {"role": "system", "content": system},
                 {"role": "user", "content": content if question.shots else text},
             ]
-            why = ""
-            for number in range(self._config.tries):
-                reply = await self._reply(question.stage, messages, is_repeat=number > 0)
+            why, refused, fresh = "", 0, 0
+            # A reply that was refused before, and comes from the cache, is none of the tries of today: else
+            # an attempt without a verdict would stay so for ever.
+            while fresh < self._config.tries and refused < _MOST_REFUSED * self._config.tries:
+                reply = await self._reply(question.stage, messages, is_repeat=refused > 0)
                 found = read(reply)
                 if not isinstance(found, NoVerdict):
                     return found
-                why = found.why
+                why, refused, fresh = found.why, refused + 1, fresh + (not reply.cached)
                 messages = [*messages, *_again(reply.text, why, self._config.texts.reason_chars)]
         raise JudgeError(
-            f"no clear verdict in {self._config.tries} replies at the {question.stage} stage: {why}",
+            f"no clear verdict in {refused} replies at the {question.stage} stage: {why}",
             hint="look at the judge model's replies; a larger model or more max_tokens may help",
         )
 
@@ -172,6 +177,14 @@ async def together(questions: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
     except ExceptionGroup as errors:
         raise errors.exceptions[0] from errors
     return [task.result() for task in tasks]
+
+
+async def answered(question: Coroutine[Any, Any, T]) -> T | JudgeError:
+    """What came of a question: its result, or why it has none. For questions that others may make idle."""
+    try:
+        return await question
+    except JudgeError as error:
+        return error
 
 
 def _again(reply: str, why: str, limit: int) -> list[dict[str, Any]]:

@@ -43,11 +43,12 @@ class StageConfig(Section):
     """Temperature 0 unless a panel draws several samples. A thinking model needs more tokens."""
 
     images_per_call: Annotated[int, Field(ge=1)] = 24
-    """Screenshots in one request: what model and endpoint take. Beyond it they are thinned evenly, and
-    what only a dropped one shows is then not found."""
+    """Screenshots in one request: what model and endpoint take. Beyond it they are shown in parts, and what
+    the parts show is put together."""
 
     request_tokens: Annotated[int, Field(ge=2048)] = 65_536
-    """What a request may take, by the estimate below; screenshots, then the oldest actions, give way."""
+    """What a request may take, by the estimate below; more screenshots than fit are shown in parts, and the
+    oldest actions are left out."""
 
 
 class ImageConfig(Section):
@@ -113,7 +114,7 @@ class JudgeConfig(Section):
     texts: TextConfig = TextConfig()
 
     select_keypoints: bool = True
-    """Choose screenshots before the facts are judged (paper §3.4); else all are shown, thinned to fit."""
+    """Choose screenshots before the facts are judged (paper §3.4); else all are shown."""
 
     early_exit: bool = False
     """Stop at the first criterion that fails. Cheaper, but the verdict then lacks facts and has no score."""
@@ -141,9 +142,9 @@ class JudgeConfig(Section):
     concurrency: int = Field(default=8, ge=1)
     """Questions about one episode at the same time. The endpoint's own limit is the chat config's."""
 
-    signed_verdicts: bool = False
-    """Demand the request's code in every verdict line. Otherwise only where something quoted could pass for
-    a verdict."""
+    signed_verdicts: bool = True
+    """Demand the request's code in every verdict line. ``False`` demands it only where something quoted could
+    pass for a verdict, for models that cannot repeat a code."""
 
     @model_validator(mode="after")
     def _fits(self) -> Self:

@@ -1,17 +1,18 @@
-"""Which screenshots are judged by: chosen for what they show, thinned to what a request takes (§3.4)."""
+"""Which screenshots are judged by: chosen for what they show (§3.4), in parts that requests can take."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import chain
+from itertools import pairwise
 from typing import Any, Final
 
+from webgym.core.errors import JudgeError
 from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.judge import prompts
-from webgym.judge.asking import Asker, Question, Shot, Write, together
+from webgym.judge.asking import Asker, Question, Shot, Write, answered, together
 from webgym.judge.config import JudgeConfig, Stage
 from webgym.judge.images import tokens_of
 from webgym.judge.untrusted import shorten
@@ -24,10 +25,8 @@ async def select(task: Task, episode: Episode, asker: Asker, config: JudgeConfig
     """Indices of the observations whose screenshots matter, in order.
 
     Each different screenshot is judged once; of equal ones the latest stands for all. The last one is
-    always kept and never asked about.
-
-    Raises:
-        JudgeError: there is no clear verdict about a screenshot.
+    always kept and never asked about. So are those that there is no clear verdict about: when in doubt, a
+    screenshot matters.
     """
     seen = episode.observations
     if not seen:
@@ -40,8 +39,13 @@ async def select(task: Task, episode: Episode, asker: Asker, config: JudgeConfig
     size = _room(episode, candidates, "keypoint", _question(task, episode, [], config).write, config)
     batches = [candidates[start : start + size] for start in range(0, len(candidates), size)]
     questions = [_question(task, episode, batch, config) for batch in batches]
-    findings = await together(asker.ask_per_image(question) for question in questions)
-    kept = [index for index, matters in zip(candidates, chain(*findings), strict=True) if matters]
+    findings = await together(answered(asker.ask_per_image(question)) for question in questions)
+    kept = [
+        index
+        for batch, found in zip(batches, findings, strict=True)
+        for place, index in enumerate(batch)
+        if isinstance(found, JudgeError) or found[place]
+    ]
     return (*kept, last)
 
 
@@ -73,6 +77,27 @@ def thin(indices: Sequence[int], limit: int) -> tuple[int, ...]:
         return (indices[-1],)
     step = (len(indices) - 1) / (limit - 1)
     return tuple(indices[round(place * step)] for place in range(limit))
+
+
+def parts(
+    episode: Episode, indices: Sequence[int], stage: Stage, config: JudgeConfig, write: Callable[..., Any]
+) -> list[tuple[int, ...]]:
+    """The observations in as few parts of about equal size as it takes to show every one of them.
+
+    Args:
+        episode: what happened.
+        indices: of the observations that are to be shown.
+        stage: which model is asked.
+        config: of the judge.
+        write: a function of :mod:`webgym.judge.prompts` that lacks ``labels`` and takes ``part``.
+    """
+    if len(indices) <= _room(episode, indices, stage, partial(write, labels=()), config):
+        return [tuple(indices)]
+    longest = f"{len(indices)} of {len(indices)}"
+    size = _room(episode, indices, stage, partial(write, labels=(), part=longest), config)
+    count = -(-len(indices) // size)
+    bounds = [number * len(indices) // count for number in range(count + 1)]
+    return [tuple(indices[start:end]) for start, end in pairwise(bounds)]
 
 
 def shown(

@@ -16,7 +16,7 @@ from webgym.core.task import Task
 from webgym.core.text import fold, says
 from webgym.core.trajectory import Episode
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, StateCheck, Truth
-from webgym.core.verdict import FactJudgement, Judgement, Verdict
+from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.numbers import numbers
@@ -64,9 +64,11 @@ class OfflineJudge:
         if episode.answer is not None:
             response = _response(task, truth, views, episode)
             reference = _reference(truth.answer, episode.answer)
-        passed = all(fact.judgement.passed for fact in facts)
-        passed = passed and response is not None and response.passed
-        passed = passed and (reference is None or reference.passed)
+        criteria = (*(fact.judgement for fact in facts), response, reference)
+        passed = all_hold(each for each in criteria if each is not None) if response else False
+        if passed is None:
+            unread = next(fact.judgement for fact in facts if fact.judgement.passed is None)
+            raise JudgeError(unread.reason, hint="the offline web lost it or was not asked")
         blocked = find_block(task, episode) if not passed else Judgement(False, "the task was done")
         return Verdict(
             judge=self.name,
@@ -96,6 +98,8 @@ class OfflineJudge:
                 return Judgement(False, f"no screenshot shows {wanted}")
             reasons.append(f"shown at step {steps[0] + 1}")
         for check in known.state:
+            if state is None:
+                return Judgement(None, "the state of the website's server is not known", steps)
             found = _look_up(check, state)
             if found != check.value:
                 name = " / ".join(check.key)
@@ -135,11 +139,7 @@ def _words(evidence: Evidence) -> str:
     return f"{quoted} together" if len(evidence.texts) > 1 else quoted
 
 
-def _look_up(check: StateCheck, state: dict[str, Any] | None) -> Any:
-    if state is None:
-        raise JudgeError(
-            "the state of the website's server is not known", hint="the offline web lost it or was not asked"
-        )
+def _look_up(check: StateCheck, state: dict[str, Any]) -> Any:
     found: Any = state
     for key in check.key:
         found = found.get(key) if isinstance(found, dict) else None

@@ -94,10 +94,11 @@ def _majority(verdicts: Sequence[Verdict], part: Callable[[Verdict], Judgement |
 
 
 def _decided(judgements: Sequence[Judgement]) -> Judgement | None:
-    """What most of the judgements say, in the words of the first that says so. A tie does not pass."""
-    if not judgements:
-        return None
-    passed = 2 * sum(judgement.passed for judgement in judgements) > len(judgements)
-    behind = [judgement for judgement in judgements if judgement.passed == passed]
-    share = f" ({len(behind)} of {len(judgements)})" if len(judgements) > 1 else ""
+    """What most of the read judgements say, in the words of the first that says so. A tie does not pass."""
+    read = [judgement for judgement in judgements if judgement.passed is not None]
+    if not read:
+        return judgements[0] if judgements else None
+    passed = 2 * sum(judgement.passed is True for judgement in read) > len(read)
+    behind = [judgement for judgement in read if judgement.passed == passed]
+    share = f" ({len(behind)} of {len(read)})" if len(judgements) > 1 else ""
     return Judgement(passed, f"{behind[0].reason}{share}", behind[0].steps)

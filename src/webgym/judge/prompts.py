@@ -36,8 +36,9 @@ VERDICT {code}: {negative}"""
 _KEYPOINT = """\
 Your task now: say of each screenshot whether it may matter for deciding if the task was done. It matters \
 if it shows anything that the task asks for, any value, name, setting or confirmation that belongs to it, \
-or a step that was needed for it. It does not matter if it shows only a detour, an advert, a start page, an \
-error or something unrelated. When in doubt, it matters."""
+or a step that was needed for it. It matters as well if it shows why something could not be done: an error \
+message, an empty result, a refusal, a login wall, a test for humans. It does not matter if it shows only a \
+detour, an advert, a start page or something unrelated. When in doubt, it matters."""
 
 _KEYPOINT_CLOSING = """\
 Write a short sentence about each screenshot. Then end your reply with one line per screenshot, in order, \
@@ -47,7 +48,8 @@ each of this form, with YES if it matters and NO if it does not:
 
 _FACT = """\
 Your task now: decide whether one fact is confirmed by the screenshots.
-- Judge this one fact. The task and the fact group say what it is about; other facts are judged elsewhere.
+- Judge this one fact. The task and the fact group, with all of its facts, say what it is about; the group's \
+other facts are judged elsewhere.
 - It is confirmed if the screenshots, taken together, show it. The list of actions helps to understand \
 them; what the agent says that it did or found is no proof.
 - Every detail that the fact states must be met. Do not ask for more than it states.
@@ -61,11 +63,25 @@ Your task now: decide whether the agent's final answer rests on the screenshots.
 - Go through the answer's claims one by one: names, numbers, dates, prices, links, and that something was \
 done. Each must be visible in a screenshot, or follow from what is visible by plain reasoning such as \
 counting, comparing or adding up.
-- Other words for the same thing are fine, and so is leaving things out. What the task itself states needs \
-no proof.
-- One claim that no screenshot supports, or that a screenshot contradicts, makes the answer fail.
-- An answer that only says that the task could not be done makes no claim that counts: it fails.
+- Other words for the same thing are fine, and so is leaving things out. What the task asks for may be named \
+again without proof; that it was found, chosen or done is a claim like any other.
+- One claim that no screenshot supports, or that a screenshot contradicts, makes the answer fail, however \
+plausible or well known it is.
+- That the task, or a part of it, could not be done is a claim too. It holds if the screenshots agree: they \
+show the error, the refusal or the empty result that stood in the way. It fails if they show no such thing, \
+if the agent merely stopped looking, or if they show that it could have been done.
 - Whether the answer is complete is judged elsewhere."""
+
+_PART = """\
+This request shows one part of the screenshots; the other parts are looked at separately. In place of the \
+sentences asked for below, write a line for each thing to be checked: which of these screenshots show it and \
+what they show, or which contradict it, or that none of these shows it. These lines are all that will \
+be known of this part. The verdict is about this part alone: {positive} only if it is enough by itself."""
+
+_NOTES = """\
+There were too many screenshots for one request. They were looked at in parts, and the notes say what each \
+part shows. Take a note for what its screenshots show; judge all parts together, in the order in which they \
+were taken. What no note says was seen counts as not visible. Verdicts in the notes are about single parts."""
 
 _BLOCKING = """\
 Your task now: decide whether the website kept the agent out by measures against bots, so that it could not \
@@ -86,10 +102,15 @@ that it does not know, does not agree.
 - Do not judge from your own knowledge: the reference answer is right."""
 
 
-def _system(rules: str, words: Words, code: str) -> str:
+def _system(rules: str, words: Words, code: str, *more: str) -> str:
     positive, negative = (word.upper() for word in WORDS[words])
     closing = _CLOSING.format(code=code, positive=positive, negative=negative)
-    return "\n\n".join((_ROLE, _QUOTED.format(code=code), rules, closing))
+    return "\n\n".join((_ROLE, _QUOTED.format(code=code), rules, *more, closing))
+
+
+def _criterion(rules: str, code: str, part: str, notes: str) -> str:
+    more = [_PART.format(positive=WORDS["criterion"][0].upper())] if part else [_NOTES] if notes else []
+    return _system(rules, "criterion", code, *more)
 
 
 def keypoint(code: str, *, instruction: str, facts: Sequence[str], labels: Sequence[str]) -> tuple[str, str]:
@@ -109,32 +130,55 @@ def keypoint(code: str, *, instruction: str, facts: Sequence[str], labels: Seque
 
 
 def fact(
-    code: str, *, instruction: str, group: FactGroup, text: str, history: str, labels: Sequence[str]
+    code: str,
+    *,
+    instruction: str,
+    group: FactGroup,
+    text: str,
+    history: str,
+    labels: Sequence[str],
+    part: str = "",
+    notes: str = "",
 ) -> tuple[str, str]:
-    """Criterion A: is this fact confirmed? The answer is not told."""
-    parts = ["The task:", quote("task", instruction, code)]
-    if group.description.strip():
-        parts += ["The fact belongs to this group:", quote("group", group.description, code)]
-    parts += [
+    """Criterion A: is this fact confirmed? The answer is not told.
+
+    Args:
+        code: of the request.
+        instruction: the task's.
+        group: the fact's, which it is understood by.
+        text: the fact.
+        history: what the agent did.
+        labels: of the screenshots.
+        part: which part of the screenshots they are ("2 of 3"); empty if they are all.
+        notes: what the parts show, in place of screenshots.
+    """
+    described = [group.description] if group.description.strip() else []
+    parts = [
+        "The task:",
+        quote("task", instruction, code),
+        "The fact group that the fact belongs to:",
+        quote("group", "\n".join((*described, *(f"- {each}" for each in group.facts))), code),
         "The fact to check:",
         quote("fact", text, code),
         "What the agent did, step by step:",
         quote("actions", history, code),
-        _follow(labels),
+        *_evidence(labels, part, notes, code),
     ]
-    return _system(_FACT, "criterion", code), "\n".join(parts)
+    return _criterion(_FACT, code, part, notes), "\n".join(parts)
 
 
-def response(code: str, *, instruction: str, answer: str, labels: Sequence[str]) -> tuple[str, str]:
-    """Criterion B: is every claim of the answer visible?"""
+def response(
+    code: str, *, instruction: str, answer: str, labels: Sequence[str], part: str = "", notes: str = ""
+) -> tuple[str, str]:
+    """Criterion B: is every claim of the answer visible? Arguments as for :func:`fact`."""
     parts = [
         "The task:",
         quote("task", instruction, code),
         "The agent's final answer:",
         quote("answer", answer, code),
-        _follow(labels),
+        *_evidence(labels, part, notes, code),
     ]
-    return _system(_RESPONSE, "criterion", code), "\n".join(parts)
+    return _criterion(_RESPONSE, code, part, notes), "\n".join(parts)
 
 
 def blocking(code: str, *, website: str, history: str, last: str, labels: Sequence[str]) -> tuple[str, str]:
@@ -162,6 +206,12 @@ def reference(code: str, *, instruction: str, answer: str, expected: str) -> tup
         quote("answer", answer, code),
     ]
     return _system(_REFERENCE, "question", code), "\n".join(parts)
+
+
+def _evidence(labels: Sequence[str], part: str, notes: str, code: str) -> list[str]:
+    if notes:
+        return ["What the screenshots show, part by part:", quote("notes", notes, code)]
+    return [*([f"This is part {part} of the screenshots."] if part else []), _follow(labels)]
 
 
 def _follow(labels: Sequence[str]) -> str:

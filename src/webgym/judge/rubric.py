@@ -6,8 +6,8 @@ criterion A   this fact is confirmed (once per fact, without the answer)
 reference     the answer agrees with the reference answer, where there is one: it overrides
 blocking      an attempt that did not succeed: was it kept out?
 
-The reward is 1 only if all of them hold. A question without a clear verdict leaves the whole episode
-unjudged.
+The reward is 1 only if all of them hold, and 0 as soon as one does not. A question without a clear verdict
+leaves the episode unjudged if the reward hangs on it; else it is noted as unread, and the reward stands.
 """
 
 from __future__ import annotations
@@ -18,16 +18,17 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TypeAlias
 
+from webgym.core.errors import JudgeError
 from webgym.core.task import FactGroup, Task
 from webgym.core.trajectory import Episode
-from webgym.core.verdict import FactJudgement, Judgement, Verdict
+from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge import prompts
-from webgym.judge.asking import Asker, Question, together
+from webgym.judge.asking import Asker, Question, answered, together
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.history import action_history
-from webgym.judge.keypoints import page_texts, select, shown
+from webgym.judge.keypoints import page_texts, parts, select, shown
 from webgym.judge.reference import Match, hold_against
 from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, shorten
@@ -42,6 +43,7 @@ _STEPS = re.compile(
     r"\bsteps? [0-9]{1,4}((?:(?:, ?| and |, and | & )[0-9]{1,4})+|( ?(?:-|–|to|through) ?[0-9]{1,4}))?\b",
     re.IGNORECASE,
 )
+Write: TypeAlias = Callable[..., tuple[str, str]]
 Quoted: TypeAlias = tuple[str, ...]
 _NOT_LOOKED = Judgement(False, "the attempt succeeded")
 
@@ -100,15 +102,18 @@ class _Case:
         self._facts: list[FactJudgement] = []
         self._response: Judgement | None = None
         self._reference: Judgement | None = None
+        self._unread: list[JudgeError] = []
 
     async def verdict(self) -> Verdict:
         """The whole judgement.
 
         Raises:
-            JudgeError: a question had no clear verdict.
+            JudgeError: a question that the reward hangs on had no clear verdict.
         """
         await self._look()
         passed = self._is_met()
+        if passed is None:
+            raise self._unread[0]
         blocked = _NOT_LOOKED if passed else await self._find_block()
         return Verdict(
             judge=self._judge,
@@ -124,13 +129,14 @@ class _Case:
 
     async def _look(self) -> None:
         """Judge the criteria; what costs little comes first, so that an early exit saves the most."""
-        config, task, answered = self._config, self._task, self._episode.answer is not None
-        if answered and task.reference_answer is not None:
+        config, task, is_answered = self._config, self._task, self._episode.answer is not None
+        if is_answered and task.reference_answer is not None:
             self._reference = await self._hold_against(task.reference_answer)
-            decided = not self._reference.passed or config.reference_rule == "decides"
-            if config.early_exit and decided:
+            alone = config.reference_rule == "decides"
+            is_hopeless = alone and self._reference.passed is None
+            if is_hopeless or (config.early_exit and (alone or self._reference.passed is False)):
                 return
-        if not answered and (config.early_exit or not config.judge_unanswered):
+        if not is_answered and (config.early_exit or not config.judge_unanswered):
             return
         self._keypoints = await select(task, self._episode, self._asker, config)
         if config.early_exit:
@@ -138,7 +144,7 @@ class _Case:
             return
         facts = task.rubric.facts()
         questions = [self._ask_fact(group, text) for group, _, text in facts]
-        if answered:
+        if is_answered:
             self._response, *found = await together([self._ask_response(), *questions])
         else:
             found = await together(questions)
@@ -147,33 +153,29 @@ class _Case:
 
     async def _look_until_one_fails(self) -> None:
         self._response = await self._ask_response()
-        if not self._response.passed:
+        if self._response.passed is False:
             return
         for group, index, text in self._task.rubric.facts():
             judgement = await self._ask_fact(group, text)
             self._facts.append(FactJudgement(group.id, index, text, judgement))
-            if not judgement.passed:
+            if judgement.passed is False:
                 return
 
-    def _is_met(self) -> bool:
+    def _is_met(self) -> bool | None:
+        """Whether the reward is 1; ``None`` if it hangs on a question without a clear verdict."""
         if self._episode.answer is None:
             return False
-        if self._reference is not None:
-            if not self._reference.passed:
-                return False
-            if self._config.reference_rule == "decides":
-                return True
-        if self._response is None or not self._response.passed:
-            return False
-        is_whole = len(self._facts) == self._task.rubric.difficulty
-        return is_whole and all(fact.judgement.passed for fact in self._facts)
+        if self._reference is not None and self._config.reference_rule == "decides":
+            return self._reference.passed
+        criteria = [self._reference, self._response, *(fact.judgement for fact in self._facts)]
+        return all_hold(judgement for judgement in criteria if judgement is not None)
 
     async def _ask_fact(self, group: FactGroup, text: str) -> Judgement:
         """Criterion A."""
         texts = self._config.texts
         history = action_history(self._episode, line_chars=texts.action_chars, limit=texts.history_chars)
         write = partial(prompts.fact, instruction=self._instruction, group=group, text=text, history=history)
-        return await self._ask("fact", write, (self._instruction, group.description, text, history))
+        return await self._ask("fact", write, (self._instruction, group.description, *group.facts, history))
 
     async def _ask_response(self) -> Judgement:
         """Criterion B."""
@@ -182,11 +184,51 @@ class _Case:
         write = partial(prompts.response, instruction=self._instruction, answer=self._answer)
         return await self._ask("response", write, (self._instruction, self._answer))
 
-    async def _ask(self, stage: Stage, write: Callable[..., tuple[str, str]], quoted: Quoted) -> Judgement:
-        text, shots, chosen = shown(self._episode, self._keypoints or (), stage, self._config, write)
-        untrusted = (*quoted, *page_texts(self._episode.observations, chosen))
-        finding = await self._asker.ask(Question(stage, "criterion", text, shots, untrusted))
-        return self._judgement(finding, chosen)
+    async def _ask(self, stage: Stage, write: Write, quoted: Quoted) -> Judgement:
+        """A criterion by the chosen screenshots: in one request, or else part by part."""
+        chosen = self._keypoints or ()
+        split = parts(self._episode, chosen, stage, self._config, write)
+        one = self._by_parts if len(split) > 1 else self._by_part
+        return self._read(await answered(one(stage, write, quoted, split)), chosen)
+
+    async def _by_part(
+        self, stage: Stage, write: Write, quoted: Quoted, split: Sequence[Sequence[int]]
+    ) -> Finding:
+        (part,) = split
+        text, shots, _ = shown(self._episode, part, stage, self._config, write)
+        untrusted = (*quoted, *page_texts(self._episode.observations, part))
+        return await self._asker.ask(Question(stage, "criterion", text, shots, untrusted))
+
+    async def _by_parts(
+        self, stage: Stage, write: Write, quoted: Quoted, split: Sequence[Sequence[int]]
+    ) -> Finding:
+        """A fact that a part confirms is confirmed. All else is decided over what the parts are said to show:
+        a claim may be visible in one of them and contradicted in another, a total be spread over all.
+        """
+        count = len(split)
+        found = await together(
+            answered(self._by_part(stage, partial(write, part=f"{number} of {count}"), quoted, [part]))
+            for number, part in enumerate(split, 1)
+        )
+        notes = [each for each in found if isinstance(each, Finding)]
+        if stage == "fact" and (confirmed := next((note for note in notes if note.passed), None)):
+            return confirmed
+        if unread := next((each for each in found if isinstance(each, JudgeError)), None):
+            raise unread
+        limit = self._config.texts.history_chars // count
+        told = [
+            f"Part {number} of {count}:\n{shorten(note.reason, limit)}"
+            for number, note in enumerate(notes, 1)
+        ]
+        closing = partial(write, labels=(), notes="\n\n".join(told))
+        return await self._asker.ask(Question(stage, "criterion", closing, (), (*quoted, *told)))
+
+    def _read(self, found: Finding | JudgeError, chosen: Sequence[int]) -> Judgement:
+        """A finding as it is recorded, or that there is none."""
+        if isinstance(found, Finding):
+            return self._judgement(found, chosen)
+        self._unread.append(found)
+        return Judgement(None, f"not read: {shorten(found.message, self._config.texts.reason_chars)}")
 
     async def _hold_against(self, expected: str) -> Judgement:
         """The reference answer: by rule where rules are sure, else by a model."""
@@ -202,8 +244,8 @@ class _Case:
             prompts.reference, instruction=self._instruction, answer=self._answer, expected=expected
         )
         quoted = (self._instruction, self._answer, expected)
-        return self._judgement(
-            await self._asker.ask(Question("reference", "question", write, (), quoted)), ()
+        return self._read(
+            await answered(self._asker.ask(Question("reference", "question", write, (), quoted))), ()
         )
 
     async def _find_block(self) -> Judgement:

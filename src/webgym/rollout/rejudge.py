@@ -292,9 +292,9 @@ def _why(verdict: Verdict) -> str:
     if verdict.blocked.passed:
         return f"blocked: {verdict.blocked.reason}"
     for judgement in (verdict.reference, verdict.response):
-        if judgement is not None and not judgement.passed:
+        if judgement is not None and judgement.passed is False:
             return judgement.reason
-    failed = next((fact for fact in verdict.facts if not fact.judgement.passed), None)
+    failed = next((fact for fact in verdict.facts if fact.judgement.passed is False), None)
     if failed is not None:
         return f"“{failed.fact}”: {failed.judgement.reason}"
     return "everything holds" if verdict.reward else "no answer was given"

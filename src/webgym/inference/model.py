@@ -1,0 +1,90 @@
+"""Loading a vision-language model: weights, tokenizer and image processor, for inference and for training."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import torch
+from transformers import AutoImageProcessor, AutoModelForImageTextToText, AutoTokenizer
+
+from webgym.core.errors import ConfigError
+from webgym.inference.rendering import Renderer
+
+Dtype: TypeAlias = Literal["float32", "bfloat16"]
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """A model with all that its requests and replies pass through.
+
+    Attributes:
+        model: a transformers image-text-to-text model, in evaluation mode.
+        renderer: makes its requests.
+    """
+
+    model: Any
+    renderer: Renderer
+
+    @property
+    def tokenizer(self) -> Any:
+        """The tokenizer, with its chat template."""
+        return self.renderer.tokenizer
+
+    @property
+    def image_processor(self) -> Any:
+        """The image processor."""
+        return self.renderer.image_processor
+
+
+def load_model(path: str | Path, *, dtype: Dtype = "float32", device: str = "cpu") -> Loaded:
+    """A model from a folder or from the Hugging Face hub.
+
+    Args:
+        path: a folder with ``config.json`` and ``*.safetensors``, or the id of a model on the hub.
+        dtype: of the weights in memory.
+        device: as torch names it.
+
+    Raises:
+        ConfigError: there is no such model, or it is not whole.
+    """
+    renderer = load_renderer(path)
+    with _one_line(path):
+        model = AutoModelForImageTextToText.from_pretrained(str(path), dtype=getattr(torch, dtype))
+    ends = model.generation_config.eos_token_id if model.generation_config is not None else None
+    if ends is not None:
+        renderer.end_ids |= {ends} if isinstance(ends, int) else frozenset(ends)
+    return Loaded(model.to(device).eval(), renderer)
+
+
+def load_renderer(path: str | Path) -> Renderer:
+    """Tokenizer and image processor alone.
+
+    The image processor is always the one that works with PIL: torchvision's gives other pixels, and whether
+    it is installed must not change what a model sees.
+
+    Raises:
+        ConfigError: there is no such model, or it is not whole.
+    """
+    with _one_line(path):
+        tokenizer = AutoTokenizer.from_pretrained(str(path))
+        image_processor = AutoImageProcessor.from_pretrained(str(path), backend="pil")
+    if not tokenizer.chat_template:
+        raise ConfigError(f"the model {path} has no chat template", hint="give an instruct model")
+    return Renderer(tokenizer, image_processor)
+
+
+@contextmanager
+def _one_line(path: str | Path) -> Iterator[None]:
+    """Whatever the libraries raise over a model that is missing or broken, as one line."""
+    try:
+        yield
+    except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
+        reason = str(error).strip().split("\n", 1)[0][:200]
+        raise ConfigError(
+            f"cannot load the model {path}: {reason}",
+            hint="give a folder with config.json, weights, tokenizer and image processor, or a hub id",
+        ) from error

@@ -1,0 +1,154 @@
+"""From a request to what a vision-language model reads: token ids with images expanded, and pixels.
+
+Inference in this process and training render with this very code, so that a model is trained on what it saw.
+Servers do the same: the chat template writes the text with one placeholder per picture, the text is split
+into tokens without further special tokens, and each placeholder becomes as many image tokens as its picture
+has.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from PIL import Image, UnidentifiedImageError
+
+from webgym.core.errors import PolicyError
+from webgym.core.trajectory import ImageRef, Message, TextPart
+
+THINK_START = "<think>"
+THINK_END = "</think>"
+
+
+@dataclass(frozen=True, slots=True)
+class Pixels:
+    """Pictures as a Qwen-VL vision tower reads them.
+
+    Attributes:
+        values: (patches of all pictures, channels x frames x patch side squared), float32.
+        grid: (pictures, 3), int64: frames, rows and columns of patches.
+    """
+
+    values: torch.Tensor
+    grid: torch.Tensor
+
+
+@dataclass(frozen=True, slots=True)
+class Encoded:
+    """A request, ready for a model.
+
+    Attributes:
+        prompt_ids: token ids, image tokens expanded, the opening of the reply included.
+        pixels: the pictures in order; ``None`` if there is none.
+    """
+
+    prompt_ids: list[int]
+    pixels: Pixels | None
+
+
+class Renderer:
+    """Renders requests for one model.
+
+    Args:
+        tokenizer: of transformers, with a chat template.
+        image_processor: of the Qwen2-VL kind: gives ``pixel_values`` and ``image_grid_thw``.
+        end_ids: ids that end a reply; by default the tokenizer's end-of-sequence token.
+    """
+
+    def __init__(self, tokenizer: Any, image_processor: Any, end_ids: Iterable[int] = ()) -> None:
+        self.tokenizer = tokenizer
+        self.image_processor = image_processor
+        self.end_ids = frozenset(end_ids) or frozenset({tokenizer.eos_token_id})
+        self._image_token = getattr(tokenizer, "image_token", None) or "<|image_pad|>"
+        self.image_id: int = tokenizer.convert_tokens_to_ids(self._image_token)
+
+    def prompt(self, messages: Sequence[Message], images: Mapping[str, bytes]) -> Encoded:
+        """A request as the model reads it.
+
+        Args:
+            messages: of the request.
+            images: its pictures by name, encoded, at the size at which they are sent.
+
+        Raises:
+            PolicyError: a picture cannot be read, or a text holds the image placeholder itself, so that
+                placeholders and pictures do not match.
+        """
+        pixels = self.pixels(messages, images)
+        counts = self.image_tokens(pixels)
+        ids: list[int] = []
+        met = 0
+        for token in self.tokenizer(self.text(messages), add_special_tokens=False)["input_ids"]:
+            if token != self.image_id:
+                ids.append(token)
+                continue
+            met += 1
+            ids += [token] * (counts[met - 1] if met <= len(counts) else 1)
+        if met != len(counts):
+            raise PolicyError(f"the request has {len(counts)} pictures and {met} image placeholders")
+        return Encoded(ids, pixels)
+
+    def text(self, messages: Sequence[Message]) -> str:
+        """The request as text, a placeholder per picture, the opening of the reply included."""
+        rendered: str = self.tokenizer.apply_chat_template(
+            [{"role": each.role, "content": _content(each)} for each in messages],
+            tokenize=False,
+            add_generation_prompt=True,
+        )
+        return rendered
+
+    def pixels(self, messages: Sequence[Message], images: Mapping[str, bytes]) -> Pixels | None:
+        """The pictures of a request, in its order; ``None`` if it has none.
+
+        Raises:
+            PolicyError: a picture cannot be read.
+        """
+        refs = [part for each in messages for part in each.content if isinstance(part, ImageRef)]
+        if not refs:
+            return None
+        decoded = [_decoded(images[ref.screenshot]) for ref in refs]
+        made = self.image_processor(images=decoded, return_tensors="pt")
+        return Pixels(made["pixel_values"], made["image_grid_thw"])
+
+    def image_tokens(self, pixels: Pixels | None) -> list[int]:
+        """How many tokens each picture takes in the request."""
+        if pixels is None:
+            return []
+        merged: int = self.image_processor.merge_size**2
+        return [int(grid.prod()) // merged for grid in pixels.grid]
+
+    def image_mask(self, ids: Sequence[int]) -> list[int]:
+        """1 for an image token and 0 for any other: what models call ``mm_token_type_ids``."""
+        return [int(token == self.image_id) for token in ids]
+
+    def opens_thinking(self, prompt_ids: Sequence[int]) -> bool:
+        """Whether the chat template has opened the thinking already, so that the reply goes on inside."""
+        tail: str = self.tokenizer.decode(list(prompt_ids[-8:]))
+        return tail.rstrip().endswith(THINK_START)
+
+    def decode(self, reply_ids: Sequence[int]) -> str:
+        """A reply as a server gives it: without special tokens, white space as it is."""
+        text: str = self.tokenizer.decode(
+            list(reply_ids), skip_special_tokens=True, clean_up_tokenization_spaces=False
+        )
+        return text
+
+
+def _content(message: Message) -> str | list[dict[str, str]]:
+    """As :func:`webgym.agent.request.to_openai` sends it, in the words of chat templates."""
+    if all(isinstance(part, TextPart) for part in message.content):
+        return "".join(part.text for part in message.content if isinstance(part, TextPart))
+    return [
+        {"type": "text", "text": part.text} if isinstance(part, TextPart) else {"type": "image"}
+        for part in message.content
+    ]
+
+
+def _decoded(data: bytes) -> Image.Image:
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            return picture.convert("RGB")
+    except (UnidentifiedImageError, OSError) as error:
+        raise PolicyError("a screenshot is no picture that can be read") from error

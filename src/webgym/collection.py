@@ -433,7 +433,8 @@ def _summarise(run: Path, tasks: Sequence[Task], config: RunConfig, judge: Judge
     reader = RunReader(run, skip_corrupt=True)
     return summarise(
         reader.trajectories(),
-        {task.id: task for task in tasks},
+        tasks,
+        config.samples,
         seed=config.seed,
         policy=config.policy.chat.model if config.policy.chat else config.policy.name,
         judge=judge.name,

@@ -367,7 +367,7 @@ async def build_run(path: Path, count: int = 12, distinct: int = 5, *, finished:
             await writer.append(made)
         if finished:
             reader = RunReader(path)
-            await writer.write_summary(summarise(reader.trajectories(), reader.tasks, seed=7))
+            await writer.write_summary(summarise(reader.trajectories(), reader.drawn, seed=7))
     return path
 
 

@@ -17,8 +17,8 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
 from webgym.core.verdict import Judgement, Verdict
 from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
+from webgym.rollout.rates import wilson
 from webgym.rollout.store import RunReader
-from webgym.rollout.summary import wilson
 from webgym.rollout.verdicts import Judged, VerdictBook
 
 QUICK = EvaluationConfig(resamples=500)
@@ -60,6 +60,10 @@ def test_one_sample_per_task_has_wilsons_interval() -> None:
     assert rows["medium"].no_reward == {"blocked": 1, "judge_error": 1}
     assert rows["hard"].missing == rows["overall"].missing == 1
     assert rows["overall"].tasks == 11
+    # Blocked, judge error and missing are no success of all that was planned.
+    told = {group: (row.rate_of_planned, row.interval_of_planned) for group, row in rows.items()}
+    won = {"easy": (3, 4), "medium": (1, 4), "hard": (0, 3), "overall": (4, 11)}
+    assert told == {group: (wins / of, wilson(wins, of)) for group, (wins, of) in won.items()}
 
 
 def test_nothing_rewarded_is_no_rate() -> None:
@@ -81,6 +85,7 @@ def test_samples_of_one_task_are_one_piece_of_evidence() -> None:
     widths = [row.interval[1] - row.interval[0] for row in (repeated, once) if row.interval]
     assert widths[0] == pytest.approx(widths[1], rel=0.1)  # four samples that all say the same add nothing
     assert repeated.solved == (20, 40)
+    assert repeated.interval_of_planned == pytest.approx(repeated.interval, abs=0.02)
     assert rows_of(attempts("easy", *words), {"easy": 40}, 4) == rows_of(
         attempts("easy", *words), {"easy": 40}, 4
     )
@@ -102,6 +107,11 @@ def test_the_levels_add_up_and_intervals_hold_the_rate(drawn: list[tuple[Level, 
     for name in ("tasks", "attempts", "successes", "missing"):
         assert sum(getattr(rows[level], name) for level in LEVELS) == getattr(rows["overall"], name)
     for row in rows.values():
+        assert row.rate_of_planned is not None
+        assert row.interval_of_planned is not None
+        low, high = row.interval_of_planned
+        assert low - 1e-9 <= row.rate_of_planned <= high + 1e-9
+        assert row.rate_of_planned == row.successes / row.planned
         assert row.attempts + sum(row.no_reward.values()) + row.missing == row.tasks * 5
         assert (row.rate is None) == (row.attempts == 0) == (row.interval is None)
         if row.rate is not None and row.interval is not None:
@@ -122,6 +132,7 @@ def test_a_run_as_its_summary_has_it(run: Path) -> None:
     assert summary is not None
     for group in GROUPS:
         assert found.rows[group].rate == summary["success_rate"][group]
+        assert found.rows[group].rate_of_planned == summary["success_rate_of_planned"][group]
     overall = found.rows["overall"]
     assert overall.no_reward == {
         "blocked": 1,
@@ -176,11 +187,12 @@ def test_tables_of_runs(run: Path, commands: Commands) -> None:
     code, said = commands.run("eval", "--of", run, "--markdown")
     assert code == 0
     overall = next(line for line in said.splitlines() if line.startswith("| overall"))
-    assert overall.startswith("| overall | 12 | 7 | 57.1 | 25.0, 84.2 | "), overall
+    assert overall.startswith("| overall | 12 | 7 | 57.1 | 25.0, 84.2 | 33.3 | 13.8, 60.9 | "), overall
     assert "1 sample is missing" in said
     code, said = commands.run("eval", "--of", run, "--of", run, "--latex")
     assert code == 0
     assert said.count("57.1 [25.0, 84.2]") == 2
+    assert said.count("33.3 [13.8, 60.9]") == 2
     assert r"environment\_error" in said
     for options in (("--of", run, "--out", "x"), ("--split", "dev"), ("--budget", "30,50")):
         code, said = commands.run("eval", *options)

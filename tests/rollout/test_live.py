@@ -84,13 +84,16 @@ def test_progress_tells_pace_and_success() -> None:
     progress = Progress(total=10, done=4, earlier=2)
     progress.started -= 10
     progress.outcomes.update({Outcome.SUCCESS: 1, Outcome.TRUNCATED: 1, Outcome.BLOCKED: 5})
-    assert progress.success_rate == 0.5
+    assert progress.successes.of_judged.value == 0.5
+    progress.done = 9
+    assert progress.successes.of_planned.value == pytest.approx(1 / 7)
+    assert "success 50.0% (14.3% of all)" in line(progress)
+    progress.done = 4
     left = progress.seconds_left
     assert left is not None
     assert 29 < left < 32  # six samples at a pace of two in ten seconds
     for _ in range(20):
         progress.stepped()
     assert 1.8 < progress.steps_per_second < 2.1
-    assert "success 50.0%" in line(progress)
     assert Progress(total=3).seconds_left is None
-    assert Progress(total=3).success_rate is None
+    assert Progress(total=3).successes.of_judged.value is None

@@ -15,7 +15,8 @@ from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Failure, Reply, Step, Trajectory
 from webgym.core.verdict import Judgement, Verdict
-from webgym.rollout.summary import quantiles, summarise, wilson
+from webgym.rollout.rates import wilson
+from webgym.rollout.summary import quantiles, summarise
 
 SEEN = Observation("0" * 64, "http://a.test/", "A", (1280, 768), milliseconds={"screenshot": 40.0})
 VERDICT = Verdict("offline-1", 1, (), Judgement(False, "no"))
@@ -26,7 +27,7 @@ def task(id_: str, facts: int, domain: str = "Shopping", website: str = "http://
     return Task(id_, "Do it", website, domain, "Books", rubric, "offline")
 
 
-TASKS = {t.id: t for t in (task("e", 1), task("m", 5), task("h", 8, "Travel", "http://b.test/"))}
+TASKS = [task("e", 1), task("m", 5), task("h", 8, "Travel", "http://b.test/")]
 _numbers = itertools.count()
 
 
@@ -39,13 +40,14 @@ def attempt(
     seconds: float = 10.0,
     failure: Failure | None = None,
 ) -> Trajectory:
+    number = next(_numbers)
     taken = tuple(Step(i, SEEN, (), Reply("r", "p", seconds=0.5), at=i * 2.0) for i in range(steps))
     judged = outcome in (Outcome.SUCCESS, Outcome.FAILURE, Outcome.TRUNCATED, Outcome.BLOCKED)
     return Trajectory(
         Episode(
-            attempt_id=f"{task_id}#{next(_numbers)}.0",
+            attempt_id=f"{task_id}#{number}.0",
             task_id=task_id,
-            sample=0,
+            sample=number,
             retry=0,
             seed=1,
             policy="scripted",
@@ -70,6 +72,36 @@ def test_outcomes_add_up_and_only_rewarded_ones_enter_the_rate() -> None:
     assert summary["success_interval"]["medium"] is None
     assert summary["success_interval"]["overall"] == pytest.approx((0.150, 0.850), abs=1e-3)
     assert (summary["policy"], summary["judge"], summary["seed"]) == ("scripted", "offline-1", 7)
+
+
+def test_what_leaves_the_rate_of_judged_attempts_does_not_leave_that_of_planned_ones() -> None:
+    kept = [attempt("e", Outcome.SUCCESS), attempt("m", Outcome.FAILURE)]
+    lost = [attempt("m", outcome) for outcome in (Outcome.BLOCKED, Outcome.JUDGE_ERROR)]
+    summary = summarise([*kept, *lost], TASKS, 3)
+    assert summary["success_rate"] == {"overall": 0.5, "easy": 1.0, "medium": 0.0, "hard": None}
+    assert summary["planned"] == {"overall": 9, "easy": 3, "medium": 3, "hard": 3}
+    of_planned = summary["success_rate_of_planned"]
+    assert of_planned == {"overall": 1 / 9, "easy": 1 / 3, "medium": 0.0, "hard": 0.0}
+    assert summary["success_interval_of_planned"]["overall"] == wilson(1, 9)
+    assert summary["by_domain"]["Shopping"]["success_rate_of_planned"] == 1 / 6
+    assert summary["by_website"]["http://a.test/"]["planned"] == 6
+
+
+def test_a_sample_that_is_attempted_again_was_planned_once() -> None:
+    tries = [attempt("e", Outcome.ENVIRONMENT_ERROR), attempt("e", Outcome.SUCCESS)]
+    again = [
+        msgspec.structs.replace(each, episode=msgspec.structs.replace(each.episode, sample=0))
+        for each in tries
+    ]
+    summary = summarise(again, TASKS[:1])
+    assert (summary["attempts"], summary["planned"]["overall"]) == (2, 1)
+    assert summary["success_rate_of_planned"]["easy"] == 1.0
+
+
+def test_a_task_that_was_drawn_twice_was_planned_twice() -> None:
+    summary = summarise([attempt("e", Outcome.SUCCESS)], [TASKS[0], TASKS[0]])
+    assert summary["planned"]["easy"] == 2
+    assert summary["success_rate_of_planned"]["overall"] == 0.5
 
 
 def test_groups_are_of_the_tasks() -> None:
@@ -134,7 +166,7 @@ def test_losses_are_grouped_by_code_and_rewarded_attempts_are_none() -> None:
 
 
 def test_nothing_at_all() -> None:
-    summary = summarise([], {})
+    summary = summarise([], [])
     assert summary["attempts"] == 0
     assert summary["success_rate"]["overall"] is None
     assert summary["steps_per_second"] == 0.0

@@ -11,8 +11,14 @@ from rich.table import Table as RichTable
 from webgym.bench.tables import Table
 from webgym.cli._paper import DASH
 from webgym.rollout.evaluation import GROUPS, Evaluation, Row
+from webgym.rollout.rates import Interval
 
-_SHORT: Final = {"difficulty": "", "95 % interval": "95 %"}
+_SHORT: Final = {
+    "difficulty": "",
+    "success, %": "success %",
+    "of planned, %": "of all %",
+    "95 % interval": "95 %",
+}
 """Columns in a terminal, which may be 80 characters wide."""
 
 
@@ -23,7 +29,7 @@ def tables(found: Sequence[Evaluation]) -> Iterator[Table]:
         columns, rows = _by_difficulty(one)
         yield Table(f"Success of {one.policy} by difficulty, judged by {one.judge}", columns, rows)
     else:
-        yield _side_by_side(found)
+        yield from _side_by_side(found)
     lost = _outcomes(found)
     if lost:
         rows = [
@@ -35,7 +41,7 @@ def tables(found: Sequence[Evaluation]) -> Iterator[Table]:
 def show(one: Evaluation, console: Console) -> None:
     """One result on a terminal."""
     columns, rows = _by_difficulty(one)
-    table = RichTable(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    table = RichTable(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="dim")
     for place, name in enumerate(columns):
         short = _SHORT.get(name, name)
         table.add_column(short, justify="right" if place else "left", no_wrap=True)
@@ -66,7 +72,7 @@ def notes(one: Evaluation) -> Iterator[str]:
         yield "95 % intervals: Wilson's"
     if overall.no_reward:
         told = ", ".join(f"{count} {name}" for name, count in overall.no_reward.items())
-        yield f"without a reward, and so not in the rate: {told}"
+        yield f"without a reward, so no success of all planned samples, and not in the other rate: {told}"
     if overall.missing:
         missing = "1 sample is" if overall.missing == 1 else f"{overall.missing} samples are"
         yield f"{missing} missing: the run is not finished (webgym eval --resume), or not judged"
@@ -76,7 +82,8 @@ def _by_difficulty(one: Evaluation) -> tuple[tuple[str, ...], list[tuple[str, ..
     """A row per level; how many tasks were ever solved only where that is another figure."""
     is_repeated = one.samples > 1
     once = ("ever, %",) if is_repeated else ()
-    columns = ("difficulty", "tasks", "attempts", "success, %", "95 % interval", *once, "steps", "no reward")
+    rates = ("success, %", "95 % interval", "of planned, %", "95 % interval")
+    columns = ("difficulty", "tasks", "judged", *rates, *once, "steps", "no reward")
     rows = []
     for group in GROUPS:
         row = one.rows[group]
@@ -84,30 +91,40 @@ def _by_difficulty(one: Evaluation) -> tuple[tuple[str, ...], list[tuple[str, ..
         ever = (f"{100 * won / of:.1f}" if of else DASH,) if is_repeated else ()
         steps = DASH if row.steps is None else f"{row.steps:.1f}"
         lost = str(sum(row.no_reward.values()))
-        rows.append(
-            (group, str(row.tasks), str(row.attempts), _rate(row), _interval(row), *ever, steps, lost)
-        )
+        rows.append((group, str(row.tasks), str(row.attempts), *_rates(row), *ever, steps, lost))
     return columns, rows
 
 
-def _side_by_side(found: Sequence[Evaluation]) -> Table:
-    def cell(row: Row) -> str:
-        return _rate(row) if row.interval is None else f"{_rate(row)} [{_interval(row)}]"
+def _side_by_side(found: Sequence[Evaluation]) -> Iterator[Table]:
+    def row(one: Evaluation, count: int, places: slice) -> tuple[str, ...]:
+        cells = (_rates(one.rows[group])[places] for group in GROUPS)
+        return one.run, one.policy, str(count), *(_together(*cell) for cell in cells)
 
-    rows = [
-        (one.run, one.policy, str(one.rows["overall"].attempts), *(cell(one.rows[group]) for group in GROUPS))
-        for one in found
-    ]
-    return Table("Success, %, with 95 % intervals", ("run", "policy", "attempts", *GROUPS), rows)
+    head = ("run", "policy")
+    judged = [row(one, one.rows["overall"].attempts, slice(0, 2)) for one in found]
+    yield Table("Success over judged attempts, %, with 95 % intervals", (*head, "judged", *GROUPS), judged)
+    planned = [row(one, one.rows["overall"].planned, slice(2, 4)) for one in found]
+    yield Table(
+        "Success over all planned samples, %, with 95 % intervals", (*head, "planned", *GROUPS), planned
+    )
+
+
+def _together(rate: str, interval: str) -> str:
+    return rate if interval == DASH else f"{rate} [{interval}]"
 
 
 def _outcomes(found: Sequence[Evaluation]) -> list[str]:
     return list(dict.fromkeys(name for one in found for name in one.rows["overall"].no_reward))
 
 
-def _rate(row: Row) -> str:
-    return DASH if row.rate is None else f"{100 * row.rate:.1f}"
+def _rates(row: Row) -> tuple[str, str, str, str]:
+    """Both rates with their intervals: over judged attempts, over all planned samples."""
+    judged = _told(row.rate, row.interval)
+    return *judged, *_told(row.rate_of_planned, row.interval_of_planned)
 
 
-def _interval(row: Row) -> str:
-    return DASH if row.interval is None else f"{100 * row.interval[0]:.1f}, {100 * row.interval[1]:.1f}"
+def _told(rate: float | None, interval: Interval | None) -> tuple[str, str]:
+    return (
+        DASH if rate is None else f"{100 * rate:.1f}",
+        DASH if interval is None else f"{100 * interval[0]:.1f}, {100 * interval[1]:.1f}",
+    )

@@ -9,6 +9,7 @@ from rich.text import Text
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
 from webgym.rollout.live import COLORS, duration
+from webgym.rollout.rates import Interval
 from webgym.rollout.summary import Summary
 
 REASONS = 5
@@ -31,17 +32,16 @@ def all_failed(summary: Summary) -> bool:
 
 def print_summary(summary: Summary, console: Console) -> None:
     """Outcomes and success rates of a run."""
-    rates = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
-    for name in ("", "success", "95 % interval", "attempts", "steps, median"):
+    rates = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for name in ("", "success", "95 %", "of all planned", "95 %", "attempts", "steps, median"):
         rates.add_column(name, justify="left" if not name else "right")
     for level in ("overall", *LEVELS):
-        rate, interval = summary["success_rate"][level], summary["success_interval"][level]
         group = summary["by_level"].get(level)
         steps = group["steps_per_attempt"]["p50"] if group else None
         rates.add_row(
             level,
-            "–" if rate is None else f"{rate:.1%}",
-            "–" if interval is None else f"{interval[0]:.1%} – {interval[1]:.1%}",
+            *_rate(summary["success_rate"][level], summary["success_interval"][level]),
+            *_rate(summary["success_rate_of_planned"][level], summary["success_interval_of_planned"][level]),
             str(summary["attempts"] if level == "overall" else group["attempts"] if group else 0),
             "" if steps is None else f"{steps:.0f}",
         )
@@ -63,6 +63,13 @@ def print_summary(summary: Summary, console: Console) -> None:
         f"{summary['attempts']} trajectories, {summary['steps']} steps in "
         f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{latency}",
         highlight=False,
+    )
+
+
+def _rate(rate: float | None, interval: Interval | None) -> tuple[str, str]:
+    return (
+        "–" if rate is None else f"{rate:.1%}",
+        "–" if interval is None else f"{interval[0]:.1%} – {interval[1]:.1%}",
     )
 
 

@@ -1,7 +1,8 @@
 """The success rate of a policy on a test set, by difficulty, as a paper reports it.
 
 Every planned sample of every task counts once, by the last attempt at it. Success, failure and truncated
-carry a reward and make up the rate; the other outcomes are told beside it and never enter it (SYSTEM.md 3.1).
+carry a reward and make up the rate; the other outcomes are told beside it and never enter it. The rate over
+all planned samples stands next to it: there whatever is no success counts against the policy.
 
 **Intervals.** With one sample per task, attempts are independent and the interval is Wilson's: it needs no
 random numbers and holds what it promises near 0 and 1, where test sets of hard tasks live. With several
@@ -22,17 +23,18 @@ import msgspec
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from webgym.bootstrap import percentiles, resampled
+from webgym.bootstrap import Counts, percentiles, resampled
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level, StepBudget
+from webgym.rollout.rates import Interval, Rate, Successes, wilson
 from webgym.rollout.rejudge import RECORDED, verdicts_of
 from webgym.rollout.store import RunReader
-from webgym.rollout.summary import Interval, wilson
 
 TEST_BUDGET: Final = StepBudget(30, 50, 70)
 """Steps per attempt in testing, by level (paper §5)."""
 
 Group: TypeAlias = Literal["easy", "medium", "hard", "overall"]
+Method: TypeAlias = Literal["wilson", "bootstrap"]
 GROUPS: Final[tuple[Group, ...]] = (*LEVELS, "overall")
 
 
@@ -74,6 +76,9 @@ class Row(msgspec.Struct, frozen=True):
         rate: success rate; ``None`` of nothing.
         interval: at 95 %; ``None`` with the rate.
         method: where the interval comes from.
+        planned: samples of all tasks, whatever became of them.
+        rate_of_planned: successes over planned; ``None`` of nothing.
+        interval_of_planned: at 95 %; ``None`` with this rate. Bootstrap of several samples per task.
         solved: tasks that succeeded at least once, and tasks with a reward at all.
         steps: mean over the attempts that carry a reward; ``None`` of nothing.
         no_reward: the other samples, by outcome.
@@ -85,7 +90,10 @@ class Row(msgspec.Struct, frozen=True):
     successes: int
     rate: float | None
     interval: Interval | None
-    method: Literal["wilson", "bootstrap"]
+    method: Method
+    planned: int
+    rate_of_planned: float | None
+    interval_of_planned: Interval | None
     solved: tuple[int, int]
     steps: float | None
     no_reward: dict[str, int]
@@ -161,43 +169,64 @@ def rows_of(
     """
     config = config or EvaluationConfig()
     generator = np.random.default_rng(config.seed)
-    drawn = {}
+    judged, planned = {}, {}
     for level in LEVELS:
         of_level = _by_task(sample for sample in samples if sample.level == level)
-        drawn[level] = resampled(list(of_level.values()), 2, config.resamples, generator)
+        judged[level] = resampled(list(of_level.values()), 2, config.resamples, generator)
+        won = [(wins, per_task) for wins, _ in of_level.values()]
+        won += [(0, per_task)] * (tasks.get(level, 0) - len(won))  # tasks without a reward count, too
+        planned[level] = resampled(won, 2, config.resamples, generator)
     rows: dict[Group, Row] = {}
     for group in GROUPS:
         of_group = [sample for sample in samples if group in ("overall", sample.level)]
-        planned = sum(count for level, count in tasks.items() if group in ("overall", level))
-        sums = drawn[group] if group != "overall" else np.sum(list(drawn.values()), axis=0)
-        with np.errstate(invalid="ignore"):
-            spread = percentiles(sums[:, 0] / sums[:, 1], 0.95)
-        rows[group] = _row(of_group, planned, per_task, spread)
+        count = sum(count for level, count in tasks.items() if group in ("overall", level))
+        rows[group] = _row(of_group, count, per_task, _spread(judged, group), _spread(planned, group))
     return rows
 
 
-def _row(samples: Sequence[Sample], tasks: int, per_task: int, spread: Interval | None) -> Row:
+def _spread(drawn: Mapping[Level, Counts], group: Group) -> Interval | None:
+    """The percentile interval of a rate from its resamples of (successes, of)."""
+    sums = drawn[group] if group != "overall" else np.sum(list(drawn.values()), axis=0)
+    with np.errstate(invalid="ignore"):
+        return percentiles(sums[:, 0] / sums[:, 1], 0.95)
+
+
+def _row(
+    samples: Sequence[Sample], tasks: int, per_task: int, judged: Interval | None, planned: Interval | None
+) -> Row:
     rewarded = [sample for sample in samples if sample.outcome.is_rewarded]
-    successes = sum(sample.outcome is Outcome.SUCCESS for sample in rewarded)
+    won = sum(sample.outcome is Outcome.SUCCESS for sample in rewarded)
+    rates = Successes(won, len(rewarded), tasks * per_task)
     by_task = _by_task(rewarded)
-    is_clustered = len(by_task) < len(rewarded)
-    rate = successes / len(rewarded) if rewarded else None
-    method: Literal["wilson", "bootstrap"] = "bootstrap" if is_clustered and spread else "wilson"
-    # Of clustered attempts that all end alike, only the tasks are independent.
-    plain = wilson(round(rate * len(by_task)), len(by_task)) if rate is not None else None
+    method, interval = _interval(rates.of_judged, judged, len(rewarded), len(by_task))
     lost = Counter(sample.outcome.value for sample in samples if not sample.outcome.is_rewarded)
     return Row(
         tasks=tasks,
         attempts=len(rewarded),
-        successes=successes,
-        rate=rate,
-        interval=spread if method == "bootstrap" else plain,
+        successes=won,
+        rate=rates.of_judged.value,
+        interval=interval,
         method=method,
+        planned=rates.planned,
+        rate_of_planned=rates.of_planned.value,
+        interval_of_planned=_interval(rates.of_planned, planned, rates.planned, tasks)[1],
         solved=(sum(bool(won) for won, _ in by_task.values()), len(by_task)),
         steps=sum(sample.steps for sample in rewarded) / len(rewarded) if rewarded else None,
         no_reward={outcome.value: lost[outcome.value] for outcome in Outcome if lost[outcome.value]},
         missing=tasks * per_task - len(samples),
     )
+
+
+def _interval(
+    rate: Rate, spread: Interval | None, attempts: int, tasks: int
+) -> tuple[Method, Interval | None]:
+    """Where the interval of a rate comes from, and the interval."""
+    if rate.value is None or tasks == attempts:
+        return "wilson", rate.interval
+    if spread:
+        return "bootstrap", spread
+    # Of clustered attempts that all end alike, only the tasks are independent.
+    return "wilson", wilson(round(rate.value * tasks), tasks)
 
 
 def _by_task(samples: Iterable[Sample]) -> dict[str, tuple[int, int]]:

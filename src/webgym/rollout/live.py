@@ -40,8 +40,13 @@ def duration(seconds: float | None) -> str:
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
 
 
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{share:.1%}"
+def _success(progress: Progress) -> str:
+    """Both rates: over the judged attempts, and over all samples that are done."""
+    rates = progress.successes
+    judged, done = (
+        "–" if rate.value is None else f"{rate.value:.1%}" for rate in (rates.of_judged, rates.of_planned)
+    )
+    return f"{judged} ({done} of all)"
 
 
 def line(progress: Progress) -> str:
@@ -49,7 +54,7 @@ def line(progress: Progress) -> str:
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in progress.outcomes.most_common())
     return (
         f"{progress.done}/{progress.total} done, {progress.steps} steps, "
-        f"{progress.steps_per_second:.1f} steps/s, success {_percent(progress.success_rate)}, "
+        f"{progress.steps_per_second:.1f} steps/s, success {_success(progress)}, "
         f"{duration(progress.seconds_left)} left ({outcomes or 'nothing ended yet'})"
     )
 
@@ -65,7 +70,7 @@ def panel(progress: Progress) -> RenderableType:
     )
     figures = Table.grid(padding=(0, 3))
     figures.add_row(
-        f"[dim]success[/] [bold]{_percent(progress.success_rate)}[/]",
+        f"[dim]success[/] [bold]{_success(progress)}[/]",
         f"[dim]steps/s[/] [bold]{progress.steps_per_second:.1f}[/]",
         f"[dim]steps[/] {progress.steps}",
         f"[dim]elapsed[/] {duration(progress.seconds)}",

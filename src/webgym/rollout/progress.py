@@ -9,6 +9,7 @@ from typing import Any, Literal, TypeAlias
 
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
+from webgym.rollout.rates import Successes
 
 State: TypeAlias = Literal["opening", "acting", "thinking", "judging"]
 STATES: tuple[State, ...] = ("opening", "acting", "thinking", "judging")
@@ -81,10 +82,11 @@ class Progress:
         return (self.total - self.done) * self.seconds / here if here else None
 
     @property
-    def success_rate(self) -> float | None:
-        """Of this session's rewarded attempts."""
+    def successes(self) -> Successes:
+        """Of this session; planned are the samples that are done, those still to come are not."""
         rewarded = sum(count for outcome, count in self.outcomes.items() if outcome.is_rewarded)
-        return self.outcomes[Outcome.SUCCESS] / rewarded if rewarded else None
+        done = max(self.done - self.earlier, rewarded)  # one is recorded a moment before it is done
+        return Successes(self.outcomes[Outcome.SUCCESS], rewarded, done)
 
     def metric(self) -> dict[str, Any]:
         """A line for ``metrics.jsonl``."""

@@ -5,21 +5,17 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import TypeAlias, TypedDict
+from typing import Literal, TypeAlias, TypedDict
 
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
 from webgym.core.trajectory import Step, Trajectory
-
-_Z = 1.959963984540054
-"""Two-sided 95 % quantile of the normal distribution."""
+from webgym.rollout.rates import Interval, Successes
 
 UNKNOWN = "unknown"
 """Domain and website of a trajectory whose task the run does not hold."""
-
-Interval: TypeAlias = tuple[float, float]
 
 
 class Quantiles(TypedDict):
@@ -41,16 +37,22 @@ class Group(TypedDict):
     Attributes:
         attempts: all of them; the outcomes add up to it.
         outcomes: how many ended so, for all eight outcomes.
+        planned: samples that were wanted of the tasks of this group, whatever became of them.
         success_rate: success / (success + failure + truncated); ``None`` if there is none of these.
         success_interval: its Wilson 95 % interval; ``None`` with the rate.
+        success_rate_of_planned: success / planned; ``None`` if nothing was planned.
+        success_interval_of_planned: its Wilson 95 % interval; ``None`` with the rate.
         steps: all steps taken.
         steps_per_attempt: median and 95th percentile over the attempts that carry a reward.
     """
 
     attempts: int
     outcomes: dict[str, int]
+    planned: int
     success_rate: float | None
     success_interval: Interval | None
+    success_rate_of_planned: float | None
+    success_interval_of_planned: Interval | None
     steps: int
     steps_per_attempt: Quantiles
 
@@ -79,6 +81,10 @@ class Summary(TypedDict):
         success_rate: success / (success + failure + truncated), for ``overall``, ``easy``, ``medium`` and
             ``hard``; ``None`` where nothing was rewarded.
         success_interval: the Wilson 95 % intervals of these rates.
+        success_rate_of_planned: success / planned, likewise: what carries no reward, or was never attempted,
+            is no success. A sample that was attempted again after an error is one.
+        success_interval_of_planned: the Wilson 95 % intervals of these rates.
+        planned: samples that were wanted, likewise.
         steps: all steps taken.
         wall_seconds: while at least one attempt was in progress, or as the collector measured.
         steps_per_second: ``steps`` / ``wall_seconds``.
@@ -98,6 +104,9 @@ class Summary(TypedDict):
     outcomes: dict[str, int]
     success_rate: dict[str, float | None]
     success_interval: dict[str, Interval | None]
+    success_rate_of_planned: dict[str, float | None]
+    success_interval_of_planned: dict[str, Interval | None]
+    planned: dict[str, int]
     steps: int
     wall_seconds: float
     steps_per_second: float
@@ -112,16 +121,6 @@ class Summary(TypedDict):
     by_domain: dict[str, Group]
     by_website: dict[str, Group]
     losses: dict[str, Loss]
-
-
-def wilson(successes: int, of: int) -> Interval | None:
-    """The Wilson score interval at 95 % of a proportion; ``None`` of nothing."""
-    if of == 0:
-        return None
-    share, z2 = successes / of, _Z * _Z
-    middle = (share + z2 / (2 * of)) / (1 + z2 / of)
-    half = _Z * math.sqrt(share * (1 - share) / of + z2 / (4 * of * of)) / (1 + z2 / of)
-    return max(0.0, middle - half), min(1.0, middle + half)
 
 
 def quantiles(values: Sequence[float]) -> Quantiles:
@@ -160,14 +159,17 @@ class _Count:
         if trajectory.outcome.is_rewarded:
             self.lengths.append(len(trajectory.episode.steps))
 
-    def group(self) -> Group:
+    def group(self, planned: int) -> Group:
         rewarded = sum(count for outcome, count in self.outcomes.items() if outcome.is_rewarded)
-        successes = self.outcomes[Outcome.SUCCESS]
+        successes = Successes(self.outcomes[Outcome.SUCCESS], rewarded, planned)
         return {
             "attempts": self.outcomes.total(),
             "outcomes": {outcome.value: self.outcomes[outcome] for outcome in Outcome},
-            "success_rate": successes / rewarded if rewarded else None,
-            "success_interval": wilson(successes, rewarded),
+            "planned": planned,
+            "success_rate": successes.of_judged.value,
+            "success_interval": successes.of_judged.interval,
+            "success_rate_of_planned": successes.of_planned.value,
+            "success_interval_of_planned": successes.of_planned.interval,
             "steps": self.steps,
             "steps_per_attempt": quantiles(self.lengths),
         }
@@ -182,20 +184,33 @@ def _covered(spans: Iterable[tuple[float, float]]) -> float:
     return total
 
 
+_Place: TypeAlias = tuple[Literal["all", "level", "domain", "website"], str]
+"""A group of attempts: what they have in common, and which."""
+
+
+def _places(task: Task | None) -> list[_Place]:
+    """The groups that attempts at a task are in."""
+    if task is None:
+        return [("all", ""), ("domain", UNKNOWN), ("website", UNKNOWN)]
+    return [("all", ""), ("level", task.level), ("domain", task.domain), ("website", task.website)]
+
+
 class Tally:
     """Counts trajectories as they come; memory grows by a few numbers per step.
 
     Args:
-        tasks: the tasks of the run, by id.
+        tasks: of the run as they were drawn: one that was drawn twice comes twice.
+        samples: planned of every task.
     """
 
-    def __init__(self, tasks: Mapping[str, Task]) -> None:
-        self._tasks = tasks
-        self._all = _Count()
-        self._levels = {level: _Count() for level in LEVELS}
-        self._domains: defaultdict[str, _Count] = defaultdict(_Count)
-        self._websites: defaultdict[str, _Count] = defaultdict(_Count)
-        self._attempted: set[str] = set()
+    def __init__(self, tasks: Sequence[Task], samples: int = 1) -> None:
+        self._tasks = {task.id: task for task in tasks}
+        self._samples = Counter(task.id for task in tasks for _ in range(samples))
+        self._counts: defaultdict[_Place, _Count] = defaultdict(_Count)
+        self._planned = Counter(place for task in tasks for place in _places(task))
+        for place in self._planned:
+            self._planned[place] *= samples
+        self._attempted: defaultdict[str, set[int]] = defaultdict(set)
         self._policies: dict[str, None] = {}
         self._judges: dict[str, None] = {}
         self._spans: list[tuple[float, float]] = []
@@ -207,12 +222,13 @@ class Tally:
         """Count one trajectory."""
         episode = trajectory.episode
         task = self._tasks.get(episode.task_id)
-        self._all.add(trajectory)
-        if task is not None:
-            self._levels[task.level].add(trajectory)
-        self._domains[task.domain if task else UNKNOWN].add(trajectory)
-        self._websites[task.website if task else UNKNOWN].add(trajectory)
-        self._attempted.add(episode.task_id)
+        samples = self._attempted[episode.task_id]
+        is_new = episode.sample not in samples
+        samples.add(episode.sample)
+        for place in _places(task):
+            self._counts[place].add(trajectory)
+            # More than the run says it planned, as of a task that it does not hold.
+            self._planned[place] += is_new and len(samples) > self._samples[episode.task_id]
         self._policies.setdefault(episode.policy)
         if trajectory.verdict is not None:
             self._judges.setdefault(trajectory.verdict.judge)
@@ -246,6 +262,13 @@ class Tally:
         loss["count"] += 1
         loss["outcomes"][outcome] = loss["outcomes"].get(outcome, 0) + 1
 
+    def _group(self, place: _Place) -> Group:
+        return (self._counts[place] if place in self._counts else _Count()).group(self._planned[place])
+
+    def _groups(self, kind: Literal["domain", "website"]) -> dict[str, Group]:
+        """Those in which anything was attempted, by name."""
+        return {name: self._group((kind, name)) for of, name in sorted(self._counts) if of == kind}
+
     def summary(
         self,
         *,
@@ -255,8 +278,8 @@ class Tally:
         wall_seconds: float | None = None,
     ) -> Summary:
         """The figures so far. What is given stands in place of what the trajectories tell."""
-        overall = self._all.group()
-        levels: dict[str, Group] = {level: count.group() for level, count in self._levels.items()}
+        overall = self._group(("all", ""))
+        levels: dict[str, Group] = {level: self._group(("level", level)) for level in LEVELS}
         rated = {"overall": overall, **levels}
         wall = _covered(self._spans) if wall_seconds is None else wall_seconds
         return {
@@ -264,6 +287,13 @@ class Tally:
             "outcomes": overall["outcomes"],
             "success_rate": {name: group["success_rate"] for name, group in rated.items()},
             "success_interval": {name: group["success_interval"] for name, group in rated.items()},
+            "success_rate_of_planned": {
+                name: group["success_rate_of_planned"] for name, group in rated.items()
+            },
+            "success_interval_of_planned": {
+                name: group["success_interval_of_planned"] for name, group in rated.items()
+            },
+            "planned": {name: group["planned"] for name, group in rated.items()},
             "steps": overall["steps"],
             "wall_seconds": wall,
             "steps_per_second": overall["steps"] / wall if wall > 0 else 0.0,
@@ -277,15 +307,16 @@ class Tally:
                 name: quantiles(values) for name, values in sorted(self._operations.items()) if values
             },
             "by_level": levels,
-            "by_domain": {name: count.group() for name, count in sorted(self._domains.items())},
-            "by_website": {name: count.group() for name, count in sorted(self._websites.items())},
+            "by_domain": self._groups("domain"),
+            "by_website": self._groups("website"),
             "losses": dict(sorted(self._losses.items(), key=lambda item: -item[1]["count"])),
         }
 
 
 def summarise(
     trajectories: Iterable[Trajectory],
-    tasks: Mapping[str, Task],
+    tasks: Sequence[Task],
+    samples: int = 1,
     *,
     seed: int | None = None,
     policy: str | None = None,
@@ -296,12 +327,13 @@ def summarise(
 
     Args:
         trajectories: all of them; read once, never held.
-        tasks: by id.
+        tasks: as they were drawn: one that was drawn twice comes twice.
+        samples: planned of every task.
         seed: of the run.
         policy, judge: names; taken from the trajectories where not given.
         wall_seconds: taken from the attempts where not given; pauses between them are left out.
     """
-    tally = Tally(tasks)
+    tally = Tally(tasks, samples)
     for trajectory in trajectories:
         tally.add(trajectory)
     return tally.summary(seed=seed, policy=policy, judge=judge, wall_seconds=wall_seconds)

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import settings
 
 from webgym.browser.find import find_browser
+from webgym.cli import main
 from webgym.core.errors import BrowserNotFound
 
 settings.register_profile("webgym", deadline=None)  # a busy machine is no reason to fail
@@ -105,6 +106,31 @@ def commands(tmp_path: Path) -> Iterator[Commands]:
     made = Commands(scratch)
     yield made
     made.end()
+
+
+class Calls:
+    """``webgym`` commands in this process, for what a process of its own would add nothing to but seconds."""
+
+    def __init__(self, captured: pytest.CaptureFixture[str], patch: pytest.MonkeyPatch) -> None:
+        self._captured = captured
+        self._patch = patch
+
+    def run(self, *arguments: object, **environment: str) -> tuple[int, str]:
+        """A command to its end: (exit code, what it printed)."""
+        with self._patch.context() as patch:
+            for name, value in environment.items():
+                patch.setenv(name, value)
+            with pytest.raises(SystemExit) as ended:
+                main([str(argument) for argument in arguments])
+        printed = self._captured.readouterr()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code, printed.out + printed.err
+
+
+@pytest.fixture
+def calls(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Calls:
+    """``webgym`` commands in this process."""
+    return Calls(capsys, monkeypatch)
 
 
 def wait_until(holds: Callable[[], object], seconds: float = 60.0) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import pytest
 import yaml
-from tests.conftest import Commands
+from tests.conftest import Calls, Commands
 from tests.llm.endpoint import Endpoint, serve
 
 from webgym.collection import RunConfig, collect
@@ -38,6 +38,13 @@ def leaves(error: BaseException) -> list[BaseException]:
     return [error]
 
 
+@pytest.fixture
+def few_websites(tmp_path: Path) -> tuple[object, ...]:
+    """Options of a run that need not build the whole offline web before something is wrong."""
+    (tmp_path / "few.yaml").write_text(yaml.safe_dump({"sites": SITES}))
+    return ("--config", tmp_path / "few.yaml")
+
+
 def one_line(said: str) -> str:
     """The one line that an error consists of."""
     (line,) = [each for each in said.splitlines() if each.startswith("webgym:")]
@@ -45,8 +52,8 @@ def one_line(said: str) -> str:
     return line
 
 
-def test_an_unknown_task_file(tmp_path: Path, commands: Commands) -> None:
-    code, said = commands.run("rollout", "--tasks", tmp_path / "none.jsonl", "--out", tmp_path / "run")
+def test_an_unknown_task_file(tmp_path: Path, calls: Calls) -> None:
+    code, said = calls.run("rollout", "--tasks", tmp_path / "none.jsonl", "--out", tmp_path / "run")
     assert code == 2
     assert "none.jsonl" in one_line(said)
     assert not (tmp_path / "run").exists()
@@ -70,10 +77,10 @@ def test_an_unknown_task_file(tmp_path: Path, commands: Commands) -> None:
     ],
 )
 def test_options_that_make_no_run(
-    tmp_path: Path, commands: Commands, options: tuple[str, ...], expected: str
+    tmp_path: Path, calls: Calls, few_websites: tuple[object, ...], options: tuple[str, ...], expected: str
 ) -> None:
     given = [str(tmp_path / each) if each in ("x", "y", "none.yaml", "nowhere") else each for each in options]
-    code, said = commands.run("rollout", *given)
+    code, said = calls.run("rollout", *few_websites, *given)
     assert code == 2
     assert expected in one_line(said)
 
@@ -81,20 +88,20 @@ def test_options_that_make_no_run(
 @pytest.mark.parametrize(
     "text", ["seed: [", "- a list", "sed: 3", "collector: {sessions: 0}", "sites: {latency: fast}"]
 )
-def test_settings_that_make_no_run(tmp_path: Path, commands: Commands, text: str) -> None:
+def test_settings_that_make_no_run(tmp_path: Path, calls: Calls, text: str) -> None:
     (tmp_path / "run.yaml").write_text(text)
-    code, said = commands.run("rollout", "--config", tmp_path / "run.yaml", "--out", tmp_path / "run")
+    code, said = calls.run("rollout", "--config", tmp_path / "run.yaml", "--out", tmp_path / "run")
     assert code == 2
     assert "run.yaml" in one_line(said)
 
 
 @pytest.mark.browser
-def test_a_broken_line_is_named_and_the_rest_runs(tmp_path: Path, commands: Commands) -> None:
+def test_a_broken_line_is_named_and_the_rest_runs(tmp_path: Path, calls: Calls) -> None:
     file, settings = tmp_path / "tasks.jsonl", tmp_path / "run.yaml"
     write_tasks(file, tasks(2))
     file.write_bytes(file.read_bytes() + b'{"id": "half", "instr\n')
     settings.write_text(yaml.safe_dump({"sites": SITES}))
-    code, said = commands.run(
+    code, said = calls.run(
         "rollout", "--config", settings, "--tasks", file, "--out", tmp_path / "run", "--no-report"
     )
     assert code == 0, said
@@ -109,10 +116,10 @@ def without_truth(path: Path) -> Path:
     return path
 
 
-def test_an_unreachable_server(tmp_path: Path, commands: Commands) -> None:
+def test_an_unreachable_server(tmp_path: Path, calls: Calls) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
     options = ("--tasks", file, "--out", tmp_path / "run", "--server", "http://127.0.0.1:9")
-    code, said = commands.run("rollout", *options, WEBGYM_TOKEN="x" * 20)
+    code, said = calls.run("rollout", *options, WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "127.0.0.1:9" in one_line(said)
 
@@ -127,9 +134,9 @@ async def test_a_wrong_token(tmp_path: Path, commands: Commands) -> None:
     assert "token" in one_line(said)
 
 
-def test_a_missing_browser(tmp_path: Path, commands: Commands) -> None:
-    options = ("rollout", "--limit", 1, "--out", tmp_path / "run")
-    code, said = commands.run(*options, WEBGYM_BROWSER=str(tmp_path / "no-browser"))
+def test_a_missing_browser(tmp_path: Path, calls: Calls, few_websites: tuple[object, ...]) -> None:
+    options = ("rollout", *few_websites, "--limit", 1, "--out", tmp_path / "run")
+    code, said = calls.run(*options, WEBGYM_BROWSER=str(tmp_path / "no-browser"))
     assert code == 1
     assert "no-browser" in one_line(said)
 

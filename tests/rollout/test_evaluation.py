@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.conftest import Commands
+from tests.conftest import Calls
 from tests.report.conftest import build_run
 
 from webgym.core.errors import RunFolderError
@@ -162,11 +162,11 @@ def test_another_judge_gives_another_rate(run: Path) -> None:
 
 
 @pytest.mark.browser
-def test_an_evaluation_from_end_to_end(tmp_path: Path, commands: Commands) -> None:
+def test_an_evaluation_from_end_to_end(tmp_path: Path, calls: Calls) -> None:
     settings = tmp_path / "settings.yaml"
     settings.write_text("sites: {per_family: 2, latency: 0}\ncollector: {sessions: 2}\n")
     options = ("--policy", "scripted", "--config", settings, "--limit", 3, "--no-report")
-    code, said = commands.run("eval", *options, "--out", tmp_path / "run", "--budget", "12,20,40")
+    code, said = calls.run("eval", *options, "--out", tmp_path / "run", "--budget", "12,20,40")
     assert code == 0, said
     assert "95 % intervals: Wilson's" in said
     assert "at most 12 / 20 / 40 steps" in said
@@ -175,7 +175,7 @@ def test_an_evaluation_from_end_to_end(tmp_path: Path, commands: Commands) -> No
     assert reader.config["collector"]["straggler_share"] == 1.0
     assert reader.config["attempt"]["longest_seconds"] == 3600.0
 
-    code, again = commands.run("eval", "--resume", tmp_path / "run", "--no-report", "--json")
+    code, again = calls.run("eval", "--resume", tmp_path / "run", "--no-report", "--json")
     assert code == 0, again
     told = json.loads(again[again.index("{\n") : again.rindex("}") + 1])
     assert told["rows"]["overall"]["tasks"] == 3
@@ -183,18 +183,18 @@ def test_an_evaluation_from_end_to_end(tmp_path: Path, commands: Commands) -> No
     assert len(reader.attempts) == len(RunReader(tmp_path / "run").attempts)  # nothing was made again
 
 
-def test_tables_of_runs(run: Path, commands: Commands) -> None:
-    code, said = commands.run("eval", "--of", run, "--markdown")
+def test_tables_of_runs(run: Path, calls: Calls) -> None:
+    code, said = calls.run("eval", "--of", run, "--markdown")
     assert code == 0
     overall = next(line for line in said.splitlines() if line.startswith("| overall"))
     assert overall.startswith("| overall | 12 | 7 | 57.1 | 25.0, 84.2 | 33.3 | 13.8, 60.9 | "), overall
     assert "1 sample is missing" in said
-    code, said = commands.run("eval", "--of", run, "--of", run, "--latex")
+    code, said = calls.run("eval", "--of", run, "--of", run, "--latex")
     assert code == 0
     assert said.count("57.1 [25.0, 84.2]") == 2
     assert said.count("33.3 [13.8, 60.9]") == 2
     assert r"environment\_error" in said
     for options in (("--of", run, "--out", "x"), ("--split", "dev"), ("--budget", "30,50")):
-        code, said = commands.run("eval", *options)
+        code, said = calls.run("eval", *options)
         assert code == 2
         assert said.startswith("webgym: ")

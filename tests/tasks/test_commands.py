@@ -10,9 +10,9 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from tests.conftest import Calls
 from tests.tasks.making import task
 
-from webgym.cli import main
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
@@ -20,25 +20,6 @@ from webgym.core.trajectory import Episode, Reply, Step, Trajectory
 from webgym.rollout.store import RunWriter
 from webgym.tasks import read_tasks, write_tasks
 from webgym.tasks.taxonomy import DOMAIN_OF
-
-
-class Commands:
-    """``webgym`` commands in this process: (exit code, what they printed)."""
-
-    def __init__(self, captured: pytest.CaptureFixture[str]) -> None:
-        self._captured = captured
-
-    def run(self, *arguments: object) -> tuple[int, str]:
-        with pytest.raises(SystemExit) as ended:
-            main([str(argument) for argument in arguments])
-        printed = self._captured.readouterr()
-        assert isinstance(ended.value.code, int)
-        return ended.value.code, printed.out + printed.err
-
-
-@pytest.fixture
-def commands(capsys: pytest.CaptureFixture[str]) -> Commands:
-    return Commands(capsys)
 
 
 def many(count: int = 200, websites: int = 60) -> list[Task]:
@@ -61,9 +42,9 @@ def whole(tmp_path: Path) -> Path:
     return path
 
 
-def test_split_then_validate(commands: Commands, tmp_path: Path, whole: Path) -> None:
+def test_split_then_validate(calls: Calls, tmp_path: Path, whole: Path) -> None:
     out, left = tmp_path / "set", tmp_path / "left.jsonl"
-    code, output = commands.run("tasks", "split", whole, "--out", out, "--test", 12, "--left-out", left)
+    code, output = calls.run("tasks", "split", whole, "--out", out, "--test", 12, "--left-out", left)
     assert code == 0, output
     train, test = (read_tasks(out / f"{name}.jsonl").tasks for name in ("train", "test"))
     assert len(test) == 12
@@ -71,14 +52,14 @@ def test_split_then_validate(commands: Commands, tmp_path: Path, whole: Path) ->
     assert len(train) + 12 + len(gone) == 200
     assert f"{len(gone)} left out: test website" in output
     assert "188" not in output or len(train) == 188
-    code, output = commands.run("tasks", "validate", out)
+    code, output = calls.run("tasks", "validate", out)
     assert code == 0, output
     assert "ok  no training task is on a test website" in output
-    code, again = commands.run("tasks", "validate", out / "train.jsonl", out / "test.jsonl")
+    code, again = calls.run("tasks", "validate", out / "train.jsonl", out / "test.jsonl")
     assert (code, again) == (0, output)
 
 
-def test_validate_names_offenders_in_any_files(commands: Commands, tmp_path: Path) -> None:
+def test_validate_names_offenders_in_any_files(calls: Calls, tmp_path: Path) -> None:
     # The files' names say what they are for; the tasks do not.
     write_tasks(
         tmp_path / "test.jsonl", [task("t/1", "https://m.leaky.example/"), task("t/2", "other.example")]
@@ -88,7 +69,7 @@ def test_validate_names_offenders_in_any_files(commands: Commands, tmp_path: Pat
     )
     report = tmp_path / "report.json"
     files = (tmp_path / "test.jsonl", tmp_path / "train.parquet")
-    code, output = commands.run("tasks", "validate", *files, "--json", report)
+    code, output = calls.run("tasks", "validate", *files, "--json", report)
     assert code == 1
     assert "BAD no training task is on a test website: 1 do not" in output
     assert "leak: a/1 (leaky.example): the test task t/1 is on it" in output
@@ -102,49 +83,49 @@ def test_validate_names_offenders_in_any_files(commands: Commands, tmp_path: Pat
 
 
 def test_validate_fails_over_a_broken_record_and_over_tasks_without_a_split(
-    commands: Commands, tmp_path: Path
+    calls: Calls, tmp_path: Path
 ) -> None:
     path = tmp_path / "tasks.jsonl"
     path.write_bytes(msgspec.json.encode(task("a/1")) + b"\nnonsense\n")
-    code, output = commands.run("tasks", "validate", path, "--unsplit")
+    code, output = calls.run("tasks", "validate", path, "--unsplit")
     assert code == 1
     assert "every record can be read: 1 cannot" in output
     path.write_bytes(msgspec.json.encode(task("a/1")) + b"\n")
-    assert commands.run("tasks", "validate", path, "--unsplit")[0] == 0
-    code, output = commands.run("tasks", "validate", path)
+    assert calls.run("tasks", "validate", path, "--unsplit")[0] == 0
+    code, output = calls.run("tasks", "validate", path)
     assert code == 1
     assert "it is for neither training nor testing" in output
 
 
-def test_split_says_how_many_websites_there_are(commands: Commands, tmp_path: Path, whole: Path) -> None:
-    code, output = commands.run("tasks", "split", whole, "--out", tmp_path / "set")
+def test_split_says_how_many_websites_there_are(calls: Calls, tmp_path: Path, whole: Path) -> None:
+    code, output = calls.run("tasks", "split", whole, "--out", tmp_path / "set")
     assert code == 2
     assert "1,167 test tasks need as many websites, and there are 5" in output
     assert not (tmp_path / "set").exists()
-    code, output = commands.run("tasks", "split", whole, whole, "--out", tmp_path / "set", "--test", 1)
+    code, output = calls.run("tasks", "split", whole, whole, "--out", tmp_path / "set", "--test", 1)
     assert code == 2
     assert "stands in two of the files" in output
 
 
-def test_sample_goes_on_where_it_left_off(commands: Commands, tmp_path: Path, whole: Path) -> None:
+def test_sample_goes_on_where_it_left_off(calls: Calls, tmp_path: Path, whole: Path) -> None:
     state, out = tmp_path / "state.json", tmp_path / "drawn.jsonl"
     options = ("--count", 80, "--seed", 3, "--state", state)
     drawn = []
     for _ in range(2):
-        code, output = commands.run("tasks", "sample", whole, *options, "--out", out)
+        code, output = calls.run("tasks", "sample", whole, *options, "--out", out)
         assert code == 0, output
         drawn += [each.id for each in read_tasks(out).tasks]
     assert len(set(drawn)) == 160
-    code, output = commands.run("tasks", "sample", whole, "--count", 80, "--seed", 3)
+    code, output = calls.run("tasks", "sample", whole, "--count", 80, "--seed", 3)
     assert output.split() == drawn[:80]
-    code, output = commands.run("tasks", "sample", whole, "--count", 80, "--seed", 4, "--state", state)
+    code, output = calls.run("tasks", "sample", whole, "--count", 80, "--seed", 4, "--state", state)
     assert code == 2
     assert "of other tasks or settings" in output
 
 
-def test_a_file_of_drawn_tasks_holds_each_once(commands: Commands, tmp_path: Path, whole: Path) -> None:
+def test_a_file_of_drawn_tasks_holds_each_once(calls: Calls, tmp_path: Path, whole: Path) -> None:
     out = tmp_path / "drawn.jsonl"
-    code, output = commands.run("tasks", "sample", whole, "--count", 450, "--out", out)
+    code, output = calls.run("tasks", "sample", whole, "--count", 450, "--out", out)
     assert code == 0, output
     assert "200 tasks written" in output
     assert "250 drawn a second time are left out" in output
@@ -154,7 +135,7 @@ def test_a_file_of_drawn_tasks_holds_each_once(commands: Commands, tmp_path: Pat
 
 
 def test_a_read_only_file_system_is_one_line(
-    commands: Commands, tmp_path: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
+    calls: Calls, tmp_path: Path, whole: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(*_: object, **__: object) -> None:
         raise OSError(30, "Read-only file system")
@@ -162,16 +143,14 @@ def test_a_read_only_file_system_is_one_line(
     monkeypatch.setattr(Path, "unlink", refuse)
     (tmp_path / "taken").touch()
     out = tmp_path / "taken" / "drawn.jsonl"
-    code, output = commands.run("tasks", "sample", whole, "--count", 3, "--out", out)
+    code, output = calls.run("tasks", "sample", whole, "--count", 3, "--out", out)
     assert (code, f"webgym: cannot write {out}: " in output) == (2, True), output
 
 
-def test_sample_chooses(commands: Commands, tmp_path: Path, whole: Path) -> None:
+def test_sample_chooses(calls: Calls, tmp_path: Path, whole: Path) -> None:
     out = tmp_path / "drawn.jsonl"
     options = ("--ratio", "1:1:2", "--without", "Entertainment", "--block", "https://site3.example/x")
-    code, output = commands.run(
-        "tasks", "sample", whole, "--count", 8, *options, "--shard", "1/2", "--out", out
-    )
+    code, output = calls.run("tasks", "sample", whole, "--count", 8, *options, "--shard", "1/2", "--out", out)
     assert code == 0, output
     drawn = read_tasks(out).tasks
     assert sorted(each.level for each in drawn) == ["easy"] * 2 + ["hard"] * 4 + ["medium"] * 2
@@ -184,27 +163,27 @@ def test_sample_chooses(commands: Commands, tmp_path: Path, whole: Path) -> None
         (("--block", "no website"), "names no website"),
         (("--split", "all", "--count", "1", "--domain", "News", "--without", "News"), "no task to draw"),
     ):
-        code, output = commands.run("tasks", "sample", whole, *wrong)
+        code, output = calls.run("tasks", "sample", whole, *wrong)
         assert (code, said in output) == (2, True), output
 
 
-def test_stats_in_every_form(commands: Commands, tmp_path: Path, whole: Path) -> None:
+def test_stats_in_every_form(calls: Calls, tmp_path: Path, whole: Path) -> None:
     figures = tmp_path / "figures"
-    code, output = commands.run("tasks", "stats", whole, "--figures", figures)
+    code, output = calls.run("tasks", "stats", whole, "--figures", figures)
     assert code == 0, output
     assert "6 files drawn into" in output
     assert {path.name for path in figures.iterdir()} == {
         f"{name}.{suffix}" for name in ("websites", "difficulty", "domains") for suffix in ("png", "svg")
     }
-    code, output = commands.run("tasks", "stats", whole, "--figures", whole)
+    code, output = calls.run("tasks", "stats", whole, "--figures", whole)
     assert (code, f"webgym: cannot write to {whole}: " in output) == (2, True), output
-    code, output = commands.run("tasks", "stats", whole, "--form", "json")
+    code, output = calls.run("tasks", "stats", whole, "--form", "json")
     assert json.loads(output)["tasks"] == 200
-    code, output = commands.run("tasks", "stats", whole, "--form", "markdown")
+    code, output = calls.run("tasks", "stats", whole, "--form", "markdown")
     assert "| source | websites | tasks | derived | train | test |" in output
-    code, output = commands.run("tasks", "stats", whole, "--form", "csv")
+    code, output = calls.run("tasks", "stats", whole, "--form", "csv")
     assert output.startswith("Tasks by source\nsource,websites,tasks,derived,train,test\ninsta-v3,")
-    code, output = commands.run("tasks", "stats", whole, "--form", "pie")
+    code, output = calls.run("tasks", "stats", whole, "--form", "pie")
     assert code == 2
 
 
@@ -234,7 +213,7 @@ def run_of(path: Path, attempts: list[tuple[Task, int, Outcome]]) -> Path:
     return path
 
 
-def test_stats_take_lengths_from_runs(commands: Commands, tmp_path: Path, whole: Path) -> None:
+def test_stats_take_lengths_from_runs(calls: Calls, tmp_path: Path, whole: Path) -> None:
     easy, hard = (next(each for each in many() if each.level == level) for level in ("easy", "hard"))
     run = run_of(
         tmp_path / "run",
@@ -245,17 +224,17 @@ def test_stats_take_lengths_from_runs(commands: Commands, tmp_path: Path, whole:
             (hard, 40, Outcome.ENVIRONMENT_ERROR),  # carries no reward, so it says nothing
         ],
     )
-    code, output = commands.run("tasks", "stats", whole, "--run", run, "--form", "json")
+    code, output = calls.run("tasks", "stats", whole, "--run", run, "--form", "json")
     assert code == 0, output
     lengths = json.loads(output)["lengths"]
     assert {level: found["counts"] for level, found in lengths.items()} == {
         "easy": {"2": 1, "6": 1},
         "hard": {"9": 1},
     }
-    assert commands.run("tasks", "stats", whole, "--run", tmp_path)[0] == 2
+    assert calls.run("tasks", "stats", whole, "--run", tmp_path)[0] == 2
 
 
-def test_sample_prefers_what_succeeded_half_the_time(commands: Commands, tmp_path: Path, whole: Path) -> None:
+def test_sample_prefers_what_succeeded_half_the_time(calls: Calls, tmp_path: Path, whole: Path) -> None:
     tasks = many()
     attempts = [
         (task, 1, Outcome.SUCCESS if place < 100 or sample % 2 else Outcome.FAILURE)
@@ -263,8 +242,8 @@ def test_sample_prefers_what_succeeded_half_the_time(commands: Commands, tmp_pat
         for sample in range(4)
     ]
     run = run_of(tmp_path / "run", attempts)
-    code, output = commands.run("tasks", "sample", whole, "--count", 10, "--curriculum", run)
+    code, output = calls.run("tasks", "sample", whole, "--count", 10, "--curriculum", run)
     assert code == 0, output
     assert len(set(output.split()) & {task.id for task in tasks[100:]}) >= 7
-    code, output = commands.run("tasks", "sample", whole, "--curriculum", run, "--spread-websites")
+    code, output = calls.run("tasks", "sample", whole, "--curriculum", run, "--spread-websites")
     assert (code, "two ways of weighing" in output) == (2, True)

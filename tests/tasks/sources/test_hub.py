@@ -8,7 +8,7 @@ from datetime import date
 from pathlib import Path
 
 import pytest
-from tests.conftest import Commands
+from tests.conftest import Calls
 from tests.tasks.sources import native
 
 from webgym.core.errors import ConfigError
@@ -32,8 +32,8 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_dataset_one_of_its_splits_and_none(dataset: Path, commands: Commands, tmp_path: Path) -> None:
-    code, said = commands.run(
+def test_a_dataset_one_of_its_splits_and_none(dataset: Path, calls: Calls, tmp_path: Path) -> None:
+    code, said = calls.run(
         "tasks",
         "sources",
         f"--read=insta-v3=hub:{dataset}",

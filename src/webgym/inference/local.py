@@ -1,0 +1,245 @@
+"""A policy whose model runs in this process: for small models, for tests, and where no server is to be had.
+
+Calls are answered in batches as they arrive: while one batch is being generated the next one gathers, so that
+many attempts share every forward pass and none waits for a barrier.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.agent.policy import Turn
+from webgym.agent.profile import Profile
+from webgym.agent.profiles import choose_profile
+from webgym.core.errors import ConfigError, PolicyError
+from webgym.core.task import Task
+from webgym.core.tokens import ReplyTokens
+from webgym.core.trajectory import Reply
+from webgym.llm.config import Sampling
+
+if TYPE_CHECKING:
+    from webgym.inference.generate import Generated
+    from webgym.inference.rendering import Encoded
+
+_SEED_SPACE = 2**63
+
+
+class LocalConfig(BaseModel):
+    """A model in this process."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    path: str
+    """A folder, or the id of a model on the Hugging Face hub."""
+
+    dtype: Literal["float32", "bfloat16"] = "float32"
+    """Of the weights."""
+
+    device: str = "cpu"
+    """As torch names it."""
+
+    threads: int | None = Field(default=None, ge=1)
+    """Processor threads of torch; by default what torch takes. Browsers on the same machine need some too."""
+
+    most_at_once: int = Field(default=64, ge=1)
+    """Requests in one batch."""
+
+    sampling: Sampling = Sampling()
+    """What is not set comes from the model's profile. ``top_k`` stands in ``extra_body``, as for vLLM."""
+
+
+@dataclass
+class _Call:
+    """A request that waits for its reply."""
+
+    encoded: Encoded
+    seed: int
+    reply: asyncio.Future[tuple[Generated, str]]
+
+
+class LocalPolicy:
+    """Replies with a model in this process. Loaded when entered.
+
+    Args:
+        config: which model, and how it is sampled.
+        profile: of the model's family; by default the one that its name leads to.
+
+    Attributes:
+        weight_version: of the weights that reply now; every reply says which ones made it.
+    """
+
+    wants_elements = False
+
+    def __init__(self, config: LocalConfig, profile: Profile | None = None) -> None:
+        self.config = config
+        self._name = Path(config.path).name
+        self._profile = profile or choose_profile(None, self._name)
+        self._sampling = self._profile.sampling_of(config.sampling)
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="local-model")
+        self._waiting: list[_Call] = []
+        self._arrived = asyncio.Event()
+        self._worker: asyncio.Task[None] | None = None
+        self._loaded: Any = None
+        self.weight_version = "0"
+
+    @property
+    def name(self) -> str:
+        """The model's name."""
+        return self._name
+
+    def begin(self, task: Task, seed: int) -> _LocalPlayer:  # noqa: ARG002
+        """A player whose random numbers follow from ``seed``."""
+        return _LocalPlayer(self, seed)
+
+    async def publish(self, folder: Path, version: str) -> None:
+        """Reply with other weights of the same architecture from now on.
+
+        Atomic: a batch is generated with the old weights or with the new ones, never with some of each.
+
+        Args:
+            folder: holds ``model.safetensors``.
+            version: what replies will say.
+
+        Raises:
+            ConfigError: the weights are missing or do not fit.
+        """
+        await asyncio.get_running_loop().run_in_executor(self._thread, self._load_weights, folder, version)
+
+    async def reply(self, turn: Turn, seed: int) -> Reply:
+        """The model's reply to a turn.
+
+        Raises:
+            PolicyError: the request cannot be rendered, or the model failed.
+        """
+        if self._worker is None:
+            raise PolicyError("the local policy was not entered", hint="use it as `async with policy:`")
+        started = time.monotonic()
+        encoded = await asyncio.to_thread(self._loaded.renderer.prompt, turn.messages, turn.images)
+        future: asyncio.Future[tuple[Generated, str]] = asyncio.get_running_loop().create_future()
+        self._waiting.append(_Call(encoded, seed, future))
+        self._arrived.set()
+        made, version = await future
+        return Reply(
+            self._loaded.renderer.decode(made.ids),
+            policy=self._name,
+            finish_reason="length" if made.is_cut else "stop",
+            sampling=self._sampling.body(),
+            prompt_tokens=len(encoded.prompt_ids),
+            completion_tokens=len(made.ids),
+            seconds=time.monotonic() - started,
+            tokens=ReplyTokens.of(encoded.prompt_ids, made.ids, made.logprobs),
+            weight_version=version,
+        )
+
+    async def __aenter__(self) -> Self:
+        self._loaded = await asyncio.get_running_loop().run_in_executor(self._thread, self._load)
+        self._worker = asyncio.create_task(self._serve())
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._worker is not None:
+            self._worker.cancel()
+            await asyncio.gather(self._worker, return_exceptions=True)
+            self._worker = None
+        for call in self._waiting:
+            call.reply.cancel()
+        self._waiting.clear()
+        await asyncio.to_thread(self._thread.shutdown)
+
+    # --- the worker ---------------------------------------------------------------------------------
+
+    async def _serve(self) -> None:
+        """Answer what has arrived, a batch at a time."""
+        loop = asyncio.get_running_loop()
+        while True:
+            await self._arrived.wait()
+            batch = self._waiting[: self.config.most_at_once]
+            del self._waiting[: len(batch)]
+            if not self._waiting:
+                self._arrived.clear()
+            # Who has gone away needs no reply.
+            batch = [call for call in batch if not call.reply.done()]
+            if not batch:
+                continue
+            try:
+                made, version = await loop.run_in_executor(self._thread, self._generate, batch)
+            except Exception as error:
+                reason = (
+                    f"the local model failed: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+                )
+                for call in batch:
+                    if not call.reply.done():
+                        call.reply.set_exception(PolicyError(reason))
+                continue
+            for call, reply in zip(batch, made, strict=True):
+                if not call.reply.done():
+                    call.reply.set_result((reply, version))
+
+    def _generate(self, batch: Sequence[_Call]) -> tuple[list[Generated], str]:
+        from webgym.inference.generate import LONGEST_REPLY, Draws, generate
+
+        sampling = self._sampling
+        draws = Draws(
+            temperature=1.0 if sampling.temperature is None else sampling.temperature,
+            top_p=1.0 if sampling.top_p is None else sampling.top_p,
+            top_k=int(sampling.extra_body.get("top_k", 0)),
+            max_tokens=sampling.max_tokens or LONGEST_REPLY,
+        )
+        requests = [call.encoded for call in batch]
+        made = generate(self._loaded, requests, [call.seed for call in batch], draws)
+        return made, self.weight_version
+
+    def _load(self) -> Any:
+        try:
+            import torch
+
+            from webgym.inference.model import load_model
+        except ImportError as error:
+            raise ConfigError(
+                f"a model in this process needs {error.name}", hint="pip install 'webgym-rl[train]'"
+            ) from error
+        if self.config.threads is not None:
+            torch.set_num_threads(self.config.threads)
+        return load_model(self.config.path, dtype=self.config.dtype, device=self.config.device)
+
+    def _load_weights(self, folder: Path, version: str) -> None:
+        from safetensors.torch import load_file
+
+        path = folder / "model.safetensors"
+        try:
+            weights = load_file(path, device=self.config.device)
+            own = self._loaded.model.state_dict()
+            missing = sorted(set(own) - set(weights) - set(self._loaded.model.all_tied_weights_keys or ()))
+            if missing:
+                raise ValueError(f"{len(missing)} weights are missing, {missing[0]} among them")
+            self._loaded.model.load_state_dict(weights, strict=False)
+        except (OSError, ValueError, RuntimeError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise ConfigError(f"cannot publish {path}: {reason}") from error
+        self.weight_version = version
+
+
+class _LocalPlayer:
+    """One attempt's part: it only numbers its turns, so that each has random numbers of its own."""
+
+    def __init__(self, policy: LocalPolicy, seed: int) -> None:
+        self._policy = policy
+        self._seed = seed
+
+    async def reply(self, turn: Turn) -> Reply:
+        """See :meth:`LocalPolicy.reply`."""
+        return await self._policy.reply(turn, (self._seed * 1_000_003 + turn.index) % _SEED_SPACE)

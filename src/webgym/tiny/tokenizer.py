@@ -1,0 +1,92 @@
+"""A word is a token: the tokenizer of the tiny policy.
+
+Its vocabulary is closed: the words of the small websites, the signs of the compact format
+(:mod:`webgym.agent.compact`), numbers, and the coordinates of the screen's cells. A word beyond it is one
+unknown token. Special tokens and chat template have the names and the form of Qwen's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+from webgym.core.action import GRID
+
+CELL: Final = 32
+"""Side of a cell of the screen, pixels: two by two patches of 16, so one image token."""
+
+MOST_NUMBER: Final = 99
+"""Numbers up to this are words."""
+
+SPECIAL: Final = (
+    "<|endoftext|>",  # padding
+    "<|im_start|>",
+    "<|im_end|>",
+    "<|vision_start|>",
+    "<|vision_end|>",
+    "<|image_pad|>",
+    "<unk>",
+)
+ROLES: Final = ("system", "user", "assistant")
+GRAMMAR: Final = (
+    *"act with memory task progress intention last nothing unreadable changed unchanged step of note".split(),
+    *"left_click type scroll up down wait go_back navigate answer , ; = + -".split(),
+)
+
+_TEMPLATE = """\
+{%- for message in messages -%}
+<|im_start|>{{ message.role + '\\n' }}
+{%- if message.content is string -%}{{ message.content }}{%- else -%}
+{%- for part in message.content -%}
+{%- if part.type == 'text' -%}{{ part.text }}{%- endif -%}
+{%- if part.type == 'image' -%}<|vision_start|><|image_pad|><|vision_end|>{%- endif -%}
+{%- endfor -%}
+{%- endif -%}
+<|im_end|>{{ '\\n' }}
+{%- endfor -%}
+{%- if add_generation_prompt -%}<|im_start|>{{ 'assistant\\n' }}{%- endif -%}"""
+
+
+def cell_centres(length: int) -> list[int]:
+    """The middles of the cells along a side of so many pixels, on the grid of coordinates."""
+    count = length // CELL
+    return [round((place + 0.5) / count * GRID) for place in range(count)]
+
+
+def vocabulary(words: Iterable[str], viewport: tuple[int, int]) -> list[str]:
+    """All tokens in order, the special ones first.
+
+    Args:
+        words: of the websites and their tasks.
+        viewport: width and height, multiples of :data:`CELL`.
+    """
+    points = {str(value) for side in viewport for value in cell_centres(side)}
+    numbers = [str(number) for number in range(MOST_NUMBER + 1)]
+    own = [*ROLES, *GRAMMAR, *numbers, *sorted(points - set(numbers), key=int)]
+    return list(dict.fromkeys([*SPECIAL, *own, *sorted(set(words))]))
+
+
+def make_tokenizer(words: Iterable[str], viewport: tuple[int, int]) -> Any:
+    """A tokenizer of transformers, with its chat template.
+
+    Args:
+        words: of the websites and their tasks.
+        viewport: width and height, multiples of :data:`CELL`.
+    """
+    from tokenizers import AddedToken, Regex, Tokenizer, models, pre_tokenizers
+    from transformers import PreTrainedTokenizerFast
+
+    ids = {token: number for number, token in enumerate(vocabulary(words, viewport))}
+    made = Tokenizer(models.WordLevel(ids, unk_token="<unk>"))  # noqa: S106
+    made.pre_tokenizer = pre_tokenizers.Sequence(
+        [pre_tokenizers.WhitespaceSplit(), pre_tokenizers.Split(Regex("[,;=]"), "isolated")]
+    )
+    made.add_special_tokens([AddedToken(token, special=True, normalized=False) for token in SPECIAL])
+    return PreTrainedTokenizerFast(
+        tokenizer_object=made,
+        unk_token="<unk>",  # noqa: S106
+        pad_token="<|endoftext|>",  # noqa: S106
+        eos_token="<|im_end|>",  # noqa: S106
+        chat_template=_TEMPLATE,
+        clean_up_tokenization_spaces=False,
+    )

@@ -135,7 +135,8 @@ def choose_tasks(config: RunConfig) -> TaskFile:
     """
     choice = config.tasks
     if choice.file is None:
-        web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family)
+        sites = config.sites
+        web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
         found = TaskFile(list(web.tasks(choice.split)), [])
         tasks = found.tasks
     else:

@@ -12,7 +12,7 @@ import random
 import re
 from collections.abc import Sequence
 from types import TracebackType
-from typing import Final, Literal, Self, TypeAlias, get_args
+from typing import Any, Final, Literal, Self, TypeAlias, get_args
 
 from webgym.agent.page import target_of, usable
 from webgym.agent.policy import Turn
@@ -129,7 +129,7 @@ class ScriptedPlayer:
             turn.prompt_format,
             screen=turn.screen,
             description=act.description,
-            memory={f"seen {number}": list(texts) for number, texts in enumerate(self._solver.seen, 1)},
+            memory=_memory_of(self._solver),
             progress=self._solver.progress(),
             intention=self._solver.intention(),
         )
@@ -201,6 +201,13 @@ _UNREADABLE: Final = (
     'Action: Click the link.\n<tool_call>\n{"name": "computer_use", "arguments": {"action": "press"}}\n'
     "</tool_call>",
 )
+
+
+def _memory_of(solver: Solver) -> dict[str, Any]:
+    """What the solution says to remember; where it says nothing of the kind, what was seen."""
+    if solver.writes_memory:
+        return dict(solver.memory)
+    return {f"seen {number}": list(texts) for number, texts in enumerate(solver.seen, 1)}
 
 
 def wrong_answer(truth: Truth, rng: random.Random) -> str | None:

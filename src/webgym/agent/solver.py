@@ -43,7 +43,7 @@ from webgym.core.action import (
 )
 from webgym.core.observation import Element, Observation
 from webgym.core.text import fold
-from webgym.core.truth import Back, Choose, Click, Fill, Give, Home, Move, See
+from webgym.core.truth import Back, Choose, Click, Done, Fill, Give, Home, Move, Remember, See
 
 IN_THE_WAY: Final = frozenset(
     {
@@ -130,6 +130,10 @@ class Solver:
     Args:
         website: the URL where the task starts.
         moves: the solution, which ends with an answer.
+
+    Attributes:
+        seen: the texts that were looked for and found so far.
+        memory: the entries that the solution has written so far, in order.
     """
 
     def __init__(self, website: str, moves: Sequence[Move]) -> None:
@@ -143,17 +147,29 @@ class Solver:
         self._redone: set[int] = set()
         self._asked_again = False
         self.seen: list[tuple[str, ...]] = []
+        self.memory: dict[str, str] = {}
+
+    @property
+    def writes_memory(self) -> bool:
+        """Whether the solution says what to remember."""
+        return any(isinstance(move, Remember) for move in self._moves)
 
     def progress(self) -> dict[str, str]:
-        """Every move in words, finished or not."""
+        """Every part of the task, finished or not; every move in words where the solution names no parts."""
+        parts = {move.part: index for index, move in enumerate(self._moves) if isinstance(move, Done)}
+        if parts:
+            return {part: "finished" if end < self._at else "not finished" for part, end in parts.items()}
         return {
             f"{index + 1}. {in_words(move)}": "finished" if index < self._at else "not finished"
             for index, move in enumerate(self._moves)
         }
 
     def intention(self) -> str:
-        """The current move, by its key in :meth:`progress`."""
-        return list(self.progress())[min(self._at, len(self._moves) - 1)] if self._moves else ""
+        """What is being worked on, by its key in :meth:`progress`."""
+        subtasks = self.progress()
+        if len(subtasks) == len(self._moves):
+            return list(subtasks)[min(self._at, len(self._moves) - 1)] if subtasks else ""
+        return next((part for part, state in subtasks.items() if state != "finished"), list(subtasks)[-1])
 
     def next(self, observation: Observation, mode: Mode) -> Act:
         """What to do about this observation."""
@@ -196,12 +212,16 @@ class Solver:
         move = self._moves[self._at]
         if isinstance(move, See):
             self.seen.append(move.texts)
+        if isinstance(move, Remember):
+            self.memory[move.key] = move.value
         self._previous = before
         self._at += 1
         self._effort = _Effort()
 
     def _is_satisfied(self, move: Move, observation: Observation) -> bool:
         match move:
+            case Remember() | Done():
+                return True
             case Home():
                 return is_home(observation.url, self._website)
             case See(texts=texts):
@@ -354,6 +374,10 @@ def in_words(move: Move) -> str:
             return "see " + " and ".join(f'"{text}"' for text in texts)
         case Back():
             return "go back"
+        case Remember(key=key, value=value):
+            return f"remember that {key} is {value}"
+        case Done(part=part):
+            return f"finish part {part}"
         case Give():
             return "give the answer"
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
+from collections.abc import Iterable
 from functools import lru_cache
 
 _QUOTES = str.maketrans({"’": "'", "‘": "'", "“": '"', "”": '"', "–": "-", "—": "-", "−": "-"})
@@ -33,3 +34,23 @@ def says(folded: str, phrase: str) -> bool:
     """Whether ``phrase`` stands in the folded text as whole words and whole numbers."""
     wanted = fold(phrase)
     return bool(wanted) and wanted in folded and _whole(wanted).search(folded) is not None
+
+
+def mentions(folded: str, phrases: Iterable[str]) -> list[str]:
+    """Which of ``phrases`` stand in the folded text, folded, in the order in which they stand there.
+
+    A phrase inside a longer one does not count on its own: ``"red star"`` is no mention of ``"red"``.
+    """
+    wanted = {fold(phrase) for phrase in phrases} - {""}
+    found = sorted(
+        (match.start(), -match.end(), phrase)
+        for phrase in wanted
+        if phrase in folded
+        for match in _whole(phrase).finditer(folded)
+    )
+    told, end = [], 0
+    for start, minus_end, phrase in found:
+        if start >= end:
+            told.append(phrase)
+            end = -minus_end
+    return told

@@ -55,13 +55,35 @@ class Back(msgspec.Struct, frozen=True, tag_field="do", tag="back"):
     """Go one page back."""
 
 
+class Remember(msgspec.Struct, frozen=True, tag_field="do", tag="remember"):
+    """Write an entry into the memory now: what it says is in view, and will be needed when it is not.
+
+    Attributes:
+        key: of the entry.
+        value: of the entry.
+    """
+
+    key: str
+    value: str
+
+
+class Done(msgspec.Struct, frozen=True, tag_field="do", tag="done"):
+    """A part of the task is finished. A solution has one for every part, or none at all.
+
+    Attributes:
+        part: the part's key in the progress, ``"1"`` for the first.
+    """
+
+    part: str
+
+
 class Give(msgspec.Struct, frozen=True, tag_field="do", tag="give"):
     """Give the answer."""
 
     text: str
 
 
-Move: TypeAlias = Home | Click | Fill | Choose | See | Back | Give
+Move: TypeAlias = Home | Click | Fill | Choose | See | Back | Remember | Done | Give
 
 # --- what counts as proof ---------------------------------------------------------------------------
 
@@ -110,10 +132,13 @@ class AnswerTruth(msgspec.Struct, frozen=True, omit_defaults=True):
     Attributes:
         required: every inner tuple lists alternatives, of which one must stand in the answer.
         forbidden: what a right answer does not say, such as the names of the other candidates.
+        in_order: the answer names exactly the required values, in their order: of all the values in
+            ``required`` and ``forbidden``, it mentions these and no other, none twice.
     """
 
     required: tuple[tuple[str, ...], ...] = ()
     forbidden: tuple[str, ...] = ()
+    in_order: bool = False
 
 
 class Truth(msgspec.Struct, frozen=True, omit_defaults=True):

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 
 from webgym.core.errors import JudgeError
 from webgym.core.task import Task
-from webgym.core.text import fold, says
+from webgym.core.text import fold, mentions, says
 from webgym.core.trajectory import Episode
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, StateCheck, Truth
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
@@ -157,7 +157,19 @@ def _reference(truth: AnswerTruth, answer: str) -> Judgement | None:
     for wrong in truth.forbidden:
         if says(folded, wrong):
             return Judgement(False, f'the answer also says "{wrong}"')
+    if truth.in_order and (fault := _out_of_order(truth, folded)):
+        return Judgement(False, fault)
     return Judgement(True, "the answer says all that it must")
+
+
+def _out_of_order(truth: AnswerTruth, folded: str) -> str:
+    """What is wrong with the order of an answer's values, if anything is."""
+    value_of = {fold(option): place for place in truth.required for option in place}
+    told = [value_of[mention] for mention in mentions(folded, value_of)]
+    if told == list(truth.required):
+        return ""
+    wanted, named = (", ".join(place[0] for place in places) for places in (truth.required, told))
+    return f'the answer says "{named}", not "{wanted}"'
 
 
 def _response(task: Task, truth: Truth, views: list[_View], episode: Episode) -> Judgement:

@@ -27,7 +27,7 @@ from starlette.types import Receive, Scope, Send
 from webgym.core.errors import SitesError
 from webgym.offline import latency
 from webgym.offline.visitors import Visitors
-from webgym.offline.web import DEFAULT_SEED, WEBSITES_PER_FAMILY, OfflineWeb
+from webgym.offline.web import DEFAULT_SEED, CollectionName, OfflineWeb
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Visit, Website
 
 VISITOR_COOKIE = "webgym_visitor"
@@ -43,8 +43,11 @@ class SitesConfig(BaseModel):
     seed: int = DEFAULT_SEED
     """Of every website."""
 
-    per_family: int = Field(default=WEBSITES_PER_FAMILY, ge=1)
-    """Websites in every family."""
+    collection: CollectionName = "large"
+    """Which websites: ``large``, as on the real web, or ``small``, pages of a few large signs."""
+
+    per_family: int | None = Field(default=None, ge=1)
+    """Websites in every family; ``None`` for the collection's own number (50 large, 72 small)."""
 
     host: str = "127.0.0.1"
     """Address to listen on; loopback unless asked otherwise."""
@@ -215,7 +218,7 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
     Raises:
         SitesError: the address is taken, or the server does not come up.
     """
-    web = web or OfflineWeb(config.seed, per_family=config.per_family)
+    web = web or OfflineWeb(config.seed, per_family=config.per_family, collection=config.collection)
     token = config.token.get_secret_value() if config.token else secrets.token_urlsafe(24)
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

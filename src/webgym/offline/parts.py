@@ -8,11 +8,23 @@ is needed to write them.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, Home, Move, StateCheck, Truth
+from webgym.core.truth import (
+    AnswerTruth,
+    Done,
+    Evidence,
+    FactTruth,
+    Give,
+    Home,
+    Move,
+    Remember,
+    StateCheck,
+    Truth,
+)
 
 Expected: TypeAlias = Literal["success", "blocked", "environment_error", "judge_error"]
 
@@ -72,6 +84,37 @@ class Assignment:
 
 
 @dataclass(frozen=True)
+class Wording:
+    """How a collection's tasks are written out.
+
+    Attributes:
+        source: of the tasks, and the first part of their ids.
+        instruct: from the website's brand and the parts' clauses to the instruction.
+        answer: from what the parts say to the answer.
+        keeps_count: whether the parts are told apart by number: the solution says when each is done, a
+            memory entry without a key belongs to its part, and the answer's values stand in the parts'
+            order.
+    """
+
+    source: str
+    instruct: Callable[[str, Sequence[str]], str]
+    answer: Callable[[Sequence[str]], str]
+    keeps_count: bool = False
+
+
+def _sentences(brand: str, asks: Sequence[str]) -> str:
+    first, *others = asks
+    sentences = [f"On {brand}, {first}."]
+    sentences += [f"{lead} {ask}." for lead, ask in zip(("Also", "Finally,"), others[:2], strict=False)]
+    sentences += [f"And {ask}." for ask in others[2:]]
+    return " ".join(sentences)
+
+
+SENTENCES = Wording("offline", _sentences, lambda says: " ".join(says) or "Done.")
+"""Plain English sentences."""
+
+
+@dataclass(frozen=True)
 class Place:
     """The website a task is about, as far as a task needs to know it.
 
@@ -82,6 +125,7 @@ class Place:
         start: URL of the front page.
         domain, subdomain: of the Mind2Web-2 taxonomy.
         split: of all its tasks: a website is never in both.
+        wording: how its tasks are written out.
     """
 
     label: str
@@ -91,6 +135,7 @@ class Place:
     domain: str
     subdomain: str
     split: Literal["train", "test"] | None = None
+    wording: Wording = SENTENCES
 
 
 def write(place: Place, assignment: Assignment) -> list[Task]:
@@ -106,58 +151,84 @@ def write(place: Place, assignment: Assignment) -> list[Task]:
 
 def _compose(place: Place, assignment: Assignment, rubric: Rubric) -> Task:
     parts = [(group.id, assignment.parts[group.id - 1]) for group in rubric.groups]
-    root = f"offline/{place.label}/{assignment.name}"
+    chosen = [part for _, part in parts]
+    wording = place.wording
+    root = f"{wording.source}/{place.label}/{assignment.name}"
     is_whole = len(parts) == len(assignment.parts)
-    answer = _answer([part for _, part in parts])
-    moves: list[Move] = []
-    for _, part in parts:
-        moves += [Home(), *part.moves]
-    says = " ".join(part.says for _, part in parts if part.says) or "Done."
+    answer = _answer(chosen, in_order=wording.keeps_count)
+    says = wording.answer([part.says for part in chosen if part.says])
+    held = _held(chosen)
     return Task(
         id=root if is_whole else f"{root}/{'+'.join(str(number) for number, _ in parts)}",
-        instruction=_instruction(place.brand, [part.ask for _, part in parts]),
+        instruction=wording.instruct(place.brand, [part.ask for part in chosen]),
         website=place.start,
         domain=place.domain,
         subdomain=place.subdomain,
         rubric=rubric,
-        source="offline",
+        source=wording.source,
         reference_answer="; ".join(options[0] for options in answer.required) or None,
         parent_id=None if is_whole else root,
         split=place.split,
         truth=Truth(
             host=place.host,
             facts=tuple(
-                FactTruth(group=number, index=index, evidence=fact.evidence, state=fact.state)
+                FactTruth(
+                    group=number,
+                    index=index,
+                    evidence=fact.evidence,
+                    state=tuple(held.get(check.key, check) for check in fact.state),
+                )
                 for number, part in parts
                 for index, fact in enumerate(part.facts)
             ),
             answer=answer,
-            moves=(*moves, Give(says)),
-            expects=_expected(assignment.expects, [part for _, part in parts]),
+            moves=(*_moves(chosen, keeps_count=wording.keeps_count), Give(says)),
+            expects=_expected(assignment.expects, chosen),
         ),
     )
 
 
-def _expected(whole: Expected, parts: list[Part]) -> Expected:
+def _moves(parts: Sequence[Part], *, keeps_count: bool) -> list[Move]:
+    moves: list[Move] = []
+    for number, part in enumerate(parts, start=1):
+        own = part.moves
+        if keeps_count:
+            named = (
+                Remember(str(number), move.value) if isinstance(move, Remember) and not move.key else move
+                for move in own
+            )
+            own = (*named, Done(str(number)))
+        moves += [Home(), *own]
+    return moves
+
+
+def _held(parts: Sequence[Part]) -> dict[tuple[str, ...], StateCheck]:
+    """Collections that several parts add to, such as a cart, must hold what they add together."""
+    checks = [check for part in parts for fact in part.facts for check in fact.state]
+    held: dict[tuple[str, ...], dict[str, Any]] = {}
+    for check in checks:
+        if isinstance(check.value, dict):
+            held.setdefault(check.key, {}).update(check.value)
+    return {key: StateCheck(key, value) for key, value in held.items()}
+
+
+def _expected(whole: Expected, parts: Sequence[Part]) -> Expected:
     # Where a server loses what visitors did, only a task that asks the server for it cannot be judged.
     if whole == "judge_error" and not any(fact.state for part in parts for fact in part.facts):
         return "success"
     return whole
 
 
-def _answer(parts: list[Part]) -> AnswerTruth:
+def _answer(parts: Sequence[Part], *, in_order: bool = False) -> AnswerTruth:
     facts = [fact for part in parts for fact in part.facts]
-    required = tuple(dict.fromkeys(fact.answer for fact in facts if fact.answer))
+    asked = [fact.answer for fact in facts if fact.answer]
+    required = tuple(asked if in_order else dict.fromkeys(asked))
     said = {option.casefold() for options in required for option in options}
     # What is wrong for one part may be right, or part of what is right, for another.
     wrong = dict.fromkeys(w for fact in facts for w in fact.wrong)
-    forbidden = tuple(w for w in wrong if not any(w.casefold() in option for option in said))
-    return AnswerTruth(required, forbidden)
-
-
-def _instruction(brand: str, asks: list[str]) -> str:
-    first, *others = asks
-    sentences = [f"On {brand}, {first}."]
-    sentences += [f"{lead} {ask}." for lead, ask in zip(("Also", "Finally,"), others[:2], strict=False)]
-    sentences += [f"And {ask}." for ask in others[2:]]
-    return " ".join(sentences)
+    if in_order:  # as a whole word of what is right only: 1 is wrong where 12 is right
+        padded = [f" {option} " for option in said]
+        forbidden = tuple(w for w in wrong if not any(f" {w.casefold()} " in option for option in padded))
+    else:
+        forbidden = tuple(w for w in wrong if not any(w.casefold() in option for option in said))
+    return AnswerTruth(required, forbidden, in_order=in_order and bool(required))

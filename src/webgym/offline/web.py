@@ -3,24 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
 
 from webgym.core.task import Task
-from webgym.offline import names
+from webgym.offline import names, small
 from webgym.offline.families import FAMILIES
 from webgym.offline.look import look
-from webgym.offline.parts import Place, write
+from webgym.offline.parts import SENTENCES, Place, Wording, write
 from webgym.offline.seeds import number, stream
-from webgym.offline.website import TOP_LEVEL_DOMAIN, Behaviour, Website
-
-Split: TypeAlias = Literal["train", "test"]
+from webgym.offline.website import TOP_LEVEL_DOMAIN, Behaviour, Split, Website
 
 DEFAULT_SEED = 7
-WEBSITES_PER_FAMILY = 50
-TEST_SHARE = 0.2
 MISBEHAVING: tuple[Behaviour, ...] = ("blocks", "down", "slow", "nags", "forgets")
+
+CollectionName: TypeAlias = Literal["large", "small"]
+
+
+@dataclass(frozen=True)
+class Collection:
+    """A set of families whose websites are made, served and split together.
+
+    Attributes:
+        families: the kinds of websites.
+        per_family: well-behaved websites in every family, unless asked otherwise.
+        test_share: of them are for testing.
+        misbehaving: one more website for each of these, all for testing.
+        viewport: the size, CSS pixels, that its pages are made for.
+        wording: how its tasks are written out.
+    """
+
+    families: tuple[type[Website], ...]
+    per_family: int
+    test_share: float
+    misbehaving: tuple[Behaviour, ...]
+    viewport: tuple[int, int]
+    wording: Wording
+
+
+COLLECTIONS: dict[CollectionName, Collection] = {
+    "large": Collection(FAMILIES, 50, 0.2, MISBEHAVING, (1280, 768), SENTENCES),
+    "small": Collection(small.FAMILIES, 72, 1 / 6, (), (192, 128), small.WORDING),
+}
 
 
 @dataclass(frozen=True)
@@ -42,19 +67,32 @@ class OfflineWeb:
 
     Args:
         seed: of everything.
-        per_family: well-behaved websites in every family.
+        per_family: well-behaved websites in every family; ``None`` for the collection's own number.
+        collection: ``"large"``, pages as on real websites, or ``"small"``, pages of a few large signs.
+        families: other families than the collection's.
     """
 
-    def __init__(self, seed: int = DEFAULT_SEED, *, per_family: int = WEBSITES_PER_FAMILY) -> None:
+    def __init__(
+        self,
+        seed: int = DEFAULT_SEED,
+        *,
+        per_family: int | None = None,
+        collection: CollectionName = "large",
+        families: tuple[type[Website], ...] | None = None,
+    ) -> None:
         self.seed = seed
-        self.per_family = per_family
+        self.collection = COLLECTIONS[collection]
+        if families is not None:
+            self.collection = replace(self.collection, families=families)
+        self.per_family = self.collection.per_family if per_family is None else per_family
         self._built: dict[str, Website] = {}
 
     @cached_property
     def specs(self) -> dict[str, Spec]:
         """All websites by hostname."""
         # Each family has its own names, so that a new family does not rename the others' websites.
-        stems = {family: names.stems(self.seed, family.family) for family in FAMILIES}
+        families = self.collection.families
+        stems = {family: names.stems(self.seed, family.family) for family in families}
         found: dict[str, Spec] = {}
 
         def add(family: type[Website], index: int, split: Split, behaviour: Behaviour) -> None:
@@ -63,15 +101,15 @@ class OfflineWeb:
             spec = Spec(family, seed, brand, label, split, behaviour)
             found[family.host_of(label)] = spec
 
-        for family in FAMILIES:
-            held_out = round(self.per_family * TEST_SHARE)
+        for family in families:
+            held_out = round(self.per_family * self.collection.test_share)
             order = list(range(self.per_family))
             stream(self.seed, "split", family.family).shuffle(order)
             test = set(order[:held_out])
             for index in range(self.per_family):
                 add(family, index, "test" if index in test else "train", "good")
-        for nth, behaviour in enumerate(MISBEHAVING):
-            add(FAMILIES[nth % len(FAMILIES)], self.per_family + nth, "test", behaviour)
+        for nth, behaviour in enumerate(self.collection.misbehaving):
+            add(families[nth % len(families)], self.per_family + nth, "test", behaviour)
         return found
 
     def website(self, host: str) -> Website | None:
@@ -86,6 +124,7 @@ class OfflineWeb:
                 label=spec.label,
                 look=look(spec.seed),
                 behaviour=spec.behaviour,
+                split=spec.split,
             )
         return self._built[host]
 
@@ -104,7 +143,16 @@ class OfflineWeb:
         split = self.specs[host].split
         site = self.website(host)
         assert site is not None
-        place = Place(site.label, site.brand, host, site.start, site.domain, site.subdomain, split)
+        place = Place(
+            label=site.label,
+            brand=site.brand,
+            host=host,
+            start=site.start,
+            domain=site.domain,
+            subdomain=site.subdomain,
+            split=split,
+            wording=self.collection.wording,
+        )
         for assignment in site.expected_assignments():
             yield from write(place, assignment)
 

@@ -22,6 +22,8 @@ from webgym.offline.look import Look
 from webgym.offline.parts import Assignment, Expected
 from webgym.offline.seeds import pick
 
+Split: TypeAlias = Literal["train", "test"]
+
 State: TypeAlias = dict[str, Any]
 """What a website remembers of a visitor: JSON values only."""
 
@@ -146,6 +148,7 @@ class Website:
         label: first part of its hostname.
         look: palette, fonts and layout.
         behaviour: what it does to its visitors.
+        split: of its tasks.
         domain, subdomain: of the Mind2Web-2 taxonomy; set by :meth:`build`.
         tagline: under the brand; set by :meth:`build`.
     """
@@ -162,6 +165,7 @@ class Website:
     label: str
     look: Look
     behaviour: Behaviour = "good"
+    split: Split = "train"
     domain: str = field(default="", init=False)
     subdomain: str = field(default="", init=False)
     tagline: str = field(default="", init=False)

@@ -1,0 +1,18 @@
+"""Small websites: pages of a few large signs, for policies of a few million parameters.
+
+A page is 192 by 128 pixels, a grid of 6 by 4 cells of 32 by 32, and never scrolls. Whatever must be read
+is a sign that fills a cell: a colour, an icon, a number or a short word. Instructions, answers and what is
+to be remembered are made of one small vocabulary, :func:`small_vocabulary`.
+
+Data lies beside the code in TOML files: ``NAME.toml`` holds how a family's tasks are asked.
+"""
+
+from __future__ import annotations
+
+from webgym.offline.small.market import Market
+from webgym.offline.small.wording import WORDING, small_vocabulary
+from webgym.offline.website import Website
+
+__all__ = ["FAMILIES", "WORDING", "small_vocabulary"]
+
+FAMILIES: tuple[type[Website], ...] = (Market,)

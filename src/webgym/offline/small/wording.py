@@ -1,0 +1,50 @@
+"""How the small websites' tasks are written out, and the vocabulary that they are made of."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib import resources
+
+import msgspec
+
+from webgym.offline.engine.signs import numbers, sign_data
+from webgym.offline.parts import Wording
+
+DONE = "done"
+"""The answer where nothing is asked."""
+
+KEYS = ("sign", "page", "note")
+"""Words of memory keys, beside names of things and numbers of parts."""
+
+
+def _instruct(brand: str, asks: Sequence[str]) -> str:
+    del brand
+    first, *others = asks
+    joined = (f", {'and' if nth == len(others) else 'then'} {ask}" for nth, ask in enumerate(others, start=1))
+    return first + "".join(joined)
+
+
+WORDING = Wording("small", _instruct, lambda says: ", ".join(says) or DONE, keeps_count=True)
+"""Lower-case clauses; the answer is the parts' values in their order."""
+
+
+@lru_cache(maxsize=1)
+def small_vocabulary() -> tuple[str, ...]:
+    """Every word of the small websites' instructions, answers, memory and elements, and the comma."""
+    signs = sign_data()
+    words = {",", DONE, "then", "and", "from", *KEYS, *numbers()}
+    words |= {*signs.colors, *signs.icons, *signs.controls, *signs.words}
+    for file in resources.files("webgym.offline.small").iterdir():
+        if file.name.endswith(".toml"):
+            data = msgspec.toml.decode(file.read_bytes(), type=dict[str, list[str]])
+            for phrases in data.values():
+                words.update(word for phrase in phrases for word in words_of(re.sub(r"\{\w+\}", "", phrase)))
+    words |= {"number", "word", "sign"}  # names of fields
+    return tuple(sorted(words))
+
+
+def words_of(text: str) -> list[str]:
+    """The words of a text as the vocabulary has them: commas stand alone."""
+    return re.findall(r"[a-z0-9]+|[^\sa-z0-9]", text)

@@ -1,0 +1,157 @@
+"""A browser for pages without scripts: links and buttons at known places, played without a Chromium.
+
+It gives the same observations and takes the same actions as a browser slot, for websites whose pages are
+placed by ``left`` and ``top`` alone, as the small websites' are. It draws nothing: two pages look the same
+to it if their HTML is the same.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from functools import lru_cache
+from html.parser import HTMLParser
+from typing import NamedTuple
+from urllib.parse import parse_qsl, unquote, urljoin, urlsplit
+
+from webgym.core.action import GRID, BrowserAction, GoBack, LeftClick
+from webgym.core.observation import Element, Observation
+from webgym.offline.website import Response, State, Visit, Website
+
+_PLACE = re.compile(r"left:(\d+)px;top:(\d+)px")
+_SIDE = 32
+_REDIRECTS = 5
+
+
+class Control(NamedTuple):
+    """Something that can be clicked."""
+
+    role: str
+    name: str
+    box: tuple[int, int, int, int]
+    href: str
+    is_post: bool
+
+
+class StaticBrowser:
+    """A visitor of one website.
+
+    Args:
+        site: the website.
+        viewport: width and height, CSS pixels.
+
+    Attributes:
+        state: what the website remembers of this visitor.
+    """
+
+    def __init__(self, site: Website, viewport: tuple[int, int]) -> None:
+        self.site = site
+        self.state: State = {}
+        self._viewport = viewport
+        self._history: list[str] = []
+        self._url = site.start
+        self._response = Response(b"")
+        self.open(site.start)
+
+    def open(self, url: str, *, post: bool = False) -> None:
+        """Go to an address of the website."""
+        for _ in range(_REDIRECTS):
+            parts = urlsplit(urljoin(self._url, url))
+            query = dict(parse_qsl(parts.query, keep_blank_values=True))
+            lists = {key: [value] for key, value in query.items()}
+            method = "POST" if post else "GET"
+            visit = Visit(method, unquote(parts.path), query, lists, {}, self.state)
+            self._response = self.site.handle(visit)
+            self._url = parts.geturl()
+            if self._response.location is None:
+                break
+            url, post = self._response.location, False
+        self._history.append(self._url)
+
+    def act(self, action: BrowserAction) -> None:
+        """Carry an action out. What a page without scripts does not react to changes nothing."""
+        if isinstance(action, GoBack) and len(self._history) > 1:
+            self._history.pop()
+            self.open(self._history.pop())
+        elif isinstance(action, LeftClick):
+            hit = self._hit(action)
+            if hit is not None:
+                self.open(hit.href, post=hit.is_post)
+
+    def _hit(self, action: LeftClick) -> Control | None:
+        controls, _ = read_page(self._response.body)
+        if action.target.element is not None:
+            return controls[action.target.element - 1]
+        assert action.target.coordinate is not None
+        at = [
+            share / GRID * size for share, size in zip(action.target.coordinate, self._viewport, strict=True)
+        ]
+        inside = (
+            control
+            for control in controls
+            if control.box[0] <= at[0] < control.box[0] + control.box[2]
+            and control.box[1] <= at[1] < control.box[1] + control.box[3]
+        )
+        return next(inside, None)
+
+    def observe(self) -> Observation:
+        """What is to be seen now."""
+        controls, text = read_page(self._response.body)
+        elements = tuple(
+            Element(
+                number=number,
+                role=control.role,
+                name=control.name,
+                box=tuple(map(float, control.box)),  # type: ignore[arg-type]
+                href=None if control.is_post else urljoin(self._url, control.href),
+            )
+            for number, control in enumerate(controls, start=1)
+        )
+        return Observation(
+            screenshot=hashlib.sha256(self._response.body).hexdigest(),
+            url=self._url,
+            title=self.site.brand,
+            viewport=self._viewport,
+            status=self._response.status,
+            scroll=(0.0, float(self._viewport[1])),
+            text=text,
+            elements=elements,
+        )
+
+
+@lru_cache(maxsize=4096)
+def read_page(body: bytes) -> tuple[tuple[Control, ...], str]:
+    """The controls of a page and its text, one line per piece."""
+    reader = _Reader()
+    reader.feed(body.decode())
+    return tuple(reader.controls), "\n".join(reader.lines)
+
+
+class _Reader(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.controls: list[Control] = []
+        self.lines: list[str] = []
+        self._action = ""
+        self._silent = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        given = {name: value or "" for name, value in attrs}
+        self._silent = tag in ("style", "title")
+        if tag == "form":
+            self._action = given["action"]
+        elif tag in ("a", "button"):
+            place = _PLACE.search(given["style"])
+            assert place is not None, given
+            box = (int(place[1]), int(place[2]), _SIDE, _SIDE)
+            is_link = tag == "a"
+            href = given["href"] if is_link else self._action
+            role = "link" if is_link else "button"
+            self.controls.append(Control(role, given["aria-label"], box, href, not is_link))
+
+    def handle_endtag(self, tag: str) -> None:
+        self._silent = False
+
+    def handle_data(self, data: str) -> None:
+        if data.strip() and not self._silent:
+            self.lines.append(data.strip())

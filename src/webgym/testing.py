@@ -1,0 +1,125 @@
+"""Checks for those who write websites of their own: does every task hold what it promises?
+
+:func:`check_family` plays the tasks of a family of small websites without a browser, by following their
+solutions on the pages that the website answers with, and judges what comes of it: the solution must pass,
+and a wrong answer, an answer without evidence, a premature answer and an empty trajectory must not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from webgym.agent.solver import Solver
+from webgym.checking import spoilt
+from webgym.core.action import Answer
+from webgym.core.outcome import Ending
+from webgym.core.task import StepBudget, Task
+from webgym.core.trajectory import Episode, Reply, Step
+from webgym.judge import OfflineJudge
+from webgym.offline.static_browser import StaticBrowser
+from webgym.offline.web import OfflineWeb
+from webgym.offline.website import Website
+
+__all__ = ["check_family", "check_tasks", "play"]
+
+
+def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:
+    """Play a task's solution on a website without a browser.
+
+    Returns:
+        The attempt as a collector would have recorded it, but for messages, replies and times.
+    """
+    assert task.truth is not None
+    browser, solver = StaticBrowser(site, viewport), Solver(task.website, task.truth.moves)
+    steps: list[Step] = []
+    answer = final = None
+    for index in range(StepBudget().for_task(task)):
+        seen = browser.observe()
+        act = solver.next(seen, "coordinates")
+        changed = None if isinstance(act.action, Answer) else False
+        if isinstance(act.action, Answer):
+            answer = act.action.text
+        else:
+            browser.act(act.action)
+            final = browser.observe()
+            changed = final.screenshot != seen.screenshot
+        steps.append(
+            Step(index, seen, (), Reply(act.description, "scripted"), action=act.action, changed=changed)
+        )
+        if answer is not None:
+            break
+    return Episode(
+        attempt_id=f"{task.id}#0.0",
+        task_id=task.id,
+        sample=0,
+        retry=0,
+        seed=0,
+        policy="scripted",
+        started_at=0.0,
+        seconds=0.0,
+        steps=tuple(steps),
+        ending=Ending.BUDGET_SPENT if answer is None else Ending.ANSWERED,
+        final=final if answer is None else None,
+        answer=answer,
+        final_state=site.report(browser.state),
+    )
+
+
+async def check_tasks(site: Website, tasks: Iterable[Task], viewport: tuple[int, int]) -> list[str]:
+    """A line for every task that its solution does not solve, or that something less than it solves."""
+    judge, faults = OfflineJudge(), list[str]()
+    for task in tasks:
+        episode = play(site, task, viewport)
+        verdict = await judge.judge(task, episode, _no_picture)
+        if verdict.reward != 1:
+            found = [verdict.reference, verdict.response, *(fact.judgement for fact in verdict.facts)]
+            reasons = [each.reason for each in found if each is not None and not each.passed]
+            faults.append(f"{task.id}: {'; '.join(reasons)} (answer: {episode.answer!r})")
+            continue
+        faults += [f"{task.id}: {line}" for line in _weaknesses(task, episode)]
+        for what, less in spoilt(task, episode):
+            if (await judge.judge(task, less, _no_picture)).reward == 1:
+                faults.append(f"{task.id}: {what} passes")
+    return faults
+
+
+def _weaknesses(task: Task, episode: Episode) -> Iterator[str]:
+    """What a faultless solution does not do."""
+    dead = [step.index + 1 for step in episode.steps if step.changed is False]
+    if dead:
+        yield f"step {dead[0]} of the solution changes nothing"
+    assert task.truth is not None
+    for truth in task.truth.facts:
+        if not (truth.evidence or truth.state):
+            yield f"fact {truth.group}.{truth.index} cannot be confirmed"
+
+
+async def check_family(
+    family: type[Website], *, seed: int = 7, websites: int = 2, tasks_per_website: int | None = None
+) -> list[str]:
+    """Check some websites of a family of small websites.
+
+    Args:
+        family: a subclass of :class:`webgym.offline.engine.site.SmallWebsite`.
+        seed: of the websites.
+        websites: how many, for training and for testing each.
+        tasks_per_website: so many of its tasks, evenly spread; all if not given.
+
+    Returns:
+        A line for every fault; empty if there is none.
+    """
+    web = OfflineWeb(seed, collection="small", families=(family,))
+    faults: list[str] = []
+    for split in ("train", "test"):
+        hosts = [host for host, spec in web.specs.items() if spec.split == split][:websites]
+        for host in hosts:
+            site = web.website(host)
+            assert site is not None
+            tasks = list(web.tasks_of(host))
+            step = max(1, len(tasks) // tasks_per_website) if tasks_per_website else 1
+            faults += await check_tasks(site, tasks[::step], web.collection.viewport)
+    return faults
+
+
+async def _no_picture(name: str) -> bytes:
+    raise LookupError(f"the picture {name} is not at hand")

@@ -36,6 +36,7 @@ from webgym.llm.config import ChatConfig
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
 from webgym.offline.client import SitesClient
+from webgym.offline.web import COLLECTIONS
 from webgym.rollout.attempt import AttemptConfig, Backstage, Stage
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
@@ -242,7 +243,7 @@ async def resume(
 
 
 def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> RunConfig:
-    """The config with what the model's profile decides written out, as the run folder holds it.
+    """The config with what the model's profile and the websites decide, as the run folder holds it.
 
     Args:
         config: as it was given.
@@ -256,6 +257,9 @@ def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> Run
     update: dict[str, Any] = {
         "agent": config.agent.model_copy(update={"profile": profile.name, "mode": profile.mode})
     }
+    if "viewport" not in config.attempt.model_fields_set:
+        viewport = COLLECTIONS[config.sites.collection].viewport
+        update["attempt"] = config.attempt.model_copy(update={"viewport": viewport})
     chat = config.policy.chat
     if policy is None and chat is not None:
         if config.agent.profile is None and profile_of(chat.model) is None:

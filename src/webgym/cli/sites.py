@@ -18,8 +18,9 @@ def serve(
     host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
     port: int = typer.Option(8123, "--port", min=0, max=65535, help="Port; 0 takes a free one."),
     seed: int | None = typer.Option(None, "--seed", help="Of every website.", show_default="7"),
+    collection: str = typer.Option("large", "--collection", help="large or small websites."),
     per_family: int | None = typer.Option(
-        None, "--per-family", min=1, help="Websites per family.", show_default="50"
+        None, "--per-family", min=1, help="Websites per family.", show_default="50 large, 72 small"
     ),
     latency: float = typer.Option(1.0, "--latency", min=0, help="Scale of simulated latency; 0 for none."),
 ) -> None:
@@ -34,14 +35,15 @@ def serve(
 
     from webgym.cli._run import SITES_TOKEN, run
     from webgym.offline.app import SitesConfig, serving
-    from webgym.offline.web import DEFAULT_SEED, WEBSITES_PER_FAMILY
+    from webgym.offline.web import DEFAULT_SEED, collection_name
 
     given = os.environ.get(SITES_TOKEN)
     config = SitesConfig(
         host=host,
         port=port,
         seed=DEFAULT_SEED if seed is None else seed,
-        per_family=per_family or WEBSITES_PER_FAMILY,
+        collection=collection_name(collection),
+        per_family=per_family,
         latency=latency,
         token=SecretStr(given) if given else None,
     )
@@ -67,12 +69,13 @@ def serve(
 def list_sites(
     family: str | None = typer.Option(None, "--family", help="Only of this family.", show_default=False),
     seed: int | None = typer.Option(None, "--seed", help="Of every website.", show_default="7"),
+    collection: str = typer.Option("large", "--collection", help="large or small websites."),
 ) -> None:
     """List the websites: address, family, split and behaviour."""
     from webgym.offline import OfflineWeb
-    from webgym.offline.web import DEFAULT_SEED
+    from webgym.offline.web import DEFAULT_SEED, collection_name
 
-    web = OfflineWeb(DEFAULT_SEED if seed is None else seed)
+    web = OfflineWeb(DEFAULT_SEED if seed is None else seed, collection=collection_name(collection))
     for host, spec in web.specs.items():
         if family in (None, spec.family.family):
             print(f"http://{host}/  {spec.family.family}  {spec.split}  {spec.behaviour}")
@@ -96,6 +99,7 @@ def check(
     latency: float = typer.Option(0.0, "--latency", min=0, help="Scale of simulated latency; 0 for none."),
     marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
     seed: int = typer.Option(0, "--seed", help="Of the sample."),
+    collection: str = typer.Option("large", "--collection", help="large or small websites."),
 ) -> None:
     """Prove in real browsers that tasks are solvable, and by nothing less than a solution.
 
@@ -115,12 +119,13 @@ def check(
     from webgym.core.errors import ConfigError
     from webgym.offline import OfflineWeb
     from webgym.offline.app import SitesConfig
+    from webgym.offline.web import collection_name
     from webgym.rollout.collector import CollectorConfig
     from webgym.rollout.store import RunReader
     from webgym.tasks import draw, write_tasks
 
     console = Console()
-    web = OfflineWeb()
+    web = OfflineWeb(collection=collection_name(collection))
     tasks = [
         task
         for host, spec in web.specs.items()
@@ -138,7 +143,7 @@ def check(
             tasks=TaskChoice(file=file),
             policy=PolicyChoice(name="scripted", mistakes=0.0),
             agent=AgentConfig(mode="marks" if marks else "coordinates"),
-            sites=SitesConfig(latency=latency),
+            sites=SitesConfig(collection=collection_name(collection), latency=latency),
             collector=CollectorConfig(sessions=sessions, straggler_share=1.0),
         )
         run(lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)))

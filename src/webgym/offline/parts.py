@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypeGuard
 
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.truth import (
@@ -92,8 +92,8 @@ class Wording:
         instruct: from the website's brand and the parts' clauses to the instruction.
         answer: from what the parts say to the answer.
         keeps_count: whether the parts are told apart by number: the solution says when each is done, a
-            memory entry without a key belongs to its part, and the answer's values stand in the parts'
-            order.
+            memory key that is empty or begins with a space is led by the part's number, and the answer's
+            values stand in the parts' order.
     """
 
     source: str
@@ -194,12 +194,16 @@ def _moves(parts: Sequence[Part], *, keeps_count: bool) -> list[Move]:
         own = part.moves
         if keeps_count:
             named = (
-                Remember(str(number), move.value) if isinstance(move, Remember) and not move.key else move
+                Remember(f"{number}{move.key}", move.value) if _belongs_to_part(move) else move
                 for move in own
             )
             own = (*named, Done(str(number)))
         moves += [Home(), *own]
     return moves
+
+
+def _belongs_to_part(move: Move) -> TypeGuard[Remember]:
+    return isinstance(move, Remember) and move.key[:1] in ("", " ")
 
 
 def _held(parts: Sequence[Part]) -> dict[tuple[str, ...], StateCheck]:

@@ -150,6 +150,7 @@ class _Reader(HTMLParser):
             self.controls.append(Control(role, given["aria-label"], box, href, not is_link))
 
     def handle_endtag(self, tag: str) -> None:
+        del tag
         self._silent = False
 
     def handle_data(self, data: str) -> None:

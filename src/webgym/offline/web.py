@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, TypeAlias
 
+from webgym.core.errors import ConfigError
 from webgym.core.task import Task
 from webgym.offline import names, small
 from webgym.offline.families import FAMILIES
@@ -46,6 +47,18 @@ COLLECTIONS: dict[CollectionName, Collection] = {
     "large": Collection(FAMILIES, 50, 0.2, MISBEHAVING, (1280, 768), SENTENCES),
     "small": Collection(small.FAMILIES, 72, 1 / 6, (), (192, 128), small.WORDING),
 }
+
+
+def collection_name(name: str) -> CollectionName:
+    """The collection of this name.
+
+    Raises:
+        ConfigError: there is none.
+    """
+    found = next((known for known in COLLECTIONS if known == name), None)
+    if found is None:
+        raise ConfigError(f"there is no collection {name!r}", hint="give large or small")
+    return found
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ class AttemptConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     viewport: tuple[int, int] = (1280, 768)
-    """Width and height, CSS pixels (paper §4)."""
+    """Width and height, CSS pixels (paper §4); 192 x 128 for the offline web's small websites, unless set."""
 
     budget_easy: int = Field(default=15, ge=1)
     """Steps for a task of 1 to 3 facts (paper §5: 15, better 10, in training; 30 in testing)."""

@@ -13,18 +13,21 @@ def offline(
         None, "--split", help="train or test; both if not given.", show_default=False
     ),
     seed: int | None = typer.Option(None, "--seed", help="Of the offline web.", show_default="7"),
+    collection: str = typer.Option("large", "--collection", help="large or small websites."),
     per_family: int | None = typer.Option(
-        None, "--per-family", min=1, help="Websites per family.", show_default="50"
+        None, "--per-family", min=1, help="Websites per family.", show_default="50 large, 72 small"
     ),
 ) -> None:
     """Write the offline web's tasks to a file, with their hidden truths."""
     from webgym.core.errors import ConfigError
     from webgym.offline import OfflineWeb
-    from webgym.offline.web import DEFAULT_SEED, WEBSITES_PER_FAMILY
+    from webgym.offline.web import DEFAULT_SEED, collection_name
     from webgym.tasks import write_tasks
 
     if split not in (None, "train", "test"):
         raise ConfigError(f"there is no split {split!r}", hint="give train or test")
-    web = OfflineWeb(DEFAULT_SEED if seed is None else seed, per_family=per_family or WEBSITES_PER_FAMILY)
+    web = OfflineWeb(
+        DEFAULT_SEED if seed is None else seed, per_family=per_family, collection=collection_name(collection)
+    )
     count = write_tasks(out, web.tasks(split))  # type: ignore[arg-type]
     print(f"{count} tasks written to {out}")

@@ -11,6 +11,9 @@ from webgym.core.task import LARGE_GROUP_AT_LEAST, FactGroup, Level, Rubric, lev
 from webgym.offline.parts import Assignment, Part
 
 MOST_PARTS = 4
+ALONE = 0.75
+"""Share of easy tasks that are one part."""
+
 _TRIES = 400
 
 
@@ -61,6 +64,9 @@ def compose(rng: random.Random, parts: Sequence[Part], mix: Mix) -> list[Assignm
 def _draw(rng: random.Random, parts: Sequence[Part], level: Level) -> tuple[Part, ...]:
     """Parts that fit together and have the facts of a level; empty if the draw failed."""
     least, most = FACTS[level]
+    if level == "easy" and rng.random() < ALONE:
+        part = rng.choice(parts)
+        return (part,) if len(part.facts) <= most else ()
     wanted = rng.randint(least, most)
     chosen: list[Part] = []
     for part in rng.sample(list(parts), len(parts)):

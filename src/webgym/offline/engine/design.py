@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -166,7 +166,6 @@ def design(seed: int, split: Split) -> Design:
         left_out = (rng.randrange(len(signs.colors)), rng.randrange(len(signs.icons)))
         if side(theme, layout, left_out) == split:
             break
-    ground, shape, frame, ink, font, controls = _chosen(data.theme, theme)
     turn, lighten = rng.uniform(-TURN, TURN), rng.uniform(-LIGHTEN, LIGHTEN)
     shades = {name: shaded(color, turn, lighten) for name, color in signs.colors.items()}
     stock = Stock(
@@ -175,14 +174,19 @@ def design(seed: int, split: Split) -> Design:
         words=_shuffled(signs.words, seed, "words"),
     )
     return Design(
-        theme=Theme(*ground, shape, frame, ink, font, controls, shades),
+        theme=_theme(_chosen(data.theme, theme), shades),
         layout=Layout(*_chosen(data.layout, layout)),
         stock=stock,
         key=(theme, layout, left_out),
     )
 
 
-def _chosen(choices: msgspec.Struct, at: Choice) -> list[str]:
+def _theme(chosen: list[Any], colors: dict[str, str]) -> Theme:
+    (page, bar, tile, ink), shape, frame, drawing, font, controls = chosen
+    return Theme(page, bar, tile, ink, shape, frame, drawing, font, controls, colors)
+
+
+def _chosen(choices: msgspec.Struct, at: Choice) -> list[Any]:
     fields = type(choices).__struct_fields__
     return [getattr(choices, name)[index] for name, index in zip(fields, at, strict=True)]
 

@@ -10,6 +10,7 @@ import random
 import string
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import msgspec
 
@@ -18,21 +19,6 @@ from webgym.offline.engine.table import Guide, ListPage, Record, Shown, Value
 from webgym.offline.parts import Fact, Part
 
 NAME = "name"
-
-PLACEHOLDERS: dict[str, frozenset[str]] = {
-    "look_up": frozenset({"field", "item"}),
-    "smaller": frozenset({"item", "other"}),
-    "larger": frozenset({"item", "other"}),
-    "smallest": frozenset({"place"}),
-    "largest": frozenset({"place"}),
-    "count_all": frozenset({"place"}),
-    "count": frozenset({"trait", "place"}),
-    "either": frozenset({"item", "one", "two"}),
-    "buy": frozenset({"item"}),
-    "buy_and_say": frozenset({"item"}),
-    "buy_smaller": frozenset({"item", "other"}),
-}
-"""The placeholders of every kind of question; a phrase has all of them."""
 
 
 class Phrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -54,10 +40,25 @@ class Phrases(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     buy_and_say: tuple[str, ...] = ()
     buy_smaller: tuple[str, ...] = ()
 
+    placeholders: ClassVar[dict[str, str]] = {
+        "look_up": "field item",
+        "smaller": "item other",
+        "larger": "item other",
+        "smallest": "place",
+        "largest": "place",
+        "count_all": "place",
+        "count": "trait place",
+        "either": "item one two",
+        "buy": "item",
+        "buy_and_say": "item",
+        "buy_smaller": "item other",
+    }
+    """Of every kind of question; each of its phrases has all of them."""
+
     def __post_init__(self) -> None:
         for kind in self.__struct_fields__:
             for phrase in getattr(self, kind):
-                check_placeholders(kind, phrase, PLACEHOLDERS[kind])
+                check_placeholders(kind, phrase, frozenset(self.placeholders[kind].split()))
 
 
 def check_placeholders(kind: str, phrase: str, wanted: frozenset[str]) -> None:
@@ -88,11 +89,8 @@ class Questions:
 
     def ask(self, kind: str, **values: str) -> str:
         """A clause of this kind."""
-        return self.rng.choice(getattr(self.phrases, kind)).format(**values)
-
-    def has(self, kind: str) -> bool:
-        """Whether there is a way to ask this."""
-        return bool(getattr(self.phrases, kind))
+        phrases: tuple[str, ...] = getattr(self.phrases, kind)
+        return self.rng.choice(phrases).format(**values)
 
     # --- kinds of questions -----------------------------------------------------------------------
 
@@ -187,7 +185,7 @@ class Questions:
             total += found
             moves += page.moves
             if number < len(pages):
-                moves.append(Remember(f"page {number}", str(found)))
+                moves.append(Remember(f" page {number}", str(found)))
             facts.append(Fact(f"page {number} of {place} is seen", (on(page),)))
         value = Value(str(total))
         last = self._answered(

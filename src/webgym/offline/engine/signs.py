@@ -96,11 +96,11 @@ def drawn(path: str, color: str, edge: str, ink: Ink, scale: float) -> str:
         scale: of the shape in its cell.
     """
     shift = CELL / 2 * (1 - scale)
-    frame = f'<svg viewBox="0 0 32 32" aria-hidden="true"><g transform="translate({shift:g} {shift:g}) scale({scale:g})"'
+    place = f"translate({shift:g} {shift:g}) scale({scale:g})"
+    opening = f'<svg viewBox="0 0 32 32" aria-hidden="true"><g transform="{place}" stroke-linejoin="round"'
+    shape = f'<path d="{path}"'
     if ink == "outlined":
-        lines = f'<path d="{path}" stroke="{edge}" stroke-width="4.5"/><path d="{path}" stroke="{color}" stroke-width="2.8"/>'
-        return f'{frame} fill="none" stroke-linejoin="round">{lines}</g></svg>'
-    return (
-        f'{frame} fill="{color}" fill-rule="evenodd" stroke="{edge}" stroke-width="1.5" stroke-linejoin="round">'
-        f'<path d="{path}"/></g></svg>'
-    )
+        lines = f'{shape} stroke="{edge}" stroke-width="4.5"/>{shape} stroke="{color}" stroke-width="2.8"/>'
+        return f'{opening} fill="none">{lines}</g></svg>'
+    fill = f'fill="{color}" fill-rule="evenodd" stroke="{edge}" stroke-width="1.5"'
+    return f"{opening} {fill}>{shape}/></g></svg>"

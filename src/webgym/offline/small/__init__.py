@@ -10,9 +10,10 @@ Data lies beside the code in TOML files: ``NAME.toml`` holds how a family's task
 from __future__ import annotations
 
 from webgym.offline.small.market import Market
+from webgym.offline.small.signpost import Signpost
 from webgym.offline.small.wording import WORDING, small_vocabulary
 from webgym.offline.website import Website
 
 __all__ = ["FAMILIES", "WORDING", "small_vocabulary"]
 
-FAMILIES: tuple[type[Website], ...] = (Market,)
+FAMILIES: tuple[type[Website], ...] = (Market, Signpost)

@@ -41,7 +41,7 @@ def small_vocabulary() -> tuple[str, ...]:
             data = msgspec.toml.decode(file.read_bytes(), type=dict[str, list[str]])
             for phrases in data.values():
                 words.update(word for phrase in phrases for word in words_of(re.sub(r"\{\w+\}", "", phrase)))
-    words |= {"number", "word", "sign"}  # names of fields
+    words |= {"number", "word", "sign", "signs", "first"}  # of fields and places
     return tuple(sorted(words))
 
 

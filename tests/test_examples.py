@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from webgym.cli._run import settings
+from webgym.judge.factory import refuse_unjudgeable
+from webgym.offline import OfflineWeb
 from webgym.tasks.build.config import read_config
 from webgym.tasks.sources import SOURCES
 
@@ -35,7 +38,23 @@ RUNS = sorted(set((ROOT / "configs").glob("*.yaml")) - {TASK_SET})
 
 @pytest.mark.parametrize("preset", RUNS, ids=lambda path: path.stem)
 def test_a_preset_of_a_run_loads(preset: Path) -> None:
-    assert settings([preset], {}).policy.name == "openai"
+    config = settings([preset], {})
+    assert config.policy.name == "openai"
+    assert "split" in config.tasks.model_fields_set
+    # Tasks of a task set have no hidden truth: the preset's judge must do without.
+    task = next(iter(OfflineWeb(1, per_family=1).tasks()))
+    refuse_unjudgeable(config.judge, [msgspec.structs.replace(task, truth=None)])
+
+
+OVERLAYS = sorted((ROOT / "configs" / "study").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("overlay", OVERLAYS, ids=lambda path: path.stem)
+def test_a_row_of_the_study_is_laid_over_training(overlay: Path) -> None:
+    base = settings([ROOT / "configs" / "training.yaml"], {})
+    config = settings([ROOT / "configs" / "training.yaml", overlay], {})
+    assert config != base
+    assert (config.tasks.split, config.policy, config.judge) == ("train", base.policy, base.judge)
 
 
 def test_the_preset_of_the_task_set_names_all_its_sources() -> None:

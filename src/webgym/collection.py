@@ -14,12 +14,12 @@ import asyncio
 import uuid
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, model_validator
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
@@ -29,9 +29,8 @@ from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile, profile_of
 from webgym.core.errors import ConfigError, RunFolderError, Unauthorized
 from webgym.core.task import Task
-from webgym.core.websites import site_or_text
 from webgym.judge import Judge
-from webgym.judge.factory import JudgeChoice, open_judge
+from webgym.judge.factory import JudgeChoice, open_judge, refuse_unjudgeable
 from webgym.llm.config import ChatConfig
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
@@ -45,27 +44,35 @@ from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
-from webgym.tasks import TaskFile, draw, draw_spread, read_tasks
+from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
+from webgym.tasks.brands import brand_or_text
+from webgym.tasks.sampling import Sampler, SamplerConfig
+from webgym.tasks.selection import Selected, Selection, select
 
 
 class _Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
-class TaskChoice(_Settings):
-    """Which tasks."""
+class TaskChoice(Selection):
+    """Which tasks. Training tasks, unless ``split`` says otherwise."""
 
     file: Path | None = None
     """A task file; without one, the tasks of the offline web."""
 
-    split: Literal["train", "test"] | None = None
-    """Of the offline web's tasks, or of those in the file that say their split; ``None`` takes all."""
-
     count: int | None = Field(default=None, ge=1)
-    """How many, drawn at random without replacement; ``None`` takes all."""
+    """How many, drawn at random without replacement; ``None`` takes all. With a ``ratio``, which needs a
+    count, a task comes again once all of its level have come."""
 
     spread: bool = False
-    """Draw from every website before drawing from one again: small samples then show all of them."""
+    """Draw from every website, all of a brand's being one, before drawing from one again: small samples
+    then show all of them."""
+
+    @model_validator(mode="after")
+    def _check_count(self) -> TaskChoice:
+        if self.ratio is not None and (self.count is None or self.spread):
+            raise ValueError("a ratio needs a count, and goes without spread")
+        return self
 
 
 class PolicyChoice(_Settings):
@@ -127,34 +134,54 @@ Show = Callable[[Progress], AbstractAsyncContextManager[None]]
 Tell = Callable[[str], None]
 
 
-def choose_tasks(config: RunConfig) -> TaskFile:
-    """The tasks of a run, in the order of their attempts, and the records that were skipped or set aside.
+class Chosen(NamedTuple):
+    """The tasks of a run.
+
+    Attributes:
+        tasks: in the order of their attempts.
+        broken, set_aside: records of the file that were skipped, and tasks without a fact to judge.
+        selected: what the tasks were drawn from.
+    """
+
+    tasks: list[Task]
+    broken: list[BrokenRecord]
+    set_aside: list[BrokenRecord]
+    selected: Selected
+
+
+def choose_tasks(config: RunConfig) -> Chosen:
+    """The tasks of a run.
 
     Raises:
         TaskFileError: the file cannot be read or holds no task.
-        ConfigError: no task is left.
+        ConfigError: no task is left, or there is no such domain.
     """
     choice = config.tasks
     if choice.file is None:
         sites = config.sites
         web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
-        found = TaskFile(list(web.tasks(choice.split)), [])
-        tasks = found.tasks
+        found = TaskFile(list(web.tasks()), [])
     else:
         found = read_tasks(choice.file)
-        tasks = [task for task in found.tasks if choice.split in (None, task.split)]
-    blocked = Blocklist(config.blocklist).blocked()
-    tasks = [task for task in tasks if site_or_text(task.website) not in blocked] if blocked else tasks
-    if not tasks:
-        where = ", or all websites are blocked for now" if blocked else ""
+    selected = select(found.tasks, choice, Blocklist(config.blocklist).blocked())
+    if not selected.tasks:
         raise ConfigError(
-            f"there is no task in the split {choice.split!r}{where}", hint="choose another split"
+            f"there is no task to attempt for the split {choice.split!r}: {selected.told()}",
+            hint="choose another split or more domains",
         )
+    return Chosen(_drawn(selected.tasks, config), found.broken, found.set_aside, selected)
+
+
+def _drawn(tasks: list[Task], config: RunConfig) -> list[Task]:
+    choice = config.tasks
+    if choice.ratio is not None and choice.count is not None:
+        drawing = SamplerConfig(
+            split="all", ratio=choice.ratio, seed=config.seed
+        )  # they are selected already
+        return Sampler(tasks, drawing).draw(choice.count)
     if choice.spread:
-        tasks = draw_spread(tasks, choice.count, config.seed, key=lambda task: task.website)
-    else:
-        tasks = draw(tasks, choice.count, config.seed)
-    return replace(found, tasks=tasks)
+        return draw_spread(tasks, choice.count, config.seed, key=lambda task: brand_or_text(task.website))
+    return draw(tasks, choice.count, config.seed)
 
 
 async def collect(
@@ -183,7 +210,13 @@ async def collect(
         config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
     config = resolved(config, policy, tell)
     chosen = choose_tasks(config)
-    tasks = chosen.tasks
+    tasks, selected = chosen.tasks, chosen.selected
+    refuse_unjudgeable(config.judge, tasks)
+    # As it came out, for the record: what a set without splits was taken as, which subdomains were drawn.
+    update = {"split": selected.split, "without": selected.without}
+    config = config.model_copy(update={"tasks": config.tasks.model_copy(update=update)})
+    if told := selected.told():
+        _say(tell, f"{len(selected.tasks):,} tasks to draw from, split {selected.split!r}; left out: {told}")
     for line in chosen.broken:
         _say(tell, f"skipped {line}")
     if aside := chosen.set_aside:
@@ -231,6 +264,7 @@ async def resume(
     if server is not None:
         config = config.model_copy(update={"server": server})
     tasks = reader.drawn
+    refuse_unjudgeable(config.judge, tasks)
     async with (
         await RunWriter.reopen(out, skip_corrupt=skip_corrupt) as store,
         _company(config, secrets or Secrets(), tasks, policy, tell) as company,
@@ -317,10 +351,10 @@ async def _company(
         choice.name, mistake_rate=choice.mistakes, chat=choice.chat, profile=profile
     )
     async with (
+        open_judge(config.judge) as judge,
         _sites(config, secrets, tasks) as (backstage, allowed),
         _browsers(config, secrets, allowed, tell) as client,
         Agent(policy, config.agent, profile) as agent,
-        open_judge(config.judge) as judge,
     ):
         yield _Company(backstage, client, agent, judge)
 

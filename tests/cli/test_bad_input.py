@@ -100,7 +100,7 @@ def test_a_broken_line_is_named_and_the_rest_runs(tmp_path: Path, calls: Calls) 
     file, settings = tmp_path / "tasks.jsonl", tmp_path / "run.yaml"
     write_tasks(file, tasks(2))
     file.write_bytes(file.read_bytes() + b'{"id": "half", "instr\n')
-    settings.write_text(yaml.safe_dump({"sites": SITES}))
+    settings.write_text(yaml.safe_dump({"sites": SITES, "tasks": {"split": "all"}}))
     code, said = calls.run(
         "rollout", "--config", settings, "--tasks", file, "--out", tmp_path / "run", "--no-report"
     )
@@ -116,9 +116,28 @@ def without_truth(path: Path) -> Path:
     return path
 
 
+JUDGE = ("--split", "all", "--judge-base-url", "http://127.0.0.1:9/v1", "--judge-model", "m")
+
+
+def test_a_judge_that_cannot_judge_the_tasks_is_refused_before_anything_starts(
+    tmp_path: Path, calls: Calls
+) -> None:
+    mixed = [msgspec.structs.replace(task, split=None) for task in tasks(3)]
+    mixed[1] = msgspec.structs.replace(mixed[1], truth=None)
+    write_tasks(tmp_path / "tasks.jsonl", mixed)
+    options = ("--tasks", tmp_path / "tasks.jsonl", "--out", tmp_path / "run")
+    for verb in ("rollout", "eval"):
+        code, said = calls.run(verb, *options, WEBGYM_BROWSER=str(tmp_path / "no-browser"))
+        assert code == 2
+        line = one_line(said)
+        assert f"cannot judge 1 of 3 tasks: {mixed[1].id} has no hidden truth" in line
+        assert "--judge-base-url" in line
+    assert not (tmp_path / "run").exists()
+
+
 def test_an_unreachable_server(tmp_path: Path, calls: Calls) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
-    options = ("--tasks", file, "--out", tmp_path / "run", "--server", "http://127.0.0.1:9")
+    options = ("--tasks", file, "--out", tmp_path / "run", "--server", "http://127.0.0.1:9", *JUDGE)
     code, said = calls.run("rollout", *options, WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "127.0.0.1:9" in one_line(said)
@@ -128,7 +147,7 @@ def test_an_unreachable_server(tmp_path: Path, calls: Calls) -> None:
 async def test_a_wrong_token(tmp_path: Path, commands: Commands) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
     async with running_server(ServerConfig(slots=1)) as server:
-        options = ("--tasks", file, "--out", tmp_path / "run", "--server", server.url)
+        options = ("--tasks", file, "--out", tmp_path / "run", "--server", server.url, *JUDGE)
         code, said = await asyncio.to_thread(commands.run, "rollout", *options, WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "token" in one_line(said)
@@ -159,7 +178,11 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 async def test_a_full_disk_stops_the_run_and_what_was_counted_stays(tmp_path: Path, small_disk: Path) -> None:
     write_tasks(tmp_path / "tasks.jsonl", tasks(12))
     settings = RunConfig.model_validate(
-        {"tasks": {"file": tmp_path / "tasks.jsonl"}, "sites": SITES, "collector": {"sessions": 2}}
+        {
+            "tasks": {"file": tmp_path / "tasks.jsonl", "split": "all"},
+            "sites": SITES,
+            "collector": {"sessions": 2},
+        }
     )
     with pytest.raises((StoreFull, ExceptionGroup)) as caught:
         await collect(settings, small_disk / "run")
@@ -186,7 +209,7 @@ async def endpoint_stops_the_run(tmp_path: Path, endpoint: Endpoint, behaviour: 
     }
     settings = RunConfig.model_validate(
         {
-            "tasks": {"file": tmp_path / "tasks.jsonl"},
+            "tasks": {"file": tmp_path / "tasks.jsonl", "split": "all"},
             "policy": {"name": "openai", "chat": chat},
             "sites": SITES,
             "collector": {"sessions": 2, "give_up_after": 4},

@@ -34,7 +34,7 @@ def settings(tmp_path: Path) -> Path:
     write_tasks(tmp_path / "tasks.jsonl", tasks)
     held = {
         "retries": 3,
-        "tasks": {"file": str(tmp_path / "tasks.jsonl")},
+        "tasks": {"file": str(tmp_path / "tasks.jsonl"), "split": "all"},
         "sites": {"per_family": 3},
         "collector": {"sessions": 3},
     }

@@ -91,7 +91,7 @@ async def make_run(path: Path) -> Path:
     write_tasks(path / "tasks.jsonl", draw((task for host in hosts for task in web.tasks_of(host)), 6, 5))
     config = RunConfig(
         sites=SITES,
-        tasks=TaskChoice(file=path / "tasks.jsonl"),
+        tasks=TaskChoice(file=path / "tasks.jsonl", split="all"),
         policy=PolicyChoice(mistakes=0.5),
         collector=CollectorConfig(sessions=3),
         retries=0,

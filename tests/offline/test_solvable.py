@@ -39,7 +39,7 @@ async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path) -> N
     assert len(tasks) == PER_FAMILY * 8
     write_tasks(tmp_path / "tasks.jsonl", tasks)
     config = RunConfig(
-        tasks=TaskChoice(file=tmp_path / "tasks.jsonl"),
+        tasks=TaskChoice(file=tmp_path / "tasks.jsonl", split="all"),
         policy=PolicyChoice(name="scripted"),
         sites=SitesConfig(latency=0),
         collector=CollectorConfig(sessions=4, straggler_share=1.0),

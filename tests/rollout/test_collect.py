@@ -35,7 +35,7 @@ SITES = SitesConfig(per_family=3, latency=0, slow_seconds=0.5)
 def config(file: Path | None = None, **changes: Any) -> RunConfig:
     settings: dict[str, Any] = {
         "sites": SITES,
-        "tasks": TaskChoice(file=file),
+        "tasks": TaskChoice(file=file, split="all"),
         "collector": CollectorConfig(sessions=3),
     }
     return RunConfig(**settings | changes)

@@ -31,6 +31,14 @@ Tasks: TypeAlias = Annotated[
         show_default=False,
     ),
 ]
+SplitOf: TypeAlias = Annotated[
+    str | None,
+    typer.Option(
+        "--split",
+        help="train, test, all, or unsplit (tasks that do not say).",
+        show_default="train; every task where none says its split",
+    ),
+]
 Samples: TypeAlias = Annotated[
     int | None, typer.Option("--samples", min=1, help="Attempts per task.", show_default="1")
 ]

@@ -35,8 +35,8 @@ def command(
     split: str | None = typer.Option(
         None,
         "--split",
-        help="train, test or all.",
-        show_default="test; all where the tasks do not say their split",
+        help="train, test, all, or unsplit (tasks that do not say); whatever --config says.",
+        show_default="test; every task where none says its split",
     ),
     limit: int | None = typer.Option(
         None, "--limit", min=1, help="Draw so many tasks, from all websites in turn.", show_default=False
@@ -108,7 +108,7 @@ def command(
         overrides: dict[str, Any] = {
             "seed": seed,
             "samples": samples,
-            "tasks": {"file": tasks, "count": limit, "spread": True, "split": _split(split, tasks)},
+            "tasks": {"file": tasks, "count": limit, "spread": True, "split": split or "test"},
             "attempt": _budgets(budget),
             "agent": {"profile": profile, "mode": options.mode_of(marks)},
             "collector": {"sessions": sessions},
@@ -159,19 +159,6 @@ def _tell(
         for note in notes(one):
             name = f"{one.run}: " if len(found) > 1 else ""
             console.print(f"{name}{note}", highlight=False, soft_wrap=True, markup=False)
-
-
-def _split(asked: str | None, tasks: Path | None) -> str | None:
-    """Which split is attempted: the test split, unless the tasks do not say which they are of."""
-    if asked not in (None, "train", "test", "all"):
-        raise ConfigError(f"there is no split {asked!r}", hint="choose train, test or all")
-    if asked is not None:
-        return None if asked == "all" else asked
-    if tasks is None:
-        return "test"
-    from webgym.tasks import read_tasks
-
-    return "test" if any(task.split for task in read_tasks(tasks).tasks) else None
 
 
 def _budgets(told: str | None) -> dict[str, int]:

@@ -111,7 +111,7 @@ def judge_a_run(
     from webgym.cli._judge import judge_choice, own_choice
     from webgym.cli._judging import print_account, showing, spent_since
     from webgym.cli._run import run as run_job
-    from webgym.judge.factory import open_judge
+    from webgym.judge.factory import open_judge, refuse_unjudgeable
     from webgym.llm import Ledger, Prices, ReplyCache
     from webgym.rollout.files import VERDICTS, disk_errors
     from webgym.rollout.rejudge import RejudgeConfig, judge_run, verdicts_of
@@ -137,6 +137,7 @@ def judge_a_run(
         without_rubric=without_rubric,
         default=own_choice(RunReader(run).config),
     )
+    refuse_unjudgeable(choice, list(RunReader(run).tasks.values()))
     known = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
     settings = RejudgeConfig(judges=concurrency, limit=limit, again=again)
 

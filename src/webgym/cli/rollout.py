@@ -14,7 +14,7 @@ def command(
     resume: options.Resume = None,
     config: options.Config = None,
     tasks: options.Tasks = None,
-    split: str | None = typer.Option(None, "--split", help="train or test.", show_default=False),
+    split: options.SplitOf = None,
     limit: int | None = typer.Option(None, "--limit", min=1, help="Draw so many tasks.", show_default=False),
     samples: options.Samples = None,
     sessions: options.Sessions = None,

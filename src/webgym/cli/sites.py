@@ -140,7 +140,7 @@ def check(
         folder = out or Path(scratch) / "run"
         config = RunConfig(
             retries=0,
-            tasks=TaskChoice(file=file),
+            tasks=TaskChoice(file=file, split="all"),
             policy=PolicyChoice(name="scripted", mistakes=0.0),
             agent=AgentConfig(mode="marks" if marks else "coordinates"),
             sites=SitesConfig(collection=collection_name(collection), latency=latency),

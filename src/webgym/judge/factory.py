@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Final
@@ -10,10 +10,11 @@ from typing import Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.errors import ConfigError
+from webgym.core.task import Task
 from webgym.judge.base import Judge
 from webgym.judge.config import STAGES, JudgeConfig, PanelConfig, Stage, StageConfig
 from webgym.judge.custom import load_judge
-from webgym.judge.offline import OfflineJudge
+from webgym.judge.offline import OfflineJudge, what_is_missing
 from webgym.judge.panel import Panel
 from webgym.judge.rubric import RubricJudge
 from webgym.judge.without_rubric import WithoutRubric
@@ -46,6 +47,47 @@ class JudgeChoice(BaseModel):
     """Judge the task as a whole, for comparison; not for the offline judge, which knows truths by fact."""
 
 
+def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:
+    """Refuse a judge that cannot judge these tasks, before anything is spent on attempting them.
+
+    Args:
+        choice: of the judge.
+        tasks: that it is to judge. Whether a function of one's own can is its own affair.
+
+    Raises:
+        ConfigError: there is no such judge, it lacks what it needs, or it cannot judge some of the tasks;
+            counts them and names one.
+    """
+    _check(choice)
+    if choice.name != "offline":
+        return
+    lacking = [(task, why) for task in tasks if (why := what_is_missing(task))]
+    if lacking:
+        count, of, (first, why) = len(lacking), len(tasks), lacking[0]
+        raise ConfigError(
+            f"the offline judge cannot judge {count:,} of {of:,} tasks: {first.id} {why}",
+            hint="give a rubric judge (--judge-base-url and --judge-model), or leave these tasks out",
+        )
+
+
+def _check(choice: JudgeChoice) -> None:
+    """That there is such a judge, with what it needs."""
+    if choice.name == "offline":
+        if choice.without_rubric:
+            raise ConfigError("the offline judge cannot judge without rubric", hint="choose another judge")
+    elif choice.name == "rubric":
+        if choice.rubric is None:
+            raise ConfigError(
+                "the rubric judge does not know its endpoint", hint="give its base URL and model"
+            )
+    elif ":" in choice.name:
+        load_judge(choice.name)
+    else:
+        raise ConfigError(
+            f"there is no judge {choice.name!r}", hint=f"choose one of {', '.join(JUDGE_NAMES)}"
+        )
+
+
 @asynccontextmanager
 async def open_judge(
     choice: JudgeChoice, *, cache: ReplyCache | None = None, ledger: Ledger | None = None
@@ -60,8 +102,7 @@ async def open_judge(
     Raises:
         ConfigError: there is no such judge, or it lacks what it needs.
     """
-    if choice.without_rubric and choice.name == "offline":
-        raise ConfigError("the offline judge cannot judge without rubric", hint="choose another judge")
+    _check(choice)
     async with _opened(choice, cache, ledger) as judge:
         yield WithoutRubric(judge) if choice.without_rubric else judge
 
@@ -72,21 +113,13 @@ async def _opened(
 ) -> AsyncIterator[Judge]:
     if choice.name == "offline":
         yield OfflineJudge()
-    elif choice.name == "rubric":
-        if choice.rubric is None:
-            raise ConfigError(
-                "the rubric judge does not know its endpoint", hint="give its base URL and model"
-            )
+    elif choice.rubric is not None and choice.name == "rubric":
         async with AsyncExitStack() as stack:
             if cache is None and choice.cache is not None:
                 cache = await stack.enter_async_context(ReplyCache(choice.cache))
             yield await _rubric(choice.rubric, choice.panel, stack, cache, ledger or Ledger(cache))
-    elif ":" in choice.name:
-        yield load_judge(choice.name)
     else:
-        raise ConfigError(
-            f"there is no judge {choice.name!r}", hint=f"choose one of {', '.join(JUDGE_NAMES)}"
-        )
+        yield load_judge(choice.name)
 
 
 async def _rubric(

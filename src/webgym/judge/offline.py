@@ -35,6 +35,17 @@ class _View:
     text: str
 
 
+def what_is_missing(task: Task) -> str:
+    """Why the offline judge cannot judge a task; empty if it can."""
+    if task.truth is None:
+        return "has no hidden truth, as only the offline web's tasks have"
+    known = {(fact.group, fact.index) for fact in task.truth.facts if fact.evidence or fact.state}
+    for group, index, _ in task.rubric.facts():
+        if (group.id, index) not in known:
+            return f"has a truth that knows nothing about fact {group.id}.{index}"
+    return ""
+
+
 class OfflineJudge:
     """Judges tasks that carry a :class:`webgym.core.truth.Truth`."""
 

@@ -13,6 +13,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
 from webgym.core.trajectory import Step, Trajectory
 from webgym.rollout.rates import Interval, Successes
+from webgym.tasks.selection import splits_in
 
 UNKNOWN = "unknown"
 """Domain and website of a trajectory whose task the run does not hold."""
@@ -91,6 +92,7 @@ class Summary(TypedDict):
         policy, judge: names; several are joined by commas. Empty if there was none.
         seed: of the run.
         tasks: how many different tasks were attempted.
+        split: of these tasks: ``train``, ``test``, ``unsplit`` or several, as the tasks themselves say.
         started_at: Unix time of the first attempt, seconds; ``None`` if there is none.
         step_milliseconds: what an agent waits for between its reply and the next look at the page.
         operation_milliseconds: per operation of the browser server, as it measured, and ``policy`` (one
@@ -114,6 +116,7 @@ class Summary(TypedDict):
     judge: str
     seed: int | None
     tasks: int
+    split: str
     started_at: float | None
     step_milliseconds: Quantiles
     operation_milliseconds: dict[str, Quantiles]
@@ -301,6 +304,7 @@ class Tally:
             "judge": ", ".join(self._judges) if judge is None else judge,
             "seed": seed,
             "tasks": len(self._attempted),
+            "split": splits_in(self._tasks[id] for id in self._attempted if id in self._tasks),
             "started_at": min((start for start, _ in self._spans), default=None),
             "step_milliseconds": quantiles(self._waits),
             "operation_milliseconds": {

@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final, cast
+from typing import Any, BinaryIO, Final, Literal, cast
 
 import msgspec
 from msgspec.structs import replace
@@ -201,8 +201,10 @@ def _compressed(path: Path, file: BinaryIO, stack: ExitStack) -> BinaryIO:
     return file
 
 
-def read_lines(lines: Iterable[bytes], file: Path, found: Findings) -> None:
-    """Read WebGym's own JSON lines.
+def read_lines(
+    lines: Iterable[bytes], file: Path, found: Findings, split: Literal["train", "test"] | None = None
+) -> None:
+    """Read WebGym's own JSON lines. Tasks that say no split are of the given one.
 
     Survives a byte-order mark, carriage returns, empty lines and a last line without an end.
     """
@@ -212,10 +214,12 @@ def read_lines(lines: Iterable[bytes], file: Path, found: Findings) -> None:
             task = decode(line)
         except (ValueError, RecursionError) as error:  # msgspec's errors and broken UTF-8 are ValueErrors
             if number == 1 and line.startswith(BYTE_ORDER_MARK):
-                read_lines([line.removeprefix(BYTE_ORDER_MARK)], file, found)
+                read_lines([line.removeprefix(BYTE_ORDER_MARK)], file, found, split)
             elif line.strip():
                 found.skip(file, number, error)
             continue
+        if split is not None and task.split is None:
+            task = replace(task, split=split)
         found.add(file, number, task)
 
 

@@ -47,7 +47,7 @@ def read_tasks(path: Path) -> TaskFile:
     """Read a task file, or the task files of a folder, in any format.
 
     A broken record is reported and skipped, and a task without a fact to judge is set aside; the rest loads.
-    In the published format, the split is told by the file's name.
+    Tasks that do not say their split are of the one that the file's name tells, ``train`` or ``test``.
 
     Raises:
         TaskFileError: it cannot be read, or holds no task at all.
@@ -113,7 +113,7 @@ def _read(path: Path, found: Findings) -> None:
         if is_published:
             read_published(lines, path, split_of(path), found)
         else:
-            read_lines(lines, path, found)
+            read_lines(lines, path, found, split_of(path))
 
 
 def _write(path: Path, tasks: Iterable[Task], format: Format) -> int:

@@ -12,10 +12,9 @@ dealt to its end over as many draws as that takes, and shuffled again. Weights (
 from __future__ import annotations
 
 import hashlib
-import math
 import random
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cached_property
 from itertools import zip_longest
 from typing import Any, Final, TypeAlias, TypeVar
@@ -23,12 +22,13 @@ from typing import Any, Final, TypeAlias, TypeVar
 import numpy as np
 from numpy.random import PCG64, Generator
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from webgym.core.errors import ConfigError, NothingToDraw
 from webgym.core.task import LEVELS, Level, Task
 from webgym.core.websites import site_of, site_or_text
-from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
+from webgym.tasks.brands import brand_or_text
+from webgym.tasks.selection import Selection, select
 
 T = TypeVar("T")
 
@@ -38,32 +38,20 @@ Weigh: TypeAlias = "Callable[[Deck], NDArray[np.float64]]"
 _ALL: Final = "all"
 
 
-class SamplerConfig(BaseModel):
-    """Which tasks are drawn, and in which shares."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
+class SamplerConfig(Selection):
+    """Which tasks are drawn, in which shares and in which order."""
 
     seed: int = 0
     """Of every shuffle."""
-    ratio: dict[Level, float] | None = None
-    """Shares of the levels, such as 2:1:1; a level that is not named is not drawn. ``None`` draws from all
-    tasks alike. Over many draws the shares are exact to one task."""
-    domains: tuple[str, ...] = ()
-    """Draw from these domains and subdomains alone; from all if empty."""
-    without: tuple[str, ...] = ()
-    """Domains and subdomains that are not drawn from."""
     shard: int = Field(default=0, ge=0)
     """Which worker this is, from 0. Workers with the same seed and tasks draw from disjoint parts."""
     shards: int = Field(default=1, ge=1)
     """How many workers there are; together they have all tasks."""
 
     @model_validator(mode="after")
-    def _check(self) -> SamplerConfig:
+    def _check_shard(self) -> SamplerConfig:
         if self.shard >= self.shards:
             raise ValueError(f"there is no shard {self.shard} of {self.shards}: they count from 0")
-        shares = [1.0] if self.ratio is None else list(self.ratio.values())
-        if not all(0 <= share < math.inf for share in shares) or not any(shares):
-            raise ValueError("a ratio needs a share above 0, and none below")
         return self
 
 
@@ -91,12 +79,20 @@ class Deck:
         return {task.id: place for place, task in enumerate(self.tasks)}
 
     @cached_property
-    def sites(self) -> list[str]:
-        """The website of each task, as :func:`site_of` names it."""
-        return [site_or_text(task.website) for task in self.tasks]
+    def brands(self) -> list[str]:
+        """The brand that the website of each task is of."""
+        return [brand_or_text(task.website) for task in self.tasks]
 
-    def deal(self, count: int, blocked: set[str], weigh: Weigh | None) -> list[Task]:
-        """The next tasks, those on blocked websites passed over until the next shuffle.
+    def deal(
+        self, count: int, blocked: Collection[str], passed_over: Counter[str], weigh: Weigh | None
+    ) -> list[Task]:
+        """The next tasks, those on blocked websites passed over until the next shuffle; test tasks never are.
+
+        Args:
+            count: how many.
+            blocked: websites.
+            passed_over: counts the tasks passed over, by website.
+            weigh: how likely each is to come next.
 
         Raises:
             NothingToDraw: all of them are passed over.
@@ -106,10 +102,11 @@ class Deck:
         while len(dealt) < count:
             order = self._order if self._order is not None else self._shuffle(weigh)
             hand = order[self.position : self.position + count - len(dealt)]
-            tasks = [self.tasks[place] for place in hand]
-            if blocked:
-                tasks = [task for task in tasks if site_or_text(task.website) not in blocked]
-            dealt += tasks
+            for task in map(self.tasks.__getitem__, hand):
+                if blocked and task.split != "test" and (site := site_or_text(task.website)) in blocked:
+                    passed_over[site] += 1
+                else:
+                    dealt.append(task)
             self.position += len(hand)
             if self.position == len(order):
                 if whole and len(dealt) == before:
@@ -146,8 +143,11 @@ class Sampler:
     """Draws tasks without replacement until there are none left, and then begins again.
 
     Args:
-        tasks: the whole set, in the same order for every worker and after every restart.
+        tasks: the whole set, in the same order for every worker and after every restart. Only its training
+            tasks are drawn, unless the config names another split (:mod:`webgym.tasks.selection`).
         config: which of them, and in which shares.
+        blocked: names websites that nothing is drawn from for now, and is asked before every draw: a
+            blocklist whose entries expire (:meth:`webgym.rollout.blocklist.Blocklist.blocked`).
         weigh: what should come early; asked anew for every pass through the tasks.
         anew: draw every time from all tasks, not from those that are left; for weights that change with what
             happened since. A task may then come again in the next draw, but not in the same.
@@ -161,6 +161,7 @@ class Sampler:
         tasks: Sequence[Task],
         config: SamplerConfig | None = None,
         *,
+        blocked: Callable[[], Collection[str]] = tuple,
         weigh: Weigh | None = None,
         anew: bool = False,
     ) -> None:
@@ -168,7 +169,18 @@ class Sampler:
         self._weigh = weigh
         self._anew = anew
         self._blocked: set[str] = set()
+        self._blocked_for_now = blocked
         self._draws = 0
+        self.passed_over: Counter[str] = Counter()
+        """Tasks that the last draw passed over because their website is blocked, by website."""
+        self.selected = select(tasks, self.config)
+        """What is drawn from."""
+        if not self.selected.tasks:
+            raise NothingToDraw(
+                f"there is no task to draw among {len(tasks):,}: {self.selected.told()}",
+                hint="choose another split or more domains",
+            )
+        tasks = self.selected.tasks
         names = "\n".join(task.id for task in tasks)
         settings = self.config.model_dump_json()
         self._of = hashlib.blake2b(f"{settings}\n{names}".encode(), digest_size=8).hexdigest()
@@ -193,14 +205,18 @@ class Sampler:
     def draw(self, count: int) -> list[Task]:
         """The next tasks, levels mixed. A task comes twice only if a pass ends within the draw.
 
+        Test tasks are drawn whatever is blocked: a test set stays the same set.
+
         Raises:
             NothingToDraw: every task that there is to draw from is blocked.
         """
         batch: list[Task] = []
+        blocked = self._blocked.union(self._blocked_for_now())
+        self.passed_over = Counter()
         for deck, quota in zip(self._decks, self._quotas(count), strict=True):
             if self._anew and deck.position:
                 deck.next_epoch()
-            batch += deck.deal(quota, self._blocked, self._weigh)
+            batch += deck.deal(quota, blocked, self.passed_over, self._weigh)
         order = _rng(self.config.seed, "mix", self._draws).random(count).argsort(kind="stable")
         self._draws += 1
         return [batch[place] for place in order]
@@ -269,11 +285,12 @@ def near_success(
 
 
 def spread_websites(power: float = 1.0) -> Weigh:
-    """Diversity: a website with n tasks comes as if it had n^(1 - power) of them: with 1, as if one."""
+    """Diversity: a brand with n tasks, on however many websites, comes as if it had n^(1 - power) of them:
+    with 1, as if one."""
 
     def weigh(deck: Deck) -> NDArray[np.float64]:
-        sizes = Counter(deck.sites)
-        return np.array([sizes[site] for site in deck.sites], dtype=float) ** -power
+        sizes = Counter(deck.brands)
+        return np.array([sizes[brand] for brand in deck.brands], dtype=float) ** -power
 
     return weigh
 
@@ -292,20 +309,10 @@ def parse_ratio(text: str) -> dict[Level, float]:
 
 
 def _decks(tasks: Sequence[Task], config: SamplerConfig) -> list[Deck]:
-    wanted, unwanted = {*config.domains}, {*config.without}
-    if wanted or unwanted:
-        known = {name for task in tasks for name in (task.domain, task.subdomain)}
-        if unknown := (wanted | unwanted).difference(DOMAINS, DOMAIN_OF, known):
-            hint = f"the domains are {', '.join(DOMAINS)}"
-            raise ConfigError(f"there is no domain {min(unknown)!r}", hint=hint)
     strata: dict[str, list[Task]] = {level: [] for level in LEVELS} if config.ratio else {_ALL: []}
     for task in tasks:
-        names = (task.domain, task.subdomain)
-        if (not wanted or not wanted.isdisjoint(names)) and unwanted.isdisjoint(names):
-            strata[task.level if config.ratio else _ALL].append(task)
+        strata[task.level if config.ratio else _ALL].append(task)
     if not config.ratio:
-        if not strata[_ALL]:
-            raise NothingToDraw(f"there is no task to draw among {len(tasks):,}", hint="choose more domains")
         return [_shard(_ALL, strata[_ALL], config)]
     found = ", ".join(f"{len(members):,} {level}" for level, members in strata.items())
     decks = []

@@ -1,8 +1,10 @@
 """Training and test tasks that share no website (paper §3; SYSTEM.md 1.5).
 
-Every test task is from a website of its own (:func:`webgym.core.websites.site_of`: the registrable domain
-decides), and no training task is on any of these websites. Families stay together: whatever descends from a
-test task, or from a task on a test website, is no training task, wherever it is itself.
+Every test task is from a website of its own, and no training task is on any of these websites. What counts as
+one website here is a brand under whatever suffix (:mod:`webgym.tasks.brands`): a policy that has trained on
+``amazon.de`` has seen ``amazon.com``. Families stay together: whatever descends from a test task, or from a
+task on a test website, is no training task, wherever it is itself.
+:func:`refuse_leaks` holds a trainer to it.
 
 Which tasks become test tasks is decided by hashes of their ids and websites, so that more tasks in the list
 move no more test tasks than they must.
@@ -19,10 +21,11 @@ from typing import Literal, TypeAlias
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
-from webgym.core.errors import TooFewWebsites
+from webgym.core.errors import ConfigError, TooFewWebsites
 from webgym.core.task import Task
-from webgym.core.websites import site_of
+from webgym.core.websites import site_or_text
 from webgym.tasks.balance import balanced
+from webgym.tasks.brands import brand_of
 from webgym.tasks.families import roots_of
 from webgym.tasks.files import collector_paused
 
@@ -49,7 +52,8 @@ class LeftOut:
 
     Attributes:
         id: of the task.
-        website: that it is on, as :func:`site_of` names it; as the task does, if that names none.
+        website: that it is on, as :func:`~webgym.core.websites.site_of` names it; as the task does, if that
+            names none.
         why: it, or an ancestor, is on a "test website"; it belongs to a "test family", whose member is a test
             task; or "no website" can be told.
     """
@@ -119,13 +123,81 @@ def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
         else:
             kept.append(msgspec.structs.replace(task, split="train"))
             continue
-        left_out.append(LeftOut(task.id, site or task.website, why))
+        left_out.append(LeftOut(task.id, site_or_text(task.website), why))
     return Split(kept, left_out, Counter((task.level, task.domain) for task in kept if task.split == "test"))
 
 
+@dataclass(frozen=True, slots=True)
+class Leak:
+    """A task that must not be trained on.
+
+    Attributes:
+        task: the task.
+        of: id of the test task that it gives away; its own if it is one.
+        why: it is a "test task", it or an ancestor is on a "test website", or it belongs to a "test family".
+    """
+
+    task: Task
+    of: str
+    why: Literal["test task", "test website", "test family"]
+
+    def __str__(self) -> str:
+        if self.why == "test task":
+            return f"{self.task.id} is a test task"
+        shared = "the website" if self.why == "test website" else "the family"
+        return (
+            f"{self.task.id} on {site_or_text(self.task.website)} shares {shared} of the test task {self.of}"
+        )
+
+
+def leaks(tasks: Sequence[Task], test: Sequence[Task]) -> list[Leak]:
+    """Which of the tasks would let a policy train on what it is tested on.
+
+    Websites are compared by brand (:func:`webgym.tasks.brands.brand_of`), which rather takes two websites for
+    one than one for two.
+
+    Args:
+        tasks: to train on, with or without a split. One whose split is test is a leak by itself.
+        test: what is tested on.
+    """
+    test_ids = {task.id for task in test}
+    test_on = {site: task.id for task in reversed(test) if (site := _site(task)) is not None}
+    roots = roots_of([*tasks, *test])
+    site_of_root = {task.id: _site(task) for task in tasks if task.parent_id is None}
+    test_of = {roots.get(task.id, task.id): task.id for task in reversed(test)}
+    found = []
+    for task in tasks:
+        root = roots.get(task.id, task.id)
+        if task.id in test_ids or task.split == "test":
+            found.append(Leak(task, task.id, "test task"))
+        elif (of := test_on.get(_site(task) or "") or test_on.get(site_of_root.get(root) or "")) is not None:
+            found.append(Leak(task, of, "test website"))
+        elif (of := test_of.get(root)) is not None:
+            found.append(Leak(task, of, "test family"))
+    return found
+
+
+def refuse_leaks(tasks: Sequence[Task], test: Sequence[Task]) -> None:
+    """Refuse to train on tasks that give away what is tested on; the guard of whatever trains.
+
+    Args:
+        tasks: to train on.
+        test: what is tested on.
+
+    Raises:
+        ConfigError: there is a leak (:func:`leaks`); counts them and names one.
+    """
+    if found := leaks(tasks, test):
+        raise ConfigError(
+            f"{len(found):,} of {len(tasks):,} tasks must not be trained on: {found[0]}",
+            hint="train on the training split alone; webgym tasks validate names every offender",
+        )
+
+
 def _site(task: Task) -> str | None:
+    """What the split takes for the task's website; ``None`` if it names none."""
     try:
-        return site_of(task.website)
+        return brand_of(task.website)
     except ValueError:
         return None
 

@@ -9,8 +9,9 @@ from typing import Final, Literal, TypeAlias
 
 from webgym.core.task import Task
 from webgym.core.websites import site_of, site_or_text
-from webgym.tasks.families import roots_of
+from webgym.tasks.brands import brand_or_text
 from webgym.tasks.published import DIFFICULTY_DIFFERS
+from webgym.tasks.split import leaks
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 
 Rule: TypeAlias = Literal[
@@ -96,7 +97,7 @@ def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
         by_id.setdefault(task.id, task)
     offenders = [*_each(tasks, sites), *_derived(tasks, sites, by_id)]
     if split:
-        offenders += _between(tasks, sites)
+        offenders += _between(tasks)
     order = {rule: place for place, rule in enumerate(RULES)}
     return Report(
         tasks=len(tasks),
@@ -144,25 +145,25 @@ def _what_domain(task: Task) -> str:
     return f"{task.subdomain!r} belongs to {DOMAIN_OF[task.subdomain]!r}, not to {task.domain!r}"
 
 
-def _between(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Offender]:
-    """What the two splits have in common."""
+def _between(tasks: Sequence[Task]) -> Iterator[Offender]:
+    """What the two splits have in common, websites compared by brand, as the split does."""
+    test = [task for task in tasks if task.split == "test"]
     test_on: dict[str, str] = {}
-    test_of: dict[str, str] = {}
-    roots = roots_of(tasks)
-    for task, site in zip(tasks, sites, strict=True):
-        if task.split == "test":
-            if site in test_on:
-                yield Offender("distinct", task.id, site, f"the test task {test_on[site]} is on it too")
-            test_on.setdefault(site, task.id)
-            test_of.setdefault(roots.get(task.id, task.id), task.id)
-    for task, site in zip(tasks, sites, strict=True):
+    for task in test:
+        brand, site = brand_or_text(task.website), site_or_text(task.website)
+        if brand in test_on:
+            yield Offender("distinct", task.id, site, f"the test task {test_on[brand]} is on it too")
+        test_on.setdefault(brand, task.id)
+    for task in tasks:
         if task.split is None:
-            yield Offender("split", task.id, site, "it is for neither training nor testing")
-        elif task.split == "train":
-            if site in test_on:
-                yield Offender("leak", task.id, site, f"the test task {test_on[site]} is on it")
-            if (relative := test_of.get(roots.get(task.id, task.id))) is not None:
-                yield Offender("family", task.id, site, f"the test task {relative} is of its family")
+            why = "it is for neither training nor testing"
+            yield Offender("split", task.id, site_or_text(task.website), why)
+    for leak in leaks([task for task in tasks if task.split == "train"], test):
+        site = site_or_text(leak.task.website)
+        if leak.why == "test website":
+            yield Offender("leak", leak.task.id, site, f"the test task {leak.of} is on it")
+        else:
+            yield Offender("family", leak.task.id, site, f"the test task {leak.of} is of its family")
 
 
 def _derived(tasks: Iterable[Task], sites: Iterable[str], by_id: Mapping[str, Task]) -> Iterator[Offender]:

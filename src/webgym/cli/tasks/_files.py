@@ -7,12 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Task
 from webgym.tasks import BrokenRecord, read_tasks
-from webgym.tasks.formats import split_of
 
 _NAMED = 5
 
@@ -50,11 +47,7 @@ def read_all(files: Iterable[Path]) -> Held:
     held = Held([], [], [])
     for path in files:
         found = read_tasks(path)
-        split = split_of(path)
-        held.tasks.extend(
-            msgspec.structs.replace(task, split=split) if split is not None and task.split is None else task
-            for task in found.tasks
-        )
+        held.tasks.extend(found.tasks)
         held.broken.extend(found.broken)
         held.set_aside.extend(found.set_aside)
     return held

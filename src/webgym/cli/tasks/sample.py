@@ -15,13 +15,25 @@ def sample(
     files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
     count: int = typer.Option(1_024, "--count", min=1, help="Tasks to draw."),
     out: Path | None = typer.Option(None, "--out", help="Task file to write.", show_default="print the ids"),
-    split: str | None = typer.Option("train", "--split", help="train, test or all."),
+    split: str = typer.Option(
+        "train", "--split", help="train, test, all, or unsplit (tasks that do not say)."
+    ),
     ratio: str | None = typer.Option(
         None, "--ratio", help="Shares of easy:medium:hard, such as 2:1:1.", show_default="as they come"
     ),
     domain: list[str] = typer.Option([], "--domain", help="Draw from this domain or subdomain. Repeatable."),
     without: list[str] = typer.Option([], "--without", help="Do not draw from this one. Repeatable."),
+    without_share: float = typer.Option(
+        0.0, "--without-share", min=0.0, help="Nor from this share of the subdomains, chosen at random."
+    ),
+    without_seed: int = typer.Option(0, "--without-seed", help="Of that choice."),
     block: list[str] = typer.Option([], "--block", help="Draw nothing from this website. Repeatable."),
+    blocklist: Path | None = typer.Option(
+        None, "--blocklist", help="Nor from websites that this file of a run's `blocklist` holds."
+    ),
+    blocked_hours: float = typer.Option(
+        12.0, "--blocked-hours", min=0.0, help="How long they are left out after they blocked an attempt."
+    ),
     shard: str = typer.Option("0/1", "--shard", help="Which worker of how many, such as 0/4."),
     seed: int = typer.Option(0, "--seed", help="Of every shuffle."),
     state: Path | None = typer.Option(
@@ -40,22 +52,33 @@ def sample(
 
     from webgym.cli.tasks._files import with_own_ids
     from webgym.core.errors import ConfigError
+    from webgym.rollout.blocklist import Blocklist, BlocklistConfig
     from webgym.tasks import write_tasks
     from webgym.tasks.sampling import Sampler, near_success, spread_websites
 
     if spread and near:
         raise ConfigError("there are two ways of weighing", hint="give --spread-websites or --curriculum")
-    if split not in ("train", "test", "all"):
-        raise ConfigError(f"there is no split {split!r}", hint="give train, test or all")
-    tasks = [task for task in with_own_ids(files) if split == "all" or task.split in (None, split)]
     weigh: Weigh | None = spread_websites() if spread else None
     if near:
         weigh = near_success(_results(near), target=target)
-    config = _config(seed=seed, ratio=ratio, domains=domain, without=without, shard=shard)
-    sampler = Sampler(tasks, config, weigh=weigh, anew=bool(near))
+    choice = {
+        "split": split,
+        "domains": domain,
+        "without": without,
+        "without_share": without_share,
+        "without_seed": without_seed,
+    }
+    config = _config(choice, seed=seed, ratio=ratio, shard=shard)
+    held = Blocklist(BlocklistConfig(file=blocklist, hours=blocked_hours))
+    sampler = Sampler(with_own_ids(files), config, blocked=held.blocked, weigh=weigh, anew=bool(near))
+    if left_out := sampler.selected.told():
+        print(f"{len(sampler.selected.tasks):,} tasks to draw from; left out: {left_out}", file=sys.stderr)
     _restore(sampler, state)
     sampler.block(*map(_checked, block))
     drawn = sampler.draw(count)
+    if passed := sampler.passed_over:
+        told = f"{passed.total():,} tasks on {len(passed):,} blocked websites passed over"
+        print(told, file=sys.stderr)
     if out is not None:
         distinct = list({task.id: task for task in drawn}.values())
         write_tasks(out, distinct)
@@ -67,9 +90,7 @@ def sample(
     _keep(sampler, state)
 
 
-def _config(
-    *, seed: int, ratio: str | None, domains: list[str], without: list[str], shard: str
-) -> SamplerConfig:
+def _config(choice: dict[str, Any], *, seed: int, ratio: str | None, shard: str) -> SamplerConfig:
     from pydantic import ValidationError
 
     from webgym.core.errors import ConfigError
@@ -82,13 +103,14 @@ def _config(
         return SamplerConfig(
             seed=seed,
             ratio=parse_ratio(ratio) if ratio is not None else None,
-            domains=tuple(domains),
-            without=tuple(without),
             shard=int(number),
             shards=int(of),
+            **choice,
         )
     except ValidationError as error:
-        raise ConfigError(error.errors()[0]["msg"].removeprefix("Value error, ")) from error
+        first = error.errors()[0]
+        where = f"{first['loc'][0]}: " if first["loc"] else ""
+        raise ConfigError(where + first["msg"].removeprefix("Value error, ")) from error
 
 
 def _checked(website: str) -> str:

@@ -65,11 +65,16 @@ class TaskFile:
 
 @dataclass
 class Findings:
-    """What reading has found so far. An id counts once, whichever file it stands in."""
+    """What reading has found so far. An id counts once, whichever file it stands in.
+
+    Attributes:
+        split: of the tasks of the file that is being read which do not say theirs.
+    """
 
     tasks: dict[str, Task] = field(default_factory=dict)
     broken: list[BrokenRecord] = field(default_factory=list)
     set_aside: list[BrokenRecord] = field(default_factory=list)
+    split: Literal["train", "test"] | None = None
 
     def add(self, file: Path, line: int, task: Task) -> bool:
         """Take a task in, unless nobody can judge it or there is one of its id; whether it was taken."""
@@ -77,6 +82,8 @@ class Findings:
         if judged is None:
             self.set_aside.append(BrokenRecord(file, line, f"{task.id} has no fact to judge"))
             return False
+        if judged.split is None and self.split is not None:
+            judged = replace(judged, split=self.split)
         if self.tasks.setdefault(judged.id, judged) is judged:
             return True
         self.skip(file, line, f"a second task with the id {task.id!r}")
@@ -201,10 +208,8 @@ def _compressed(path: Path, file: BinaryIO, stack: ExitStack) -> BinaryIO:
     return file
 
 
-def read_lines(
-    lines: Iterable[bytes], file: Path, found: Findings, split: Literal["train", "test"] | None = None
-) -> None:
-    """Read WebGym's own JSON lines. Tasks that say no split are of the given one.
+def read_lines(lines: Iterable[bytes], file: Path, found: Findings) -> None:
+    """Read WebGym's own JSON lines.
 
     Survives a byte-order mark, carriage returns, empty lines and a last line without an end.
     """
@@ -214,12 +219,10 @@ def read_lines(
             task = decode(line)
         except (ValueError, RecursionError) as error:  # msgspec's errors and broken UTF-8 are ValueErrors
             if number == 1 and line.startswith(BYTE_ORDER_MARK):
-                read_lines([line.removeprefix(BYTE_ORDER_MARK)], file, found, split)
+                read_lines([line.removeprefix(BYTE_ORDER_MARK)], file, found)
             elif line.strip():
                 found.skip(file, number, error)
             continue
-        if split is not None and task.split is None:
-            task = replace(task, split=split)
         found.add(file, number, task)
 
 

@@ -101,6 +101,7 @@ def write_tasks(path: Path, tasks: Iterable[Task], *, format: Format | None = No
 
 
 def _read(path: Path, found: Findings) -> None:
+    found.split = split_of(path)
     with opened(path) as file:
         if file.peek(len(_PARQUET)).startswith(_PARQUET):
             from webgym.tasks.parquet import read_parquet  # pyarrow takes its time to import
@@ -113,7 +114,7 @@ def _read(path: Path, found: Findings) -> None:
         if is_published:
             read_published(lines, path, split_of(path), found)
         else:
-            read_lines(lines, path, found, split_of(path))
+            read_lines(lines, path, found)
 
 
 def _write(path: Path, tasks: Iterable[Task], format: Format) -> int:

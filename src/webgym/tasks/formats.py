@@ -101,7 +101,7 @@ def write_tasks(path: Path, tasks: Iterable[Task], *, format: Format | None = No
 
 
 def _read(path: Path, found: Findings) -> None:
-    found.split = split_of(path)
+    found.split = split_of(path)  # for WebGym's own formats; the published one has its own say
     with opened(path) as file:
         if file.peek(len(_PARQUET)).startswith(_PARQUET):
             from webgym.tasks.parquet import read_parquet  # pyarrow takes its time to import
@@ -112,6 +112,7 @@ def _read(path: Path, found: Findings) -> None:
         is_published = _is_published(file, begin)
         lines = chain(begin, file)
         if is_published:
+            found.split = None
             read_published(lines, path, split_of(path), found)
         else:
             read_lines(lines, path, found)

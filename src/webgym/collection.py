@@ -160,7 +160,8 @@ def choose_tasks(config: RunConfig) -> Chosen:
     if choice.file is None:
         sites = config.sites
         web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
-        found = TaskFile(list(web.tasks()), [])
+        one = choice.split if choice.split in ("train", "test") else None  # the rest need not be made
+        found = TaskFile(list(web.tasks(one)), [])
     else:
         found = read_tasks(choice.file)
     selected = select(found.tasks, choice, Blocklist(config.blocklist).blocked())
@@ -175,10 +176,8 @@ def choose_tasks(config: RunConfig) -> Chosen:
 def _drawn(tasks: list[Task], config: RunConfig) -> list[Task]:
     choice = config.tasks
     if choice.ratio is not None and choice.count is not None:
-        drawing = SamplerConfig(
-            split="all", ratio=choice.ratio, seed=config.seed
-        )  # they are selected already
-        return Sampler(tasks, drawing).draw(choice.count)
+        selected_already = SamplerConfig(split="all", ratio=choice.ratio, seed=config.seed)
+        return Sampler(tasks, selected_already).draw(choice.count)
     if choice.spread:
         return draw_spread(tasks, choice.count, config.seed, key=lambda task: brand_or_text(task.website))
     return draw(tasks, choice.count, config.seed)

@@ -172,6 +172,9 @@ def test_an_evaluation_from_end_to_end(tmp_path: Path, calls: Calls) -> None:
     assert "at most 12 / 20 / 40 steps" in said
     reader = RunReader(tmp_path / "run")
     assert all(task.split == "test" for task in reader.tasks.values())
+    assert reader.config["tasks"]["split"] == "test"  # said in the run, for whoever would train on it
+    assert reader.summary is not None
+    assert reader.summary["split"] == "test"
     assert reader.config["collector"]["straggler_share"] == 1.0
     assert reader.config["attempt"]["longest_seconds"] == 3600.0
 

@@ -11,6 +11,7 @@ from webgym.collection import RunConfig, TaskChoice, choose_tasks
 from webgym.core.errors import ConfigError, NothingToDraw
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.offline import OfflineWeb
+from webgym.offline.app import SitesConfig
 from webgym.tasks import read_tasks, write_tasks
 from webgym.tasks.files import write_lines
 from webgym.tasks.sampling import Sampler, SamplerConfig
@@ -69,7 +70,9 @@ def test_a_run_trains_on_training_tasks_alone_and_says_so(tmp_path: Path) -> Non
     chosen = choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / "set")))
     assert {each.id for each in chosen.tasks} == {each.id for each in GOOD}
     assert chosen.selected.split == "train"
-    assert {each.split for each in choose_tasks(RunConfig()).tasks} == {"train"}
+    assert {each.split for each in choose_tasks(RunConfig(sites=SitesConfig(per_family=2))).tasks} == {
+        "train"
+    }
     with pytest.raises(ConfigError, match="no task to attempt for the split 'train': 2 of the test split"):
         choose_tasks(RunConfig(tasks=TaskChoice(file=tmp_path / "set" / "test.jsonl")))
 
@@ -134,9 +137,10 @@ def test_what_is_blocked_is_left_out_of_training_until_it_expires_and_never_of_t
 
 
 def test_a_run_may_draw_by_ratio(tmp_path: Path) -> None:
-    choice = TaskChoice(ratio={"easy": 1.0}, count=30)
+    write_tasks(tmp_path / "set", SET)
+    choice = TaskChoice(file=tmp_path / "set", ratio={"easy": 1.0}, count=60)
     drawn = choose_tasks(RunConfig(tasks=choice)).tasks
-    assert len(drawn) == 30
-    assert {each.level for each in drawn} == {"easy"}
+    assert len(drawn) == 60
+    assert {each.id for each in drawn} == {each.id for each in GOOD}  # some twice
     with pytest.raises(ValueError, match="a ratio needs a count"):
         TaskChoice(ratio={"easy": 1.0})

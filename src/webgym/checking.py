@@ -5,15 +5,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import AsyncIterator, Iterable, Iterator, Mapping
+from urllib.parse import urlsplit
 
 import msgspec
 
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
+from webgym.core.text import fold, says
 from webgym.core.trajectory import Episode, Trajectory
+from webgym.core.truth import Evidence, Truth
 from webgym.judge import Judge
+from webgym.offline import OfflineWeb
+from webgym.offline.proofs import repeating_pages, typed_proofs
 
 
 def unexpected(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
@@ -29,6 +35,51 @@ def unexpected(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) ->
             yield f"{task.id}: {expected} after {len(episode.steps)} steps: {_why(trajectory)}"
     for task_id in tasks.keys() - seen:
         yield f"{task_id}: was not attempted"
+
+
+def typed(web: OfflineWeb, tasks: Iterable[Task]) -> Iterator[str]:
+    """A line for all that an agent could prove by typing it, on these tasks' websites."""
+    hosts: dict[str, None] = {}
+    for task in tasks:
+        assert task.truth is not None
+        hosts[task.truth.host] = None
+        yield from typed_proofs(task)
+    for host in hosts:
+        site = web.website(host)
+        assert site is not None
+        yield from repeating_pages(site)
+
+
+def cut_off(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
+    """A line for all evidence that a page holds and cuts off, wherever one scrolls. Needs ``record_cuts``."""
+    for trajectory in trajectories:
+        task = tasks[trajectory.episode.task_id]
+        assert task.truth is not None
+        lines = {
+            f'{task.id}: "{text}" is cut off on {url}, which shows "{shown}"'
+            for fact in task.truth.facts
+            for evidence in fact.evidence
+            for url, text, shown in _cuts(task.truth, evidence, trajectory.episode)
+        }
+        yield from sorted(lines)
+
+
+def _cuts(truth: Truth, evidence: Evidence, episode: Episode) -> Iterator[tuple[str, str, str]]:
+    """Page, text, and the line that holds it but does not show it; nor does anything else."""
+    pages: dict[str, tuple[list[str], set[tuple[str, str]]]] = {}
+    for seen in episode.observations:
+        address = urlsplit(seen.url)
+        path = f"{address.path}?{address.query}" if address.query else address.path
+        if address.hostname == truth.host and re.match(evidence.path, path):
+            visible, cuts = pages.setdefault(path, ([], set()))
+            visible.append(fold(seen.text or ""))
+            cuts.update(seen.cuts)
+    for path, (visible, cuts) in pages.items():
+        for text in evidence.texts:
+            if not any(says(look, text) for look in visible):
+                for whole, shown in cuts:
+                    if says(fold(whole), text) and not says(fold(shown), text):
+                        yield path, text, shown
 
 
 def _why(trajectory: Trajectory) -> str:

@@ -114,6 +114,14 @@ async def test_evidence_on_another_website_or_path_does_not_count() -> None:
     assert (await judged(episode(elsewhere, wrong_path))).reward == 0
 
 
+async def test_what_stands_in_fields_proves_nothing() -> None:
+    typed = msgspec.structs.replace(PRODUCT, text="Blue Mug", fields=("Blue Mug", "$12.50 and 381 pieces"))
+    assert (await judged(episode(FRONT, typed))).reward == 0
+    verdict = await judged(episode(PRODUCT, typed, answer="It costs $12.50 and 381 people bought it."))
+    assert verdict.response is not None
+    assert not verdict.response.passed
+
+
 async def test_evidence_must_stand_in_one_screenshot() -> None:
     name = msgspec.structs.replace(PRODUCT, text="Blue Mug")
     price = msgspec.structs.replace(PRODUCT, text="Price $12.50")

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from webgym.checking import pushovers, spoilt, unexpected
+from webgym.checking import cut_off, pushovers, spoilt, unexpected
 from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.core.outcome import Outcome
 from webgym.judge import OfflineJudge
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
+from webgym.rollout.attempt import AttemptConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.store import RunReader
 from webgym.tasks import draw, write_tasks
@@ -41,6 +42,7 @@ async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path) -> N
     config = RunConfig(
         tasks=TaskChoice(file=tmp_path / "tasks.jsonl", split="all"),
         policy=PolicyChoice(name="scripted"),
+        attempt=AttemptConfig(record_cuts=True),
         sites=SitesConfig(latency=0),
         collector=CollectorConfig(sessions=4, straggler_share=1.0),
     )
@@ -48,6 +50,7 @@ async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path) -> N
     reader = RunReader(tmp_path / "run")
     solved = [each for each in reader.trajectories() if each.outcome is not Outcome.ENVIRONMENT_ERROR]
     assert list(unexpected(reader.tasks, solved)) == []
+    assert list(cut_off(reader.tasks, solved)) == []
     assert [line async for line in pushovers(reader.tasks, solved, OfflineJudge())] == []
     ways = Counter(
         way for each in solved for way, _ in spoilt(reader.tasks[each.episode.task_id], each.episode)

@@ -34,6 +34,7 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
         mode: ``marks`` numbers the interactive elements in the picture.
         viewport: ``(width, height)``, CSS pixels; also the picture's size.
         text: whether observations carry the visible text.
+        cuts: whether they carry the lines that are cut off, for checks of websites.
         elements: whether observations carry the interactive elements (always in marks mode).
         cookies: set before the first page is opened.
         jpeg_quality: 1 to 100 for pictures as JPEG, a third of the bytes and a quarter less CPU; ``None``
@@ -43,6 +44,7 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     mode: Mode = "coordinates"
     viewport: tuple[int, int] = (1280, 768)
     text: bool = False
+    cuts: bool = False
     elements: bool = False
     cookies: tuple[Cookie, ...] = ()
     jpeg_quality: int | None = None

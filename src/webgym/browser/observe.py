@@ -65,6 +65,8 @@ class Seen(msgspec.Struct, frozen=True):
     title: str = ""
     scroll: tuple[float, float] = (0.0, 0.0)
     text: str | None = None
+    fields: tuple[str, ...] = ()
+    cuts: tuple[tuple[str, str], ...] = ()
     elements: tuple[Element, ...] | None = None
     frames: frozenset[str] = frozenset()
     missing: frozenset[str] = frozenset()
@@ -106,6 +108,8 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look
             settled=settled,
             notices=page.take_notices(),
             text=seen.text,
+            fields=seen.fields,
+            cuts=seen.cuts,
             elements=seen.elements,
             milliseconds=milliseconds,
         ),
@@ -117,7 +121,7 @@ async def ask(page: Page, **wanted: bool) -> Seen:
     """What the document says of itself.
 
     Args:
-        wanted: ``text``, ``elements``, ``marks`` (draw them).
+        wanted: ``text``, ``cuts``, ``elements``, ``marks`` (draw them).
     """
     return await patiently(page, lambda: _ask(page, wanted))
 
@@ -166,7 +170,10 @@ async def _ask(page: Page, wanted: dict[str, bool]) -> Seen:
 
 async def _see(page: Page) -> Seen:
     marks = page.options.mode == "marks"
-    seen = await ask(page, text=page.options.text, elements=page.options.elements or marks, marks=marks)
+    options = page.options
+    seen = await ask(
+        page, text=options.text, cuts=options.cuts, elements=options.elements or marks, marks=marks
+    )
     page.points = {element.number: _middle(element.box) for element in seen.elements or ()}
     return seen
 

@@ -47,6 +47,7 @@ _FILES = (
     "roles",
     "reach",
     "wheel",
+    "sight",
     "observe",
     "marks",
     "document",

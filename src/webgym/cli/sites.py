@@ -8,6 +8,10 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from rich.console import Console
+
     from webgym.rollout.store import RunReader
 
 app = typer.Typer(no_args_is_help=True, help="Serve, list and check the websites of the offline web.")
@@ -88,6 +92,17 @@ async def _pushovers(reader: RunReader) -> list[str]:
     return [line async for line in pushovers(reader.tasks, reader.trajectories(), OfflineJudge())]
 
 
+def _report(console: Console, surprises: list[str], tasks: Collection[str]) -> None:
+    """Print what is not as it should be; exit with 1 if there is anything."""
+    for surprise in surprises:
+        console.print(surprise, highlight=False, markup=False, soft_wrap=True)
+    failed = {surprise.partition(": ")[0] for surprise in surprises} & set(tasks)
+    right = len(tasks) - len(failed)
+    console.print(f"{right} of {len(tasks)} tasks are as they should be", highlight=False)
+    if surprises:
+        raise typer.Exit(1)
+
+
 @app.command()
 def check(
     out: Path | None = typer.Option(None, "--out", help="Keep the run in this folder.", show_default=False),
@@ -98,6 +113,7 @@ def check(
     sessions: int = typer.Option(12, "--sessions", min=1, help="Browser sessions at the same time."),
     latency: float = typer.Option(0.0, "--latency", min=0, help="Scale of simulated latency; 0 for none."),
     marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
+    quick: bool = typer.Option(False, "--quick", help="Without browsers: only what needs none."),
     seed: int = typer.Option(0, "--seed", help="Of the sample."),
     collection: str = typer.Option("large", "--collection", help="large or small websites."),
 ) -> None:
@@ -105,21 +121,23 @@ def check(
 
     Plays every solution. A task passes if its attempt ends as its website lets it end: in success where
     the website behaves, within the step budget; and if the same attempt with a wrong answer, with the
-    right answer but without the evidence, or with nothing at all does not pass the judge. Exits with 1 if
-    any task fails, and names each.
+    right answer but without the evidence, or with nothing at all does not pass the judge. Evidence that
+    a page cuts off, and evidence that typing would bring about (no browser is needed to find that), fail
+    a task as well. Exits with 1 if any task fails, and names each.
     """
     import tempfile
 
     from rich.console import Console
 
     from webgym.agent.config import AgentConfig
-    from webgym.checking import unexpected
+    from webgym.checking import cut_off, typed, unexpected
     from webgym.cli._run import run, show_on, tell_on
     from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
     from webgym.core.errors import ConfigError
     from webgym.offline import OfflineWeb
     from webgym.offline.app import SitesConfig
     from webgym.offline.web import collection_name
+    from webgym.rollout.attempt import AttemptConfig
     from webgym.rollout.collector import CollectorConfig
     from webgym.rollout.store import RunReader
     from webgym.tasks import draw, write_tasks
@@ -134,28 +152,27 @@ def check(
     ]
     if not tasks:
         raise ConfigError(f"there is no family {family!r}", hint="webgym sites list shows the families")
+    tasks = draw(tasks, sample, seed)
+    surprises = list(typed(web, tasks))
+    if quick:
+        _report(console, surprises, [task.id for task in tasks])
+        return
     with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
         file = Path(scratch) / "tasks.jsonl"
-        write_tasks(file, draw(tasks, sample, seed))
+        write_tasks(file, tasks)
         folder = out or Path(scratch) / "run"
         config = RunConfig(
             retries=0,
             tasks=TaskChoice(file=file, split="all"),
             policy=PolicyChoice(name="scripted", mistakes=0.0),
             agent=AgentConfig(mode="marks" if marks else "coordinates"),
+            attempt=AttemptConfig(record_cuts=True),
             sites=SitesConfig(collection=collection_name(collection), latency=latency),
             collector=CollectorConfig(sessions=sessions, straggler_share=1.0),
         )
         run(lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)))
         reader = RunReader(folder)
-        surprises = list(unexpected(reader.tasks, reader.trajectories()))
+        surprises += unexpected(reader.tasks, reader.trajectories())
+        surprises += cut_off(reader.tasks, reader.trajectories())
         surprises += run(lambda: _pushovers(reader))
-        for surprise in surprises:
-            console.print(surprise, highlight=False, markup=False, soft_wrap=True)
-        failed = {surprise.partition(": ")[0] for surprise in surprises}
-        console.print(
-            f"{len(reader.tasks) - len(failed)} of {len(reader.tasks)} tasks are as they should be",
-            highlight=False,
-        )
-        if surprises:
-            raise typer.Exit(1)
+        _report(console, surprises, reader.tasks)

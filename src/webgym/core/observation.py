@@ -63,7 +63,14 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
         mode: whether marks are drawn on the picture.
         settled: why the wait for a quiet page ended (``quiet``, ``deadline``, ...).
         notices: what happened since the last observation.
-        text: the text that is visible in the viewport, one line per text node, where it was asked for.
+        text: the text that can be seen in the viewport, line by line, where it was asked for: what is cut
+            off, covered, faded or of the colour of its ground is left out, word by word, and "…" stands for
+            it where the rest of a line can be seen. What stands in fields that can be written into is not
+            in it.
+        fields: what stands in the fields in view that can be written into, one string each, where the text
+            was asked for. An agent may have typed it, so it proves nothing about the website.
+        cuts: the lines of the whole document that show less than they hold, however far one scrolls, as
+            ``(whole, shown)``, where they were asked for.
         elements: the interactive elements, where they were asked for (always in marks mode).
         milliseconds: wall time per operation (``execute``, ``navigate``, ``settle``, ``screenshot``,
             ``metadata``).
@@ -79,5 +86,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     settled: str = ""
     notices: tuple[Notice, ...] = ()
     text: str | None = None
+    fields: tuple[str, ...] = ()
+    cuts: tuple[tuple[str, str], ...] = ()
     elements: tuple[Element, ...] | None = None
     milliseconds: dict[str, float] = {}

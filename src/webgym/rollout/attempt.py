@@ -66,6 +66,9 @@ class AttemptConfig(BaseModel):
     record_text: bool = True
     """Record the text that is visible in each screenshot; the offline judge reads it."""
 
+    record_cuts: bool = False
+    """Record the lines of each page that are cut off; ``webgym sites check`` reads them."""
+
     @property
     def budget(self) -> StepBudget:
         """The three budgets as one value."""
@@ -135,6 +138,7 @@ class Attempt:
             mode=stage.agent.mode,
             viewport=stage.config.viewport,
             text=stage.config.record_text,
+            cuts=stage.config.record_cuts,
             elements=stage.agent.wants_elements,
             cookies=stage.backstage.cookies(self._visitor) if stage.backstage else (),
         )

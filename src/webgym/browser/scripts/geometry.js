@@ -186,22 +186,26 @@
     return holder ? clipWithin(holder) : EVERYTHING;
   };
 
+  const isBox = ({ display }) => display !== 'contents' && !display.startsWith('inline ') && display !== 'inline';
+
+  // What the content of an element is clipped to.
   const clipWithin = (element) => {
     if (clips.has(element)) return clips.get(element);
     const style = getComputedStyle(element);
     let clip = clipAround(element, style);
-    const { overflowX, overflowY, display } = style;
-    const isBox = display !== 'contents' && !display.startsWith('inline ') && display !== 'inline';
+    const { overflowX, overflowY } = style;
     const owner = element.ownerDocument;
-    if (isBox && element !== owner.documentElement && element !== owner.body) {
+    if (isBox(style) && element !== owner.documentElement && element !== owner.body) {
       const rect = element.getBoundingClientRect();
       const scale = element.offsetWidth ? rect.width / element.offsetWidth : 1;
       let { left, top, right, bottom } = clip;
-      if (overflowX !== 'visible') {
+      const isContained = /paint|strict|content/.test(style.contain);
+      if (overflowX !== 'visible' || isContained) {
         left = Math.max(left, rect.left + element.clientLeft * scale);
         right = Math.min(right, rect.right - pixels(style.borderRightWidth) * scale);
       }
-      if (overflowY !== 'visible') {
+      const isReached = isScrolled && (overflowY === 'auto' || overflowY === 'scroll');
+      if ((overflowY !== 'visible' && !isReached) || isContained) {
         top = Math.max(top, rect.top + element.clientTop * scale);
         bottom = Math.min(bottom, rect.bottom - pixels(style.borderBottomWidth) * scale);
       }
@@ -224,14 +228,17 @@
   // A point of a frame's viewport, in our own.
   const outward = (frame, x, y) => apply(compose(standing(frame).map, mapOf(frame)), x, y);
 
+  let isScrolled = false; // are boxes that scroll up and down taken to show all that is in them?
+
   // A new look: nothing lies where it lay.
-  const begin = () => {
+  const begin = (whole = false) => {
     maps = new Map();
     clips = new Map();
+    isScrolled = whole;
   };
 
   webgym.geometry = {
-    intersect, middle, apply, moved, compose, invert, parentOf, contains, mapOf, placeOf, hit, clipAround, standing,
-    outward, begin,
+    intersect, middle, apply, moved, compose, invert, parentOf, contains, mapOf, placeOf, hit, clipAround, clipWithin, isBox,
+    standing, outward, begin,
   };
 })();

@@ -4,7 +4,8 @@
   if (webgym.observe) return;
   const { fold, rootOf, frameIn, isFrame } = webgym;
   const { roleOf, nameOf, valueOf } = webgym.roles;
-  const { intersect, middle, moved, contains, placeOf, hit, clipAround, begin } = webgym.geometry;
+  const { sight } = webgym;
+  const { intersect, middle, moved, contains, placeOf, hit, clipAround } = webgym.geometry;
 
   // --- boxes --------------------------------------------------------------------------------------
 
@@ -141,28 +142,15 @@
 
   // --- text ---------------------------------------------------------------------------------------
 
-  const isCovered = (parent, rect) => {
-    const found = hit(...middle(rect));
-    return !found || !(contains(found, parent) || contains(parent, found));
-  };
-
   const isRoot = (node) => node.nodeType === Node.DOCUMENT_FRAGMENT_NODE;
 
-  const range = document.createRange();
   const addText = (node, place, sink) => {
     if (!node.data.trim()) {
       if (node.data) sink.addSpace();
       return;
     }
-    range.selectNodeContents(node);
-    const rects = [...range.getClientRects()]
-      .map((rect) => intersect(moved(rect, place.map), place.clip))
-      .filter(Boolean);
-    if (!rects.length) return;
     const parent = isRoot(node.parentNode) ? node.parentNode.host : node.parentNode;
-    if (!isShown(parent)) return;
-    const shown = rects.filter((rect) => !isCovered(parent, rect));
-    if (shown.length) sink.addText(node.data, shown);
+    sink.addText(node, parent, place);
   };
 
   const addControl = (element, place, sink) => {
@@ -170,9 +158,11 @@
     if (!box || !isShown(element)) return;
     const role = roleOf(element);
     if (role === 'checkbox' || role === 'radio' || element.type === 'range' || element.type === 'color') return;
+    const isWritten = role !== 'button' && element.localName !== 'select' && element.value;
     const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder || '';
-    if (!text || (isCovered(element, box) && !visibleParts(element, place, 1).length)) return;
-    sink.addText(` ${text} `, [box]);
+    if (!text || !visibleParts(element, place, 1).length) return;
+    if (isWritten) sink.addValue(text, [box]);
+    else sink.addWords(text, [box]);
   };
 
   // --- the walk -----------------------------------------------------------------------------------
@@ -201,7 +191,7 @@
     const inner = frameIn(frame);
     const isForeign = !inner && Boolean(frame.contentWindow);
     const within = inner || isForeign ? placeOf(frame, place) : null;
-    if (!within) return;
+    if (!within || !isShown(frame) || sight.sightOf(frame).alpha < sight.LEAST_ALPHA) return;
     sink.flush();
     if (isForeign) sink.addFrame(frame, within);
     else if (inner.documentElement) walk(inner.documentElement, within, sink);
@@ -324,22 +314,35 @@
       this.most = 1;
       this.depth = 0;
       this.lines = new Lines();
+      this.fields = new Lines();
       this.elements = [];
       this.frames = frames;
       this.missing = [];
       this.isUnknown = false;
     }
     get hasOpenLine() {
-      return this.lines.text !== '';
+      return this.lines.text !== '' || this.fields.text !== '';
     }
     addSpace() {
-      if (this.hasOpenLine) this.lines.text += ' ';
+      if (this.lines.text) this.lines.text += ' ';
+      if (this.fields.text) this.fields.text += ' ';
     }
-    addText(text, rects) {
-      this.lines.add(text, rects);
+    addText(node, parent, place) {
+      const seen = sight.read(node, parent, place);
+      if (seen) (parent.isContentEditable ? this.fields : this.lines).add(seen.text, seen.rects);
+    }
+    addWords(text, rects) {
+      this.lines.add(` ${text} `, rects);
+    }
+    addValue(text, rects) {
+      this.addSpace();
+      this.fields.flush();
+      this.fields.add(text, rects);
+      this.fields.flush();
     }
     flush() {
       this.lines.flush();
+      this.fields.flush();
     }
     addElement(key, [box], described) {
       const { left, top, right, bottom } = box;
@@ -365,12 +368,23 @@
         if (kind === 'space') this.addSpace();
         else if (kind === 'flush') this.flush();
         else if (kind === 'frame') this.replayWithin(item, place, isOpen);
-        else {
+        else if (kind === 'element') {
           const boxes = seen(item[1]);
-          if (boxes.length && kind === 'text') this.addText(item[0], boxes);
-          else if (boxes.length) this.addElement(`${gathered.world} ${item[0]}`, boxes, item[2]);
-        }
+          if (boxes.length) this.addElement(`${gathered.world} ${item[0]}`, boxes, item[2]);
+        } else this.replayText(kind, item[0], place, isOpen);
       }
+    }
+    replayText(kind, pieces, place, isOpen) {
+      const shown = sight.join(
+        pieces.map((piece) => {
+          const rects = piece.rects.map((rect) => moved(rect, place.map));
+          const isSeen = (rect) => sight.isWithin(rect, place.clip) && isOpen(...middle(rect));
+          return { ...piece, rects, isSeen: piece.isSeen && rects.every(isSeen) };
+        }),
+      );
+      if (!shown) return;
+      if (kind === 'value') this.addValue(shown.text, shown.rects);
+      else (kind === 'field' ? this.fields : this.lines).add(shown.text, shown.rects);
     }
     replayWithin([id, map, clip, covered], place, isOpen) {
       const inner = { map: webgym.geometry.compose(place.map, map), clip: intersect(moved(clip, place.map), place.clip) };
@@ -418,8 +432,18 @@
     addSpace() {
       if (this.hasText) this.items.push(['space']);
     }
-    addText(text, rects) {
-      this.items.push(['text', text, rects]);
+    addText(node, parent, place) {
+      const pieces = sight.read(node, parent, place, true);
+      if (pieces) this.addPieces(parent.isContentEditable ? 'field' : 'text', pieces);
+    }
+    addWords(text, rects) {
+      this.addPieces('text', [{ text: ` ${text} `, rects, isSeen: true }]);
+    }
+    addValue(text, rects) {
+      this.addPieces('value', [{ text, rects, isSeen: true }]);
+    }
+    addPieces(kind, pieces) {
+      this.items.push([kind, pieces]);
       this.hasText = true;
     }
     flush() {
@@ -434,11 +458,38 @@
     }
   }
 
-  const walkAll = (sink) => {
-    begin();
-    const clip = { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
+  // The lines of a document that show less than they hold, wherever one scrolls: [whole, shown].
+  class Cuts extends Look {
+    constructor() {
+      super({ text: true }, {});
+      this.cut = [];
+    }
+    addText(node, parent, place) {
+      if (!sight.isVisible(parent) || !sight.sightOf(parent).alpha) return; // closed, not cut
+      this.fields.text += node.data;
+      const clip = { ...place.clip, left: 0, right: innerWidth };
+      const seen = sight.read(node, parent, { map: place.map, clip, isFlat: true });
+      this.lines.text += seen ? seen.text : ' … ';
+    }
+    flush() {
+      const [whole, shown] = [this.fields, this.lines].map(({ text }) => fold(text));
+      if (whole !== shown) this.cut.push([whole, shown]);
+      this.fields.text = this.lines.text = '';
+    }
+    addWords() {}
+    addValue() {}
+    addFrame() {}
+  }
+
+  const EVERYTHING = { left: -Infinity, top: -Infinity, right: Infinity, bottom: Infinity };
+
+  const walkAll = (sink, isWhole = false) => {
+    webgym.geometry.begin(isWhole);
+    sight.begin();
+    const clip = isWhole ? EVERYTHING : { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
     if (document.documentElement) walk(document.documentElement, { map: null, clip }, sink);
     sink.flush();
+    return sink;
   };
 
   // {text, elements}: what is wanted. Gives what a `Look` of the frame above can go over.
@@ -449,7 +500,7 @@
     return gathering.items;
   };
 
-  // {text, elements, marks}: what is wanted; marks are drawn over the elements until `unmark`.
+  // {text, cuts, elements, marks}: what is wanted; marks are drawn over the elements until `unmark`.
   webgym.observe = (wanted, frames) => {
     webgym.attach();
     const page = document.scrollingElement || document.documentElement;
@@ -467,7 +518,8 @@
       frames: reach.frames,
       missing: look.missing,
       unknown: reach.unknown || look.isUnknown,
-      ...(look.wantsText ? { text: look.lines.lines.join('\n') } : {}),
+      ...(look.wantsText ? { text: look.lines.lines.join('\n'), fields: look.fields.lines } : {}),
+      ...(wanted.cuts ? { cuts: walkAll(new Cuts(), true).cut } : {}),
       ...(look.wantsElements ? { elements: look.elements } : {}),
     };
   };

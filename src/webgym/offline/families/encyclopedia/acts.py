@@ -25,7 +25,7 @@ class Acts(Desk):
             moves += [*self.open(article), Click(name=site.word("save"), role="button"), See((notice,))]
             proof = (
                 Evidence((notice,), self.on_article(article)),
-                Evidence((article.title,), self.on(site.path("/~saved"))),
+                Evidence((shelf, article.title), self.on(site.path("/~saved"))),
             )
             check = StateCheck(("saved", article.title), value=True)
             facts.append(Fact(f"{article.title} is on the list “{shelf}”", proof, (check,)))
@@ -63,13 +63,14 @@ class Acts(Desk):
             "text": f"with the text “{sent['text']}”",
         }
         entry = f"the {site.word('entry')} on {article.title}"
+        thanks = f"Your report on {article.title} has been sent"
         return Part(
             ask=f"use “{site.word('report')}” on {entry}, {listing(list(what.values()))}",
             description=f"Report on {article.title}",
             facts=tuple(
                 Fact(
                     f"a report on {entry} is sent {words}",
-                    (Evidence((article.title, sent[key]), pattern),),
+                    (Evidence((thanks, sent[key]), pattern),),
                     (StateCheck(("reports", article.title, key), sent[key]),),
                 )
                 for key, words in what.items()
@@ -80,7 +81,7 @@ class Acts(Desk):
                 Choose(site.word("kind"), sent["kind"]),
                 Fill(site.word("mail"), sent["mail"]),
                 Fill(site.word("text"), sent["text"]),
-                See((article.title, *sent.values())),
+                See((thanks, *sent.values())),
             ),
         )
 
@@ -104,7 +105,7 @@ class Acts(Desk):
             facts=tuple(
                 Fact(
                     f"the {name} is subscribed to {words}",
-                    (Evidence((sent[key],), self.on(f"{path}/done")),),
+                    (Evidence(("You are subscribed", sent[key]), self.on(f"{path}/done")),),
                     (StateCheck(("letter", key), sent[key]),),
                 )
                 for key, words in what.items()
@@ -114,7 +115,7 @@ class Acts(Desk):
                 Choose(site.word("often"), sent["often"]),
                 Choose(site.word("topic"), sent["topic"]),
                 Fill(site.word("mail"), sent["mail"]),
-                See(tuple(sent.values())),
+                See(("You are subscribed", *sent.values())),
             ),
         )
 

@@ -372,7 +372,11 @@ def ask_news(site: Events, rng: random.Random, facts: int) -> Part | None:
         return None
 
     def done(text: str, shown: Sequence[str], key: str, value: str) -> Fact:
-        return Fact(text, (Evidence((email, *shown), there),), (StateCheck(("news", email, key), value),))
+        return Fact(
+            text,
+            (Evidence((f"We write to {email}", *shown), there),),
+            (StateCheck(("news", email, key), value),),
+        )
 
     found = (
         done(f"The newsletter is about {topic}.", (topic,), "about", topic),
@@ -390,7 +394,7 @@ def ask_news(site: Events, rng: random.Random, facts: int) -> Part | None:
             Choose("How often", often),
             Fill(site.say["name"], name),
             Fill(site.say["email"], email),
-            See((name, email, topic, often)),
+            See((name, f"We write to {email}", topic, often)),
         ),
         says=f"{name} is signed up.",
     )

@@ -175,14 +175,15 @@ def ask_best(site: Events, rng: random.Random, facts: int) -> Part | None:
     title = Fact(
         f"The title of {which} is found.",
         (
-            Evidence((best.title,), listing(site, query)),
-            Evidence((best.title,), having(site.event_url(best))),
+            Evidence((best.title, site.spell(best.day)), listing(site, query)),
+            Evidence((best.title, site.spell(best.day)), having(site.event_url(best))),
         ),
         answer=(best.title,),
     )
     chosen = (known + rng.sample(others, 2))[: facts - 1]
     asked = the(["title", *(detail.noun for detail in chosen)])
-    texts = tuple(dict.fromkeys((best.title, *(detail.texts[-1] for detail in chosen))))
+    shown = (best.title, site.spell(best.day), *(detail.texts[-1] for detail in chosen))
+    texts = tuple(dict.fromkeys(shown))
     mean = " (the lowest price counts)" if word == "cheapest" else ""
     return Part(
         ask=f"find {which}{mean} and give {asked}",
@@ -382,7 +383,7 @@ def ask_save(site: Events, rng: random.Random, facts: int) -> Part | None:
         facts=(
             Fact(
                 f"{called(event)} is saved on the visitor's list.",
-                (Evidence((event.title,), having(site.path("/~saved"))),),
+                (Evidence((site.say["saved"], event.title), having(site.path("/~saved"))),),
                 (StateCheck(("saved", event.title), True),),
             ),
         ),
@@ -414,7 +415,9 @@ def ask_tickets(site: Events, rng: random.Random, facts: int) -> Part | None:
     all_facts = (
         done(f"{amount} for {called(event)} are bought.", (event.title, str(count)), ("count", count)),
         done(f"The tickets are of the kind {band.name}.", (event.title, band.name), ("band", band.name)),
-        done(f"The tickets go to {name} with {email}.", (name, email), ("name", name), ("email", email)),
+        done(
+            f"The tickets go to {name} with {email}.", (number, name, email), ("name", name), ("email", email)
+        ),
         done("The order number is reported.", (number,), answer=(number,)),
         done("The price paid is reported.", (number, site.money(cost)), answer=sums(site, cost)),
     )

@@ -224,9 +224,7 @@ class Forum(Website):
             titles = {thread.title.casefold(): thread for thread in threads}
             near = difflib.get_close_matches(asked.casefold(), titles, n=3, cutoff=0.6)
             close = [titles[title] for title in near]
-        return self._listing(
-            visit, f"Results for “{asked}”", [*in_title, *in_text], close=close, members=members
-        )
+        return self._listing(visit, "Results", [*in_title, *in_text], close=close, members=members)
 
     # --- threads -----------------------------------------------------------------------------------------
 

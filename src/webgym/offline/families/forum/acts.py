@@ -58,14 +58,14 @@ class Acts(Desk):
                     f"{self.quoted(thread)} is followed",
                     (
                         Evidence((following,), page),
-                        Evidence((title,), self.on(site.path("/~me"))),
+                        Evidence(("You follow", title), self.on(site.path("/~me"))),
                         Evidence(("Following",), page),
                     ),
                     (StateCheck(("follows", title), value=True),),
                 ),
                 Fact(
                     f"the reply “{text}” is posted in {self.quoted(thread)}",
-                    (Evidence((text,), page),),
+                    (Evidence(("just now", text), page),),
                     (StateCheck(("replies", title), text),),
                 ),
             ),
@@ -75,7 +75,7 @@ class Acts(Desk):
                 Click(name=site.word("follow"), role="button"),
                 See((following,)),
                 Fill(site.word("answer"), text),
-                See((text,)),
+                See(("just now", text)),
             ),
         )
 
@@ -103,7 +103,7 @@ class Acts(Desk):
                 *(
                     Fact(
                         f"the {self.thread_word} “{title}” is started {words}",
-                        (Evidence((title, sent[key]), page),),
+                        (Evidence((title, "Started by you", sent[key]), page),),
                         (StateCheck(("threads", title, key), sent[key]),),
                     )
                     for key, words in what.items()
@@ -115,7 +115,7 @@ class Acts(Desk):
                 Choose("Board", sent["board"]),
                 Fill(labels["title"], title),
                 Fill(labels["text"], sent["text"]),
-                See(tuple(sent.values())),
+                See(("Started by you", *sent.values())),
             ),
         )
 
@@ -173,7 +173,7 @@ class Acts(Desk):
                 *(
                     Fact(
                         f"{self.quoted(thread)} is reported {words}",
-                        (Evidence((said[0] if key == "reason" else sent[key],), page),),
+                        (Evidence(said[:1] if key == "reason" else said, page),),
                         (StateCheck(("reports", thread.title, key), sent[key]),),
                     )
                     for key, words in what.items()
@@ -311,7 +311,7 @@ class Acts(Desk):
             facts=tuple(
                 Fact(
                     f"an account is registered with “{sent[key]}” as “{label}”",
-                    (Evidence((sent[key],), page),),
+                    (Evidence(("We have sent a link to your address", sent[key]), page),),
                     (StateCheck(("joined", key), sent[key]),),
                 )
                 for key, label in labels.items()
@@ -321,7 +321,7 @@ class Acts(Desk):
                 Choose(labels["home"], sent["home"]),
                 Fill(labels["name"], name),
                 Fill(labels["mail"], sent["mail"]),
-                See((name, sent["mail"], sent["home"])),
+                See(("We have sent a link to your address", name, sent["mail"], sent["home"])),
             ),
         )
 

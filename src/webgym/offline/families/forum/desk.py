@@ -151,7 +151,7 @@ class Desk:
             f"{name} is signed in",
             (
                 Evidence((f"Signed in as {name}",), self.on(self.site.path("/~me"))),
-                Evidence((name,), r"/(?=.)"),
+                Evidence((name, self.site.word("inbox")), r"/(?=.)"),
             ),
             (StateCheck(("user",), name),),
         )

@@ -32,7 +32,8 @@ class Reads(Desk):
             ("on which board it stands", "the board of {}", (thread.board,),
              ((thread.title, thread.board), (thread.title, thread.board))),
             (f"which {self.site.word('tag').lower()} it carries", "the tag of {}", (thread.tag,),
-             ((thread.title, thread.tag), (thread.title, thread.tag))),
+             ((f"{self.site.word('tag')}: {thread.tag}",),
+              (thread.title, f"by {thread.author.name}", thread.tag))),
         ]  # fmt: skip
         chosen = [readable[row] for row in sorted(self.rng.sample(range(len(readable)), count))]
         return Part(

@@ -75,7 +75,7 @@ class Deeds:
                 ),
                 Fact(
                     f"The application is for {name} ({email}) and about {street}",
-                    (shown(here, name, email, street),),
+                    (shown(here, number, name, email, street),),
                     (
                         StateCheck(("permit", "name"), name),
                         StateCheck(("permit", "email"), email),
@@ -113,7 +113,7 @@ class Deeds:
             (
                 Fact(
                     f"The problem {what} in {street} is reported",
-                    (shown(here, what, street),),
+                    (shown(here, number, what, street),),
                     (StateCheck(("trouble", "what"), what), StateCheck(("trouble", "street"), street)),
                 ),
                 Fact(

@@ -50,7 +50,7 @@ class Lists:
         facts = [
             Fact(
                 f"Of the services that {kind}, the one that {rank} is found",
-                (shown(lists, best.name, text), shown(here, best.name)),
+                (shown(lists, best.name, text), shown(here, best.name, text)),
                 answer=(best.name,),
                 wrong=tuple(service.name for service in found[1:4]),
             ),

@@ -92,7 +92,7 @@ class Deeds:
             (
                 Fact(
                     f"An application for {job.title} is sent for {name} at {email}",
-                    (shown(here, job.title, name, email),),
+                    (shown(here, "Application sent", job.title, name, email),),
                     (
                         StateCheck((*key, "name"), name),
                         StateCheck((*key, "email"), email),
@@ -117,7 +117,7 @@ class Deeds:
                 Fill("Telephone", phone),
                 Fill("Why you?", reason),
                 Click(name="Send application", role="button"),
-                See((job.title, name, email, experience, notice, receipt)),
+                See(("Application sent", job.title, name, email, experience, notice, receipt)),
             ),
             f"The receipt has the number {receipt}.",
         )
@@ -136,7 +136,7 @@ class Deeds:
             (
                 Fact(
                     f"A job alert goes to {email}",
-                    (shown(here, email),),
+                    (shown(here, "Your alert is on", email),),
                     (StateCheck(("alert", "email"), email),),
                 ),
                 Fact(
@@ -157,7 +157,7 @@ class Deeds:
                 Choose("How often", often),
                 Fill("Send to", email),
                 Click(name="Start the alert", role="button"),
-                See((email, field, town, often)),
+                See(("Your alert is on", email, field, town, often)),
             ),
         )
 
@@ -166,7 +166,7 @@ class Deeds:
         site = self.site
         saved = Fact(
             f"{job.title} is saved",
-            (shown(exactly(site.path("/~saved")), job.title),),
+            (shown(exactly(site.path("/~saved")), site.says["saved"], job.title),),
             (StateCheck(("saved", job.title), True),),
         )
         moves = (*go(site, job), Click(name=site.says["save"], role="button"), See((job.title,)))

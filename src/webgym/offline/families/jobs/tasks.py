@@ -122,11 +122,9 @@ class Lists:
                 day.isoformat(),
             )
             says = f"{best.title}, which closes on {text}"
-        seen = (shown(lists, best.title, text), shown(here, best.title))
-        values = (
-            shown(lists, best.title, text),
-            shown(here, text if sort == "pay" else f"{day.day} {day:%B %Y}"),
-        )
+        inside = text if sort == "pay" else f"{day.day} {day:%B %Y}"
+        seen = (shown(lists, best.title, text), shown(here, best.title, inside))
+        values = (shown(lists, best.title, text), shown(here, inside))
         facts = [
             Fact(
                 f"Of the jobs that {kind}, the one that {rank} is found",

@@ -172,12 +172,12 @@ class Deeds:
                 ),
                 Fact(
                     f"The review is written under the name {name}",
-                    (shown(here, name),),
+                    (shown(here, f"Thank you, {name}"),),
                     (StateCheck((*key, "name"), name),),
                 ),
                 Fact(
                     f'The review says "{comment}"',
-                    (shown(here, comment),),
+                    (shown(here, f"with {stars} stars", comment),),
                     (StateCheck((*key, "text"), comment),),
                 ),
             ),
@@ -189,7 +189,7 @@ class Deeds:
                 Fill("Your name", name),
                 Fill("Your comment", comment),
                 Click(name="Post review", role="button"),
-                See((recipe.title, f"{stars} stars", name, comment)),
+                See((recipe.title, f"{stars} stars", f"Thank you, {name}", comment)),
             ),
         )
 
@@ -208,7 +208,7 @@ class Deeds:
             (
                 Fact(
                     f"The newsletter is subscribed to for {name} at {email}",
-                    (shown(here, name, email),),
+                    (shown(here, f"You are on the list, {name}", email),),
                     (StateCheck(("letter", "email"), email), StateCheck(("letter", "name"), name)),
                 ),
                 Fact(
@@ -229,7 +229,7 @@ class Deeds:
                 Fill("Name", name),
                 Fill("E-mail", email),
                 Click(name="Sign me up", role="button"),
-                See((name, email, often, diet)),
+                See((f"You are on the list, {name}", email, often, diet)),
             ),
         )
 
@@ -243,7 +243,7 @@ class Deeds:
             (
                 Fact(
                     f"An account is open for {name} at {email}",
-                    (shown(exactly(site.path("/~join/welcome")), name, email),),
+                    (shown(exactly(site.path("/~join/welcome")), f"Welcome, {name}", email),),
                     (StateCheck(("account", "name"), name), StateCheck(("account", "email"), email)),
                 ),
                 Fact(
@@ -253,7 +253,7 @@ class Deeds:
                 ),
                 Fact(
                     f"{recipe.title} is saved",
-                    (shown(exactly(site.path("/~saved")), recipe.title),),
+                    (shown(exactly(site.path("/~saved")), site.says["saved"], recipe.title),),
                     (StateCheck(("saved", recipe.title), True),),
                 ),
             ),
@@ -263,7 +263,7 @@ class Deeds:
                 Fill("Name", name),
                 Fill("E-mail", email),
                 Click(name="Open my account", role="button"),
-                See((name, email, "Moderate")),
+                See((f"Welcome, {name}", email, "Moderate")),
                 *go(site, recipe),
                 Click(name=site.says["save"], role="button"),
                 See((recipe.title,)),

@@ -68,7 +68,7 @@ class Lists:
         }[chosen["sort"]]
         lists = site.finder.regex(**{k: v for k, v in chosen.items() if k != "sort"})
         here = deeds.at(site, best)
-        seen = (shown(lists, best.title, text), shown(here, best.title))
+        seen = (shown(lists, best.title, text), shown(here, best.title, text))
         value_seen = (shown(lists, best.title, text), shown(here, text))
         goal = f"look through the {kind} for the {best_word}"
         facts = [

@@ -224,7 +224,7 @@ class Shop(Website):
         """Products whose words match."""
         text = visit.query.get(self.paths["k_text"], "").strip()
         found = [product for product in self.products if matches(product, text)]
-        return self._listing(visit, f"Results for “{text}”" if text else self.say["everything"], found)
+        return self._listing(visit, "Results" if text else self.say["everything"], found)
 
     def _listing(self, visit: Visit, title: str, products: list[Product]) -> Response:
         order = visit.query.get(self.paths["k_order"], "featured")

@@ -196,7 +196,7 @@ class Deeds(Writer):
                 ),
                 shown(
                     f"the order goes to {to}{mail}",
-                    (given["person"], given["street"], given["town"]),
+                    (f"It goes to {given['person']}", given["street"], given["town"]),
                     *(StateCheck((*key, name), text) for name, text in given.items()),
                 ),
                 shown(
@@ -239,7 +239,7 @@ class Deeds(Writer):
         return Fact(
             f"the visitor is signed in as {account.email}",
             (
-                Evidence((account.email,), self.guide.at("/~account")),
+                Evidence((f"({account.email})", "Signed in as"), self.guide.at("/~account")),
                 Evidence((self.shop.say["account"], self.shop.say["wish"]), at),
             ),
             (StateCheck(("user",), account.email),),
@@ -312,7 +312,7 @@ class Deeds(Writer):
             facts=(
                 Fact(
                     f"an account for {email} exists in the name of {person}",
-                    (Evidence((person, email), account),),
+                    (Evidence((f"Signed in as {person}", email), account),),
                     (StateCheck(("people", email), person),),
                 ),
             ),
@@ -338,7 +338,7 @@ class Deeds(Writer):
             facts=(
                 Fact(
                     f"{email} is subscribed to the newsletter",
-                    (Evidence((email,), self.guide.at("/~news")),),
+                    (Evidence((f"The next letter goes to {email}",), self.guide.at("/~news")),),
                     (StateCheck(("newsletter",), email),),
                 ),
             ),
@@ -364,7 +364,7 @@ class Deeds(Writer):
                 ),
                 Fact(
                     f"the message comes from {person}, {email}",
-                    (Evidence((email,), sent),),
+                    (Evidence((f"We answer {email}",), sent),),
                     (StateCheck(("message", "person"), person), StateCheck(("message", "email"), email)),
                 ),
                 Fact(

@@ -370,7 +370,7 @@ def ask_booking(site: Timetable, rng: random.Random, facts: int) -> Part | None:
     all_facts = (
         done(f"A booking for one passenger on {which} is made.", (number, trip.code), ("people", 1)),
         done(f"The booking is in {klass}.", (number, klass), ("class", klass)),
-        done(f"The booking is for {name} with {email}.", (email,), ("name", name), ("email", email)),
+        done(f"The booking is for {name} with {email}.", (number, email), ("name", name), ("email", email)),
         done("The booking reference is reported.", (number,), answer=(number,)),
         done(f"The seat preference is {seat}.", (number, seat), ("seat", seat)),
     )

@@ -134,7 +134,11 @@ def ask_alerts(site: Timetable, rng: random.Random, facts: int) -> Part | None:
     seen = (line.name, email, often)
     if facts == 3:
         found.append(
-            Fact(f"The sign-up is for {email}.", (Evidence((email,), there),), holds("often", often))
+            Fact(
+                f"The sign-up is for {email}.",
+                (Evidence((f"go to {email}",), there),),
+                holds("often", often),
+            )
         )
     return Part(
         ask=f"sign {email} up for e-mail alerts about the {line.name}, sent {often.lower()}",

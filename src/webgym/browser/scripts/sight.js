@@ -1,0 +1,367 @@
+// What of a text can be seen: not cut off, faded, covered, too small, or of the colour of what it lies on.
+(() => {
+  const webgym = globalThis.webgym;
+  if (webgym.sight) return;
+  const { fold } = webgym;
+  const { intersect, middle, moved, parentOf, contains, hit, clipWithin, isBox } = webgym.geometry;
+
+  const LEAST_ALPHA = 0.1; // of text on a ground whose colour is not known
+  const LEAST_CONTRAST = 1.2; // of a text and its ground, by WCAG's ratio; #eee on white has 1.16
+  const LEAST_AREA = 12; // CSS pixels a character: of a font of 5 px
+  const MOST_BLUR = 0.2; // of the font's size
+  const VEIL = 0.6; // what is at least this opaque hides what lies under it
+
+  // --- colours ------------------------------------------------------------------------------------
+
+  const canvas = new OffscreenCanvas(1, 1).getContext('2d', { willReadFrequently: true });
+  const colours = new Map(); // by how CSS writes them
+  // [red, green, blue, alpha], from 0 to 255 and to 1.
+  const colourOf = (text) => {
+    if (!colours.has(text)) {
+      const plain = /^rgba?\(([\d.]+), ([\d.]+), ([\d.]+)(?:, ([\d.]+))?\)$/.exec(text);
+      if (plain) colours.set(text, [plain[1], plain[2], plain[3], plain[4] === undefined ? 1 : plain[4]].map(Number));
+      else {
+        canvas.clearRect(0, 0, 1, 1);
+        canvas.fillStyle = text;
+        canvas.fillRect(0, 0, 1, 1);
+        const [red, green, blue, alpha] = canvas.getImageData(0, 0, 1, 1).data;
+        colours.set(text, [red, green, blue, alpha / 255]);
+      }
+    }
+    return colours.get(text);
+  };
+
+  const over = ([red, green, blue], alpha, ground) =>
+    [red, green, blue].map((one, index) => one * alpha + ground[index] * (1 - alpha));
+
+  const luminance = (rgb) => {
+    const [red, green, blue] = rgb.map((one) => (one <= 10.31 ? one / 3294.6 : ((one / 255 + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * red + 0.7152 * green + 0.0722 * blue;
+  };
+  const contrast = (one, other) => {
+    const [a, b] = [luminance(one), luminance(other)];
+    return (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
+  };
+
+  // --- what becomes of the text in an element -----------------------------------------------------
+
+  // For one look, by element: {style, alpha, blur, cut, sunk, line}. `cut`: the innermost element around
+  // that is cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the text in lines.
+  let sights = new Map();
+  let grounds = new Map();
+  let fits = new Map();
+
+  const filtered = (filter, name) => {
+    const found = new RegExp(`${name}\\(([\\d.]+)`).exec(filter);
+    return found ? Number(found[1]) : null;
+  };
+
+  const OUTSIDE = { alpha: 1, blur: 0, cut: null, sunk: null, line: null };
+  const sightOf = (element) => {
+    const known = sights.get(element);
+    if (known) return known;
+    const parent = parentOf(element);
+    const around = parent ? sightOf(parent) : OUTSIDE;
+    const style = getComputedStyle(element);
+    let { alpha, blur, cut, sunk } = around;
+    if (style.opacity !== '1') alpha *= Number(style.opacity);
+    if (style.filter !== 'none') {
+      alpha *= filtered(style.filter, 'opacity') ?? 1;
+      blur = Math.max(blur, filtered(style.filter, 'blur') ?? 0);
+    }
+    if (style.contentVisibility === 'hidden') alpha = 0;
+    if (style.clipPath !== 'none' || style.clip !== 'auto' || style.backfaceVisibility === 'hidden') cut = element;
+    if (style.zIndex < 0) sunk = element;
+    const sight = { style, alpha, blur, cut, sunk, line: isBox(style) ? element : around.line };
+    sights.set(element, sight);
+    return sight;
+  };
+
+  // --- what it lies on ----------------------------------------------------------------------------
+
+  const PICTURES = new Set(['img', 'video', 'canvas', 'svg', 'iframe', 'frame', 'embed', 'object', 'input']);
+
+  // What an element paints below its content: {colour, alpha}; null for a picture, or what one cannot tell.
+  const paintOf = (element) => {
+    const { style, alpha } = sightOf(element);
+    const colour = colourOf(style.backgroundColor);
+    if (style.backgroundImage !== 'none' || style.mixBlendMode !== 'normal') return null;
+    if (PICTURES.has(element.localName) || element.ownerSVGElement || style.backdropFilter !== 'none') return null;
+    return { colour, alpha: colour[3] * alpha };
+  };
+
+  // What pseudo-elements of an element paint, where they lie over or under its box.
+  const hasPaintedParts = (element) =>
+    ['::before', '::after', '::backdrop'].some((name) => {
+      const style = getComputedStyle(element, name);
+      if (name !== '::backdrop' && (style.content === 'none' || style.position === 'static')) return false;
+      if (name === '::backdrop' && !element.matches(':modal')) return false;
+      return style.backgroundImage !== 'none' || colourOf(style.backgroundColor)[3] >= VEIL;
+    });
+
+  // The colour below all: of the page itself; null if the browser may choose a dark one, or in a frame.
+  const canvasOf = (owner) => {
+    const { colorScheme } = getComputedStyle(owner.documentElement);
+    return owner.defaultView === window.top && !colorScheme.includes('dark') ? [255, 255, 255] : null;
+  };
+
+  // The colour of layers, the uppermost first; null where it cannot be told.
+  const blend = (layers, owner) => {
+    const seen = [];
+    let isOpaque = false;
+    for (const element of layers) {
+      const paint = paintOf(element);
+      if (!paint || hasPaintedParts(element)) return null;
+      if (paint.alpha > 0) seen.unshift(paint);
+      isOpaque = paint.alpha >= 0.99;
+      if (isOpaque) break;
+    }
+    const start = isOpaque ? seen.shift().colour : canvasOf(owner);
+    return start && seen.reduce((ground, { colour, alpha }) => over(colour, alpha, ground), start);
+  };
+
+  // {colour, isSure}: what lies behind the content of an element, by the elements that it is in.
+  const groundOf = (element) => {
+    const known = grounds.get(element);
+    if (known !== undefined) return known;
+    const { style } = sightOf(element);
+    const paint = paintOf(element);
+    const parent = parentOf(element);
+    let ground = null;
+    if (paint && paint.alpha >= 0.99) ground = { colour: paint.colour, isSure: true };
+    else if (paint && !hasPaintedParts(element)) {
+      const below = parent ? groundOf(parent) : { colour: canvasOf(element.ownerDocument), isSure: true };
+      const isLoose = style.position === 'absolute' || style.position === 'fixed';
+      const colour = below && below.colour;
+      ground = colour && { colour: over(paint.colour, paint.alpha, colour), isSure: below.isSure && !isLoose };
+    }
+    grounds.set(element, ground);
+    return ground;
+  };
+
+  // The elements at a point that text in `element` lies on, the uppermost first.
+  const layersBelow = (element, x, y) => {
+    const layers = element.getRootNode().elementsFromPoint(x, y);
+    const first = layers.findIndex((layer) => contains(layer, element));
+    return first < 0 ? null : layers.slice(first);
+  };
+
+  // --- whether it can be told from its ground -----------------------------------------------------
+
+  const isWritten = (style) =>
+    style.textShadow !== 'none' || style.webkitTextStrokeWidth !== '0px' || style.backgroundClip.includes('text');
+
+  const standsOut = (element, rect) => {
+    const { style, alpha, blur } = sightOf(element);
+    if (blur > MOST_BLUR * parseFloat(style.fontSize) || style.webkitTextSecurity !== 'none') return false;
+    if (element.ownerSVGElement) return alpha >= LEAST_ALPHA;
+    if (isWritten(style)) return alpha >= LEAST_ALPHA;
+    const colour = colourOf(style.webkitTextFillColor);
+    const opacity = colour[3] * alpha;
+    const isClear = (ground) => contrast(over(colour, opacity, ground), ground) >= LEAST_CONTRAST;
+    const ground = groundOf(element);
+    if (ground && ground.isSure && isClear(ground.colour)) return true;
+    const layers = layersBelow(element, ...middle(rect));
+    const below = layers && blend(layers, element.ownerDocument);
+    return below ? isClear(below) : opacity >= LEAST_ALPHA;
+  };
+
+  const isVisible = (element) => {
+    const { style } = sightOf(element);
+    if (style.visibility !== 'visible' || (element.localName === 'details' && !element.open)) return false;
+    let boxed = element;
+    while (boxed && sightOf(boxed).style.display === 'contents') boxed = parentOf(boxed);
+    return !boxed || boxed.checkVisibility();
+  };
+
+  // What does not depend on where a piece of text lies.
+  const isReadable = (element, rect) => {
+    if (!fits.has(element)) fits.set(element, isVisible(element) && standsOut(element, rect));
+    return fits.get(element);
+  };
+
+  // --- whether it is covered ----------------------------------------------------------------------
+
+  // Does any element from `inner` up to `outer`, that one left out, hide what lies below?
+  const hides = (inner, outer) => {
+    for (let node = inner; node && node !== outer; node = parentOf(node)) {
+      const paint = paintOf(node);
+      if (!paint || paint.alpha >= VEIL || hasPaintedParts(node)) return true;
+    }
+    return false;
+  };
+
+  const isPage = (element) => element === element.ownerDocument.body || element === element.ownerDocument.documentElement;
+
+  // Whether the text in `element` shows at a point of this world's viewport, which is `at` in its own.
+  const showsAt = (element, x, y, at) => {
+    const found = hit(x, y);
+    if (!found || found === element) return Boolean(found);
+    const { cut, sunk, style } = sightOf(element);
+    if (contains(element, found)) return !hides(found, element);
+    if (contains(found, element)) {
+      const isCut = cut && !contains(cut, found) && style.pointerEvents !== 'none';
+      const isBehind = sunk && !contains(sunk, found) && !isPage(found) && hides(found, parentOf(found));
+      return !isCut && !isBehind;
+    }
+    if (found.getRootNode() !== element.getRootNode()) return false;
+    if (style.pointerEvents === 'none')
+      return Boolean(found.compareDocumentPosition(element) & Node.DOCUMENT_POSITION_FOLLOWING);
+    const layers = element.getRootNode().elementsFromPoint(...at);
+    const own = layers.findIndex((layer) => contains(element, layer));
+    return own > 0 && layers.slice(0, own).every((layer) => contains(layer, element) || !hides(layer, parentOf(layer)));
+  };
+
+  const EDGE = 3; // CSS pixels from the ends of a piece
+  const STEP = 64; // CSS pixels between the points of a line that are tried
+  const isBare = (element, rect, map) => {
+    const width = rect.right - rect.left - 2 * EDGE;
+    const y = (rect.top + rect.bottom) / 2;
+    const count = width > 2 * EDGE ? Math.ceil(width / STEP) + 1 : 1;
+    for (let index = 0; index < count; index++) {
+      const x = count > 1 ? rect.left + EDGE + (index / (count - 1)) * width : (rect.left + rect.right) / 2;
+      const box = moved({ left: x, right: x, top: y, bottom: y }, map);
+      if (!showsAt(element, box.left, box.top, [x, y])) return false;
+    }
+    return true;
+  };
+
+  // --- whether it is cut --------------------------------------------------------------------------
+
+  const SLACK = 1.5; // CSS pixels that a piece may lack at its ends
+  const LEAST_SHARE = 0.7; // of a line's height
+  const isWithin = (rect, clip, isDown) => {
+    const across = [rect.left, rect.right, clip.left, clip.right];
+    const down = [rect.top, rect.bottom, clip.top, clip.bottom];
+    const [along, beside] = isDown ? [down, across] : [across, down];
+    const shown = Math.min(beside[1], beside[3]) - Math.max(beside[0], beside[2]);
+    return (
+      along[0] >= along[2] - SLACK && along[1] <= along[3] + SLACK && shown >= LEAST_SHARE * (beside[1] - beside[0])
+    );
+  };
+
+  // Where an ellipsis takes the place of what follows: {left, right, below}; null where there is none.
+  // It holds for lines that end below `below`.
+  const ellipsisOf = (block) => {
+    const { style } = sightOf(block);
+    const isLine = style.textOverflow !== 'clip' && style.overflowX !== 'visible' && block.scrollWidth > block.clientWidth;
+    const isClamped = style.webkitLineClamp !== 'none' && block.scrollHeight > block.clientHeight + 1;
+    if (!isLine && !isClamped) return null;
+    const rect = block.getBoundingClientRect();
+    const scale = block.offsetWidth ? rect.width / block.offsetWidth : 1;
+    const size = parseFloat(style.fontSize);
+    const before = (block.clientLeft + parseFloat(style.paddingLeft)) * scale;
+    const width = (block.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight)) * scale;
+    const [left, right] = [rect.left + before, rect.left + before + width];
+    return {
+      left: style.direction === 'rtl' ? left + size * scale : -Infinity,
+      right: style.direction === 'rtl' ? Infinity : right - size * scale,
+      below: isLine ? -Infinity : rect.top + (block.clientTop + block.clientHeight - size) * scale,
+    };
+  };
+  let ellipses = new Map();
+  const ellipsisIn = (block) => {
+    if (!block) return null;
+    if (!ellipses.has(block)) ellipses.set(block, ellipsisOf(block));
+    return ellipses.get(block);
+  };
+
+  const isKept = (rect, ellipsis) =>
+    !ellipsis || rect.bottom <= ellipsis.below || (rect.left >= ellipsis.left && rect.right <= ellipsis.right);
+
+  // --- a text -------------------------------------------------------------------------------------
+
+  // A script that writes no spaces between words can be read by its characters.
+  const UNSPACED = ['Han', 'Hiragana', 'Katakana', 'Thai', 'Lao', 'Khmer', 'Myanmar'].map((name) => `\\p{sc=${name}}`).join('');
+  const PIECES = new RegExp(`\\s+|[${UNSPACED}]|[^\\s${UNSPACED}]+`, 'gu');
+  const range = document.createRange();
+
+  const rectsOf = (node, start, end) => {
+    range.setStart(node, start);
+    range.setEnd(node, end);
+    return [...range.getClientRects()].filter(({ width, height }) => width > 0 && height > 0);
+  };
+
+  // Most of a very long text is out of view: the part of it, from which to which character, that may be seen.
+  const LONG = 5000;
+  const STRIDE = 500; // characters; some of them have a rectangle
+  const windowOf = (node, { top, bottom }) => {
+    const { length } = node.data;
+    if (length < LONG) return [0, length];
+    const first = (isBeyond) => {
+      let [low, high] = [0, Math.ceil(length / STRIDE)];
+      while (low < high) {
+        const tried = (low + high) >> 1;
+        const rects = rectsOf(node, tried * STRIDE, Math.min(length, (tried + 1) * STRIDE));
+        if (rects.length && !isBeyond(rects)) low = tried + 1;
+        else high = tried;
+      }
+      return Math.min(length, low * STRIDE);
+    };
+    return [
+      Math.max(0, first((rects) => rects.some((rect) => rect.bottom > top)) - STRIDE),
+      first((rects) => rects.every((rect) => rect.top > bottom)),
+    ];
+  };
+
+  const plain = ({ left, top, right, bottom }) => ({ left, top, right, bottom });
+
+  // {text, rects, isSpace, isSeen}, piece by piece: rectangles in this world's viewport.
+  const piecesOf = (node, [start, end], isSeen, map) => {
+    const pieces = [];
+    for (const match of node.data.slice(start, end).matchAll(PIECES)) {
+      const [text] = match;
+      const isSpace = /^\s/.test(text);
+      const at = start + match.index;
+      const rects = isSpace ? [] : rectsOf(node, at, at + text.length);
+      pieces.push({ text, isSpace, rects: rects.map((rect) => plain(moved(rect, map))), isSeen: isSpace || isSeen(rects, text) });
+    }
+    return pieces;
+  };
+
+  const GAP = ' … ';
+  // What is seen of pieces: {text, rects}; null if nothing is. A gap stands for what is not.
+  const join = (pieces) => {
+    if (!pieces.some(({ isSeen, isSpace }) => isSeen && !isSpace)) return null;
+    let text = '';
+    for (const piece of pieces)
+      if (piece.isSeen) text += piece.text;
+      else if (!text.trimEnd().endsWith('…')) text += GAP;
+    return { text, rects: pieces.flatMap(({ rects, isSeen }) => (isSeen ? rects : [])) };
+  };
+
+  const isLarge = (rects, length) =>
+    rects.reduce((sum, { width, height }) => sum + width * height, 0) >= LEAST_AREA * length;
+
+  const isTurned = (style) => !style.writingMode.startsWith('horizontal');
+
+  // {text, rects}: what of a text node can be seen from `place`; null for nothing. As `pieces` for those who
+  // have to ask for more.
+  const read = (node, element, place, wantsPieces = false) => {
+    range.selectNodeContents(node);
+    const lines = [...range.getClientRects()].filter(({ width, height }) => width > 0 && height > 0);
+    if (!lines.some((line) => intersect(moved(line, place.map), place.clip))) return null;
+    const clip = clipWithin(element);
+    if (!isReadable(element, lines.find((line) => intersect(line, clip)) || lines[0])) return null;
+    const { line, style } = sightOf(element);
+    const [ellipsis, isDown] = [ellipsisIn(line), isTurned(style)];
+    const isSeen = (rects, text) =>
+      rects.length > 0 && isLarge(rects, text.length) &&
+      rects.every((rect) =>
+        isWithin(rect, clip, isDown) && isWithin(moved(rect, place.map), place.clip, isDown) &&
+        isKept(rect, ellipsis) && (place.isFlat || isBare(element, rect, place.map)));
+    const pieces = () => piecesOf(node, place.map || isDown ? [0, node.data.length] : windowOf(node, place.clip), isSeen, place.map);
+    if (wantsPieces) return pieces();
+    if (isSeen(lines, fold(node.data))) return { text: node.data, rects: lines.map((rect) => moved(rect, place.map)) };
+    return join(pieces());
+  };
+
+  const begin = () => {
+    sights = new Map();
+    grounds = new Map();
+    fits = new Map();
+    ellipses = new Map();
+  };
+
+  webgym.sight = { begin, read, join, isWithin, isVisible, sightOf, LEAST_ALPHA };
+})();

@@ -1,0 +1,240 @@
+"""Text counts as seen only if a person could see it, word by word."""
+
+from __future__ import annotations
+
+import pytest
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+BOX = "width:100px;overflow:hidden;white-space:nowrap;"
+
+UNSEEN = {
+    "clipped by a box": "<div style='width:60px;overflow:hidden;white-space:nowrap'>seen <b>hidden</b></div>",
+    "half a word": (
+        "<div style='width:70px;overflow:hidden;white-space:nowrap;font:16px monospace'>seen hidden</div>"
+    ),
+    "clipped by a box further out": (
+        "<div style='width:60px;overflow:hidden'><div style='width:400px'>seen"
+        "<span style='margin-left:100px'>hidden</span></div></div>"
+    ),
+    "below the edge of a box": "<div style='height:22px;overflow:hidden'>seen<br>hidden</div>",
+    "further down in a box that scrolls": (
+        "<div style='height:22px;overflow:auto'>seen<p style='margin-top:50px'>hidden</div>"
+    ),
+    "containment": (
+        "<div style='contain:paint;width:60px;white-space:nowrap'>seen<span style='margin-left:90px'>"
+        "hidden</div>"
+    ),
+    "ellipsis": (
+        f"<div style='{BOX}text-overflow:ellipsis;font:16px monospace;width:108px'>seen hidden more</div>"
+    ),
+    "clamped lines": (
+        "<div style='width:120px;display:-webkit-box;-webkit-box-orient:vertical;-webkit-line-clamp:1;"
+        "overflow:hidden;font:16px/20px monospace'>seen hidden then more</div>"
+    ),
+    "clip-path: inset": "seen<div style='clip-path:inset(0 0 0 100%)'>hidden</div>",
+    "clip-path: polygon": (
+        "<div style='clip-path:polygon(0 0,60px 0,60px 100%,0 100%)'>seen"
+        "<span style='margin-left:90px'>hidden</span></div>"
+    ),
+    "clip-path: circle": "seen<div style='clip-path:circle(3px at 600px 9px);width:700px'>hidden</div>",
+    "clip": "seen<div style='position:absolute;clip:rect(0,0,0,0)'>hidden</div>",
+    "for screen readers": (
+        "seen<span style='position:absolute;width:1px;height:1px;overflow:hidden;"
+        "clip-path:inset(50%)'>hidden</span>"
+    ),
+    "opacity": "seen<div style='opacity:.3'><p style='opacity:.2'>hidden</p></div>",
+    "filter: opacity": "seen<div style='filter:opacity(2%)'>hidden</div>",
+    "filter: blur": "seen<div style='filter:blur(6px)'>hidden</div>",
+    "white on white": "seen<div style='color:#fff'>hidden</div>",
+    "nearly white on white": "seen<div style='color:#f4f4f4'>hidden</div>",
+    "the colour of a box around": (
+        "<div style='background:rgb(20 30 40)'><p style='color:#fff'>"
+        "seen<p style='color:rgb(20 30 40)'>hidden</div>"
+    ),
+    "a colour in other words": (
+        "<div style='background:oklch(0.6 0.1 200);color:#000'>"
+        "seen<p style='color:oklch(0.6 0.1 200)'>hidden</div>"
+    ),
+    "the colour of what lies below": (
+        "seen<div style='position:relative;height:30px'><div style='position:absolute;inset:0;"
+        "background:#000'>"
+        "</div><span style='position:absolute;color:#000'>hidden</span></div>"
+    ),
+    "a transparent colour": "seen<div style='color:rgba(0,0,0,.03)'>hidden</div>",
+    "a size of nothing": "seen<div style='font-size:0'>hidden</div>",
+    "a tiny size": "seen<div style='font-size:2px'>hidden</div>",
+    "scaled down": "seen<div style='transform:scale(.1)'>hidden</div>",
+    "indented out": "seen<div style='text-indent:-9999px'>hidden</div>",
+    "moved out": "seen<div style='transform:translateX(-2000px)'>hidden</div>",
+    "turned away": (
+        "seen<div style='transform:rotateY(180deg);backface-visibility:hidden;width:200px'>hidden</div>"
+    ),
+    "beyond the edge of the viewport": "seen<div style='position:absolute;left:1265px'>hidden</div>",
+    "below the viewport": "seen<div style='position:absolute;top:765px'>hidden</div>",
+    "content-visibility": "seen<div style='content-visibility:hidden;height:20px'>hidden</div>",
+    "visibility": "seen<div style='visibility:hidden'>hidden</div>",
+    "closed details": "<details><summary>seen</summary>hidden</details>",
+    "covered by a child": (
+        "seen<div style='position:relative'>hidden<i style='position:absolute;inset:0;"
+        "background:#888'></i></div>"
+    ),
+    "half covered": (
+        "<div style='position:relative;font:16px monospace;width:300px'>seen hidden"
+        "<i style='position:absolute;left:60px;top:0;width:200px;height:30px;background:#888'></i></div>"
+    ),
+    "behind its parent": (
+        "seen<div style='background:#fff'><p style='position:relative;z-index:-1;margin:0'>hidden</p></div>"
+    ),
+    "masked letters": "seen<div style='-webkit-text-security:disc'>hidden</div>",
+    "typed": "seen<div contenteditable>hidden</div>",
+    "a value": "seen <input value=hidden>",
+    "a long value": "seen <textarea>hidden</textarea>",
+}
+
+
+@pytest.mark.parametrize("body", UNSEEN.values(), ids=UNSEEN.keys())
+async def test_what_cannot_be_seen_is_left_out(site: Site, tab: Tab, body: str) -> None:
+    await tab.goto(site.page(f"<body style='margin:0;background:#fff'>{body}"))
+    assert "seen" in " ".join(tab.text)
+    assert "hid" not in " ".join(tab.text)
+
+
+SEEN = {
+    "inside a clipped box": (
+        "<div style='width:300px;overflow:hidden;line-height:1;font-size:30px'>shown</div>"
+    ),
+    "inside a shape": "<div style='clip-path:inset(0 0 0 0 round 5px)'>shown</div>",
+    "inside a polygon": "<div style='clip-path:polygon(0 0,100% 0,100% 100%,0 100%)'>shown</div>",
+    "an ellipsis that is not needed": f"<div style='{BOX}text-overflow:ellipsis'>shown</div>",
+    "grey": "<div style='color:#ccc'>shown</div>",
+    "faint": "<div style='opacity:.4'>shown</div>",
+    "white on dark": "<div style='background:#222;color:#fff'>shown</div>",
+    "white on a picture": "<div style='background:linear-gradient(#333,#111);color:#fff'>shown</div>",
+    "white over a sibling": (
+        "<div style='position:relative;height:30px'><div style='position:absolute;inset:0;"
+        "background:#000'></div>"
+        "<span style='position:relative;color:#fff'>shown</span></div>"
+    ),
+    "white in the cell of a picture": (
+        "<div style='display:grid'><img style='grid-area:1/1;width:200px;"
+        "height:50px' src='data:image/svg+xml,"
+        "<svg xmlns=%22http://www.w3.org/2000/svg%22 width=%221%22 height=%221%22/>'>"
+        "<span style='grid-area:1/1;color:#fff;z-index:1'>shown</span></div>"
+    ),
+    "cut out of a picture": (
+        "<span style='background:linear-gradient(red,blue);background-clip:text;color:transparent'>"
+        "shown</span>"
+    ),
+    "by its shadow": "<span style='color:#fff;text-shadow:0 0 2px #000'>shown</span>",
+    "that takes no clicks": (
+        "<div style='position:relative;height:40px'><div style='height:40px;background:#eee'></div>"
+        "<div style='position:absolute;top:0;pointer-events:none'>shown</div></div>"
+    ),
+    "below a clear cover": (
+        "<div style='position:relative'>shown<a href=/ style='position:absolute;inset:0'></a></div>"
+    ),
+    "below a clear cover beside it": (
+        "<div style='position:relative'><p>shown</p><a href=/ style='position:absolute;inset:0'></a></div>"
+    ),
+    "below a thin veil": "<p>shown</p><div style='position:fixed;inset:0;background:#0004'></div>",
+    "a parent without a box": "<div style='display:contents'>shown</div>",
+    "what a slot holds by itself": (
+        "<div id=host></div><script>host.attachShadow({mode:'open'}).innerHTML = '<slot>shown</slot>"
+        "'</script>"
+    ),
+    "turned": "<div style='writing-mode:vertical-rl;height:200px'>shown</div>",
+    "rotated": "<div style='transform:rotate(90deg);width:100px;height:100px'>shown</div>",
+    "a box that scrolls": "<div style='height:40px;overflow:auto'>shown<p style='margin-top:90px'>more</div>",
+    "small print": "<div style='font-size:8px'>shown</div>",
+    "in a frame": "<iframe srcdoc='<p>shown' style='width:200px;height:80px'></iframe>",
+    "a drawing": (
+        "<svg width=200 height=40><rect width=200 height=40 fill=navy /><text y=20 fill=#fff>"
+        "shown</text></svg>"
+    ),
+    "a button": "<input type=submit value=shown>",
+    "a choice": "<select><option>other<option selected>shown</select>",
+    "a hint": "<input placeholder=shown>",
+    "signs": "<p lang=ja style='width:200px;overflow:hidden;white-space:nowrap'>東京shown</p>",
+}
+
+
+@pytest.mark.parametrize("body", SEEN.values(), ids=SEEN.keys())
+async def test_what_can_be_seen_is_told(site: Site, tab: Tab, body: str) -> None:
+    await tab.goto(site.page(f"<body style='margin:0;background:#fff'>{body}"))
+    assert "shown" in " ".join(tab.text)
+
+
+async def test_a_gap_stands_for_what_is_cut(site: Site, tab: Tab) -> None:
+    box = "width:100px;overflow:hidden;white-space:nowrap;font:16px monospace"
+    await tab.goto(
+        site.page(f"<div style='{box}'>Price $12.50 each</div><div style='{box}'>東京都千代田区丸の内</div>")
+    )
+    assert tab.text == ["Price …", "東京都千代田 …"]
+
+
+async def test_words_beside_what_is_covered_are_told(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<div style='position:relative;font:16px monospace'>one two three four"
+            "<i style='position:absolute;left:34px;width:40px;top:0;height:30px;background:#888'></i></div>"
+        )
+    )
+    assert tab.text == ["one … three four"]
+
+
+async def test_only_the_part_of_a_long_text_that_is_in_view_is_told(site: Site, tab: Tab) -> None:
+    lines = "\n".join(f"row-{number}" for number in range(20_000))
+    await tab.goto(
+        site.page(f"<body style='margin:0'><pre style='margin:0;font:16px/20px monospace'>{lines}</pre>")
+    )
+    assert tab.text[0].startswith("row-0 row-1 row-2 ")
+    assert tab.text[0].endswith("row-37 …")
+    await tab.goto(
+        site.page(f"<pre style='height:100px;overflow:auto;font:16px/20px monospace'>{lines}</pre>")
+    )
+    assert tab.text == ["row-0 row-1 row-2 row-3 row-4 …"]
+
+
+async def test_what_stands_in_fields_is_kept_apart(site: Site, tab: Tab) -> None:
+    inner = site.elsewhere(site.page("<label>Town <input value=Fernhill></label>"))
+    await tab.goto(
+        site.page(
+            "<p>Name <input value=Ann> please</p><textarea>long note</textarea>"
+            "<input type=password value=secret>"
+            f"<p>Draft: <span contenteditable>my <b>words</b></span></p><iframe src={inner}></iframe>"
+        )
+    )
+    assert tab.text == ["Name please", "Draft:", "Town"]
+    assert tab.last is not None
+    assert tab.last.observation.fields == ("Ann", "long note", "••••••", "my words", "Fernhill")
+
+
+async def test_a_frame_of_another_origin_shows_whole_words_only(site: Site, tab: Tab) -> None:
+    inner = site.elsewhere(
+        site.page("<body style='margin:0;font:16px monospace;white-space:nowrap'>one two three")
+    )
+    style = "border:0;width:400px;height:60px"
+    await tab.goto(
+        site.page(
+            f"<div style='width:70px;overflow:hidden'><iframe src={inner} style='{style}'></iframe></div>"
+        )
+    )
+    assert tab.text == ["one two …"]
+    await tab.goto(site.page(f"<p>out</p><iframe src={inner} style='{style};opacity:.01'></iframe>"))
+    assert tab.text == ["out"]
+
+
+async def test_lines_that_are_cut_wherever_one_scrolls_are_told(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(cuts=True)
+    box = "width:120px;overflow:hidden;white-space:nowrap;font:16px monospace"
+    look = await tab.goto(
+        site.page(
+            "<p>whole</p><div style='height:40px;overflow:auto'><p>in a box<p>that scrolls</div>"
+            "<details><summary>More</summary>closed</details><p style='display:none'>none</p>"
+            f"<div style='height:2000px'></div><div style='{box}'><b>14:30</b> to <b>15:45</b></div>"
+        )
+    )
+    assert look.observation.cuts == (("14:30 to 15:45", "14:30 to …"),)

@@ -45,8 +45,9 @@
 
   // --- what becomes of the text in an element -----------------------------------------------------
 
-  // For one look, by element: {style, alpha, blur, cut, sunk, line}. `cut`: the innermost element around
-  // that is cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the text in lines.
+  // For one look, by element: {style, alpha, blur, cut, sunk, line}. `cut`: the innermost element around that
+  // is cut to a shape, or not seen from behind; `sunk`: that lies behind its parents; `line`: that breaks the
+  // text in lines.
   let sights = new Map();
   let grounds = new Map();
   let fits = new Map();
@@ -191,7 +192,14 @@
     return false;
   };
 
-  const isPage = (element) => element === element.ownerDocument.body || element === element.ownerDocument.documentElement;
+  const isPage = ({ localName }) => localName === 'body' || localName === 'html';
+
+  // Is `other`, which takes clicks where text in `element` takes none, drawn over it?
+  const isOver = (other, element) => {
+    for (let node = other; node && !contains(node, element); node = parentOf(node))
+      if (sightOf(node).style.zIndex > 0) return true;
+    return Boolean(element.compareDocumentPosition(other) & Node.DOCUMENT_POSITION_FOLLOWING);
+  };
 
   // Whether the text in `element` shows at a point of this world's viewport, which is `at` in its own.
   const showsAt = (element, x, y, at) => {
@@ -205,11 +213,11 @@
       return !isCut && !isBehind;
     }
     if (found.getRootNode() !== element.getRootNode()) return false;
-    if (style.pointerEvents === 'none')
-      return Boolean(found.compareDocumentPosition(element) & Node.DOCUMENT_POSITION_FOLLOWING);
+    if (style.pointerEvents === 'none') return !isOver(found, element);
     const layers = element.getRootNode().elementsFromPoint(...at);
     const own = layers.findIndex((layer) => contains(element, layer));
-    return own > 0 && layers.slice(0, own).every((layer) => contains(layer, element) || !hides(layer, parentOf(layer)));
+    const isClear = (layer) => contains(layer, element) || !hides(layer, parentOf(layer));
+    return own > 0 && layers.slice(0, own).every(isClear);
   };
 
   const EDGE = 3; // CSS pixels from the ends of a piece
@@ -244,7 +252,8 @@
   // It holds for lines that end below `below`.
   const ellipsisOf = (block) => {
     const { style } = sightOf(block);
-    const isLine = style.textOverflow !== 'clip' && style.overflowX !== 'visible' && block.scrollWidth > block.clientWidth;
+    const isShort = block.scrollWidth > block.clientWidth;
+    const isLine = style.textOverflow !== 'clip' && style.overflowX !== 'visible' && isShort;
     const isClamped = style.webkitLineClamp !== 'none' && block.scrollHeight > block.clientHeight + 1;
     if (!isLine && !isClamped) return null;
     const rect = block.getBoundingClientRect();
@@ -272,7 +281,8 @@
   // --- a text -------------------------------------------------------------------------------------
 
   // A script that writes no spaces between words can be read by its characters.
-  const UNSPACED = ['Han', 'Hiragana', 'Katakana', 'Thai', 'Lao', 'Khmer', 'Myanmar'].map((name) => `\\p{sc=${name}}`).join('');
+  const SCRIPTS = ['Han', 'Hiragana', 'Katakana', 'Thai', 'Lao', 'Khmer', 'Myanmar'];
+  const UNSPACED = SCRIPTS.map((name) => `\\p{sc=${name}}`).join('');
   const PIECES = new RegExp(`\\s+|[${UNSPACED}]|[^\\s${UNSPACED}]+`, 'gu');
   const range = document.createRange();
 
@@ -313,8 +323,9 @@
       const [text] = match;
       const isSpace = /^\s/.test(text);
       const at = start + match.index;
-      const rects = isSpace ? [] : rectsOf(node, at, at + text.length);
-      pieces.push({ text, isSpace, rects: rects.map((rect) => plain(moved(rect, map))), isSeen: isSpace || isSeen(rects, text) });
+      const own = isSpace ? [] : rectsOf(node, at, at + text.length);
+      const rects = own.map((rect) => plain(moved(rect, map)));
+      pieces.push({ text, isSpace, rects, isSeen: isSpace || isSeen(own, text) });
     }
     return pieces;
   };
@@ -350,10 +361,11 @@
       rects.every((rect) =>
         isWithin(rect, clip, isDown) && isWithin(moved(rect, place.map), place.clip, isDown) &&
         isKept(rect, ellipsis) && (place.isFlat || isBare(element, rect, place.map)));
-    const pieces = () => piecesOf(node, place.map || isDown ? [0, node.data.length] : windowOf(node, place.clip), isSeen, place.map);
-    if (wantsPieces) return pieces();
-    if (isSeen(lines, fold(node.data))) return { text: node.data, rects: lines.map((rect) => moved(rect, place.map)) };
-    return join(pieces());
+    if (!wantsPieces && isSeen(lines, fold(node.data)))
+      return { text: node.data, rects: lines.map((rect) => moved(rect, place.map)) };
+    const part = place.map || isDown ? [0, node.data.length] : windowOf(node, place.clip);
+    const pieces = piecesOf(node, part, isSeen, place.map);
+    return wantsPieces ? pieces : join(pieces);
   };
 
   const begin = () => {

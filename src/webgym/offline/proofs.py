@@ -30,7 +30,7 @@ def typed_proofs(task: Task) -> Iterator[str]:
     typed = [fold(move.text) for move in task.truth.moves if isinstance(move, Fill)]
     for fact in task.truth.facts:
         for evidence in fact.evidence:
-            if all(any(says(text, wanted) for text in typed) for wanted in evidence.texts):
+            if evidence.texts and all(any(says(text, wanted) for text in typed) for wanted in evidence.texts):
                 quoted = ", ".join(f'"{text}"' for text in evidence.texts)
                 yield f"{task.id}: fact {fact.group}.{fact.index} is proven by what an agent types: {quoted}"
 

@@ -13,21 +13,26 @@ import sys
 from collections import Counter
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import httpx
+import msgspec
 import pytest
 from playwright.async_api import Browser, expect
+from tests.judge.scenes import TASK
 from tests.report.conftest import build_run
 from tests.report.test_pages import CONTRAST, opened, viewed
 
 from webgym.core.errors import UsageError
 from webgym.core.outcome import Outcome
+from webgym.core.task import FactGroup, Rubric
 from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.labels import read_labels
 from webgym.report.config import ViewConfig
 from webgym.report.live import view_app
 from webgym.rollout.labels import HumanLabel, LabelBook, labels_path, sample_to_label
+from webgym.rollout.records import Entry
 from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import Judged, VerdictBook
 
@@ -69,15 +74,70 @@ def said(attempt_id: str, **changes: str) -> dict[str, str]:
 # --- which attempts -----------------------------------------------------------------------------------
 
 
-def test_the_sample_is_even_over_difficulty_and_the_same_for_everybody(large_run: Path) -> None:
+def run_of(counts: dict[int, tuple[int, int]]) -> RunReader:
+    """A run with so many successes and failures by difficulty, each at a task of its own."""
+    tasks, attempts = {}, {}
+    for difficulty, (won, lost) in counts.items():
+        facts = tuple(f"fact {number}" for number in range(difficulty))
+        for number in range(won + lost):
+            outcome = Outcome.SUCCESS if number < won else Outcome.FAILURE
+            task_id = f"{difficulty}/{number}"
+            tasks[task_id] = msgspec.structs.replace(
+                TASK, id=task_id, rubric=Rubric((FactGroup(1, "", facts),))
+            )
+            attempts[f"{task_id}#0.0"] = Entry(f"{task_id}#0.0", task_id, 0, 0, outcome, "", 0, 0)
+    return cast(RunReader, SimpleNamespace(tasks=tasks, attempts=attempts))
+
+
+def drawn(reader: RunReader, chosen: list[str]) -> tuple[Counter[int], Counter[int]]:
+    """How many were chosen by difficulty, and how many of them succeeded."""
+    all_, won = Counter[int](), Counter[int]()
+    for attempt_id in chosen:
+        difficulty = reader.tasks[reader.attempts[attempt_id].task_id].difficulty
+        all_[difficulty] += 1
+        won[difficulty] += reader.attempts[attempt_id].outcome is Outcome.SUCCESS
+    return all_, won
+
+
+PAPER = {**dict.fromkeys(range(1, 7), 10), **dict.fromkeys(range(7, 11), 5)}
+
+
+def test_the_sample_is_drawn_as_in_the_paper_and_the_same_for_everybody() -> None:
+    reader = run_of(dict.fromkeys(range(1, 14), (40, 60)))
+    chosen = sample_to_label(reader, 80, 0)
+    by_difficulty, won = drawn(reader, chosen)
+    assert by_difficulty == PAPER
+    assert won.total() == 40
+    assert all(abs(won[each] - PAPER[each] / 2) < 1 for each in PAPER)
+    assert sample_to_label(reader, 80, 0) == chosen
+    assert sample_to_label(reader, 80, 1) != chosen
+    early, _ = drawn(reader, chosen[:40])  # whoever stops early has labelled alike, too
+    assert all(abs(early[each] - PAPER[each] / 2) <= 1 for each in PAPER)
+    halves = [drawn(reader, part)[1].total() for part in (chosen[:40], chosen[40:])]
+    assert min(halves) > 10  # neither kind comes first: the order tells nothing
+    twice, _ = drawn(reader, sample_to_label(reader, 160, 0))
+    assert twice == {each: 2 * count for each, count in PAPER.items()}
+
+
+def test_what_a_difficulty_lacks_others_make_up_for() -> None:
+    # Hard tasks are rarely solved, easy ones rarely not: half of all are successes still.
+    solved = {1: (100, 3), 2: (80, 20), 3: (50, 50), 4: (40, 60), 5: (30, 70), 6: (20, 80)}
+    reader = run_of(solved | {7: (3, 90), 8: (1, 90), 9: (0, 90), 10: (0, 90)})
+    by_difficulty, won = drawn(reader, sample_to_label(reader, 80, 0))
+    assert by_difficulty == PAPER
+    assert won.total() == 40
+    assert all(won[each] <= 8 for each in range(2, 7))  # no level is turned over to one of the two
+    # Too few at a difficulty, or beyond the paper's: the count is kept as long as there are any.
+    reader = run_of({1: (2, 1), 2: (30, 30), 12: (5, 40)})
+    by_difficulty, _ = drawn(reader, sample_to_label(reader, 80, 0))
+    assert by_difficulty == {1: 3, 2: 60, 12: 17}
+    assert len(sample_to_label(reader, 1000, 0)) == len(reader.attempts)
+    assert sample_to_label(run_of({}), 80, 0) == []
+    assert len(sample_to_label(run_of({3: (0, 9)}), 4, 0)) == 4
+
+
+def test_only_attempts_that_ended_of_their_own_are_labelled(large_run: Path) -> None:
     reader = RunReader(large_run)
-    chosen = sample_to_label(reader, 12, 0)
-    levels = [reader.tasks[reader.attempts[one].task_id].level for one in chosen]
-    assert Counter(levels[:9]) == {"easy": 3, "medium": 3, "hard": 3}
-    assert len(set(chosen)) == 12  # the run has three hard ones: the other levels make up for it
-    assert set(levels[:3]) == {"easy", "medium", "hard"}  # whoever stops early was even, too
-    assert sample_to_label(RunReader(large_run), 12, 0) == chosen
-    assert sample_to_label(reader, 12, 1) != chosen
     whole = sample_to_label(reader, 1000, 0)
     ended = [one for one, entry in reader.attempts.items() if not entry.outcome.is_retried]
     assert sorted(whole) == sorted(ended)

@@ -10,13 +10,14 @@ import fcntl
 import hashlib
 import os
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import zip_longest
 from pathlib import Path
+from typing import Final, NamedTuple
 
 from webgym.core.errors import UsageError
-from webgym.core.task import LEVELS
+from webgym.core.outcome import Outcome
 from webgym.judge.labels import HumanLabel, Label, LabelFile, read_labels, render_labels
 from webgym.rollout.files import disk_errors, sync_folder, write_whole
 from webgym.rollout.store import RunReader
@@ -86,32 +87,90 @@ class LabelBook:
             os.close(fd)
 
 
+_PER_DIFFICULTY: Final = dict.fromkeys(range(1, 7), 10) | dict.fromkeys(range(7, 11), 5)
+"""Of the paper's 80 trajectories, by the number of facts of their tasks."""
+
+
 def sample_to_label(reader: RunReader, count: int, seed: int) -> list[str]:
-    """Attempts to be labelled: as evenly over the levels of difficulty as the run allows (paper §3.4).
+    """Attempts to be labelled, drawn as in the paper's study (§3.4), as far as the run allows.
+
+    Of 80 attempts, ten are at tasks of each difficulty from 1 to 6 and five at each from 7 to 10, and about
+    half of them succeeded by the run's own verdict; of another count, the same shares. What a difficulty
+    lacks, others make up for, those beyond 10 included.
 
     Only attempts that came to an end of their own, and another task's before a second one of the same task.
-    The order goes round the levels, so that whoever stops early has labelled evenly too. It depends on the
-    seed and the attempts alone: everybody labels the same ones.
+    The order goes round the difficulties, so that whoever stops early has labelled alike, and tells nothing
+    of the verdicts. It depends on the seed and the attempts alone: everybody labels the same ones.
 
     Args:
         reader: of the run.
         count: how many at most.
         seed: of the draw.
     """
-    by_level: dict[str, list[tuple[int, str, str]]] = defaultdict(list)
+    strata = _strata(reader, seed)
+    sizes = _shares(count, {each: len(strata.get(each, ())) for each in _PER_DIFFICULTY})
+    chosen: dict[int, list[_Ended]] = {}
+    left, wanted = sum(sizes.values()), round(sum(sizes.values()) / 2)
+    # Where one of the two is scarce first: the others can then make up for it.
+    for difficulty in sorted(sizes, key=lambda each: (_scarcer(strata.get(each, ())), each)):
+        ended, size = strata.get(difficulty, []), sizes[difficulty]
+        won = [one for one in ended if one.succeeded]
+        lost = [one for one in ended if not one.succeeded]
+        share = round(size * wanted / left) if left else 0
+        successes = min(len(won), max(0, share, size - len(lost)))
+        chosen[difficulty] = sorted([*won[:successes], *lost[: size - successes]])
+        left, wanted = left - size, wanted - successes
+    taken = {one.attempt_id for ended in chosen.values() for one in ended}
+    spare = [[one for one in ended if one.attempt_id not in taken] for _, ended in sorted(strata.items())]
+    turns = [*_spread(list(chosen.values())), *_round_robin(spare)]
+    return [one.attempt_id for one in turns[:count]]
+
+
+class _Ended(NamedTuple):
+    """An attempt that came to an end of its own; sorted as it is drawn."""
+
+    nth: int
+    digest: str
+    attempt_id: str
+    succeeded: bool
+
+
+def _strata(reader: RunReader, seed: int) -> dict[int, list[_Ended]]:
+    """Attempts by the difficulty of their task, in an order that is drawn; 0 where the task is not known."""
+    strata: dict[int, list[_Ended]] = defaultdict(list)
     seen: dict[str, int] = defaultdict(int)
-    judged = [
-        (hashlib.sha256(f"labels/{seed}/{one}".encode()).hexdigest(), one, entry.task_id)
-        for one, entry in reader.attempts.items()
+    drawn = [
+        (hashlib.sha256(f"labels/{seed}/{entry.attempt_id}".encode()).hexdigest(), entry)
+        for entry in reader.attempts.values()
         if not entry.outcome.is_retried
     ]
-    for digest, attempt_id, task_id in sorted(judged):
-        task = reader.tasks.get(task_id)
-        by_level[task.level if task else ""].append((seen[task_id], digest, attempt_id))
-        seen[task_id] += 1
-    ranked = [[one for *_, one in sorted(by_level[level])] for level in (*LEVELS, "")]
-    return _round_robin(ranked)[:count]
+    for digest, entry in sorted(drawn):
+        task = reader.tasks.get(entry.task_id)
+        ended = _Ended(seen[entry.task_id], digest, entry.attempt_id, entry.outcome is Outcome.SUCCESS)
+        strata[task.difficulty if task else 0].append(ended)
+        seen[entry.task_id] += 1
+    return {difficulty: sorted(ended) for difficulty, ended in strata.items()}
 
 
-def _round_robin(lists: Sequence[Sequence[str]]) -> list[str]:
+def _shares(count: int, there: Mapping[int, int]) -> dict[int, int]:
+    """How many of each difficulty: by the paper's shares, as far as there are any; the rest spread again."""
+    sizes = dict.fromkeys(there, 0)
+    for _ in range(min(count, sum(there.values()))):
+        open_ = [each for each in sizes if sizes[each] < there[each]]
+        sizes[min(open_, key=lambda each: ((sizes[each] + 0.5) / _PER_DIFFICULTY[each], each))] += 1
+    return sizes
+
+
+def _scarcer(ended: Sequence[_Ended]) -> int:
+    won = sum(one.succeeded for one in ended)
+    return min(won, len(ended) - won)
+
+
+def _spread(lists: Sequence[Sequence[_Ended]]) -> list[_Ended]:
+    """All of them in one list, each list's spread evenly over it."""
+    placed = [((place + 0.5) / len(ended), one) for ended in lists for place, one in enumerate(ended)]
+    return [one for _, one in sorted(placed, key=lambda each: (each[0], each[1].digest))]
+
+
+def _round_robin(lists: Sequence[Sequence[_Ended]]) -> list[_Ended]:
     return [one for turn in zip_longest(*lists) for one in turn if one is not None]

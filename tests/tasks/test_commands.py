@@ -220,7 +220,8 @@ def test_stats_take_lengths_from_runs(calls: Calls, tmp_path: Path, whole: Path)
         [
             (easy, 2, Outcome.SUCCESS),
             (easy, 6, Outcome.FAILURE),
-            (hard, 9, Outcome.TRUNCATED),
+            (hard, 8, Outcome.FAILURE),
+            (hard, 9, Outcome.TRUNCATED),  # not answered: its length is the budget's
             (hard, 40, Outcome.ENVIRONMENT_ERROR),  # carries no reward, so it says nothing
         ],
     )
@@ -229,7 +230,7 @@ def test_stats_take_lengths_from_runs(calls: Calls, tmp_path: Path, whole: Path)
     lengths = json.loads(output)["lengths"]
     assert {level: found["counts"] for level, found in lengths.items()} == {
         "easy": {"2": 1, "6": 1},
-        "hard": {"9": 1},
+        "hard": {"8": 1},
     }
     assert calls.run("tasks", "stats", whole, "--run", tmp_path)[0] == 2
 

@@ -17,7 +17,7 @@ def stats(
         None, "--figures", help="Folder to draw the figures into, as PNG and SVG."
     ),
     run: list[Path] = typer.Option(
-        [], "--run", help="Run folder whose trajectories' lengths to count. Repeatable."
+        [], "--run", help="Run folder whose answered attempts' lengths to count. Repeatable."
     ),
     form: str = typer.Option("terminal", "--form", help="terminal, markdown, csv or json."),
 ) -> None:
@@ -51,7 +51,8 @@ def stats(
 
 
 def _lengths(runs: list[Path]) -> dict[Level, list[int]]:
-    """Steps of every attempt that carries a reward, by the level of its task."""
+    """Steps of every answered attempt, by the level of its task: a spent budget is no length (paper §3.3)."""
+    from webgym.core.outcome import Outcome
     from webgym.core.task import LEVELS
     from webgym.rollout.store import RunReader
 
@@ -59,6 +60,7 @@ def _lengths(runs: list[Path]) -> dict[Level, list[int]]:
     for path in runs:
         reader = RunReader(path)
         for entry in reader.attempts.values():
-            if entry.outcome.is_rewarded and (task := reader.tasks.get(entry.task_id)) is not None:
+            is_answered = entry.outcome in (Outcome.SUCCESS, Outcome.FAILURE)
+            if is_answered and (task := reader.tasks.get(entry.task_id)) is not None:
                 lengths[task.level].append(len(reader.trajectory(entry.attempt_id).episode.steps))
     return lengths

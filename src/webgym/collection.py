@@ -43,6 +43,7 @@ from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
+from webgym.rollout.unjudged import judge_again
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
 from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
 from webgym.tasks.brands import brand_or_text
@@ -382,7 +383,9 @@ async def _carry_out(
     try:
         async with show(progress) if show else nullcontext():
             blocklist = Blocklist(config.blocklist)
-            await Collector(stage, judge, _pictures(store.path), config.collector, blocklist).run(plan)
+            pictures = _pictures(store.path)
+            await Collector(stage, judge, pictures, config.collector, blocklist).run(plan)
+            await judge_again(stage, tasks, judge, pictures, config.collector, blocklist)
     finally:
         # Also of a run that was stopped: what is on disk has a summary.
         summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge)

@@ -85,13 +85,27 @@ async def test_an_attempt_without_a_verdict_is_tried_again(run: Path) -> None:
     assert held.verdict is None
     assert held.failure is not None
     assert held.failure.code == "judge_error"
+    assert judge.asked[first] == 3  # by itself, when all others were done
     judge.failing = frozenset()
     kept = await judge_run(run, judge, RejudgeConfig(retry_failures=False))
     assert kept.outcomes[Outcome.JUDGE_ERROR] == 1
     mended = await judge_run(run, judge)
-    assert judge.asked[first] == 2
+    assert judge.asked[first] == 4
     assert mended.outcomes[Outcome.JUDGE_ERROR] == 0
     assert mended.done == mended.total
+
+
+async def test_an_attempt_that_gets_its_verdict_later_is_counted_once(run: Path) -> None:
+    class Hesitant(Counting):
+        """No verdict at the first time of asking."""
+
+        async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
+            self.failing = frozenset() if self.asked[episode.attempt_id] else frozenset({episode.attempt_id})
+            return await super().judge(task, episode, pictures)
+
+    state = await judge_run(run, Hesitant(), RejudgeConfig(judges=1))
+    assert state.done == state.total == state.outcomes.total()
+    assert state.outcomes[Outcome.JUDGE_ERROR] == state.failures.total() == 0
 
 
 async def test_a_part_at_a_time(run: Path) -> None:

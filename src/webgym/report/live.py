@@ -45,7 +45,10 @@ class LiveRun:
 
     def refresh(self) -> None:
         """Take in what was written since."""
-        ended = list(self.reader.attempts)
+        attempts = self.reader.attempts
+        ended = list(attempts)
+        if any(attempts[row["id"]].outcome != row["outcome"] for row in self.rows):
+            self.rows, self.overview = [], Overview(self.reader)  # some have a verdict now
         for attempt_id in ended[len(self.rows) :]:
             trajectory = self.reader.trajectory(attempt_id)
             self.overview.add(trajectory)

@@ -40,6 +40,9 @@ class CollectorConfig(BaseModel):
     judge_seconds: float = Field(default=300.0, gt=0)
     """How long one verdict may take before the attempt counts as unjudged."""
 
+    judge_again: int = Field(default=2, ge=0)
+    """How often attempts without a verdict are judged again, at the end of the run and when it is resumed."""
+
     straggler_share: float = Field(default=0.95, gt=0, le=1)
     """Once this share of the samples is done, the rest get a grace period (paper §4)."""
 

@@ -63,6 +63,12 @@ class Progress:
         self.outcomes[trajectory.outcome] += 1
         self.last.appendleft((trajectory.outcome, episode.task_id, len(episode.steps)))
 
+    def judged_again(self, trajectory: Trajectory) -> None:
+        """An attempt that had no verdict was recorded with one."""
+        if self.outcomes[Outcome.JUDGE_ERROR]:  # else it ended in an earlier session
+            self.outcomes[Outcome.JUDGE_ERROR] -= 1
+            self.outcomes[trajectory.outcome] += 1
+
     @property
     def seconds(self) -> float:
         """Wall time of this session."""

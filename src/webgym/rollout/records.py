@@ -123,6 +123,8 @@ def decode(line: bytes) -> Trajectory:
 class Index:
     """What the shards of a run hold, verified, and kept up to date by reading only what is new.
 
+    An attempt without a verdict may be recorded again, once it has one: the later record counts.
+
     Attributes:
         entries: the whole records by attempt id, in order.
         corrupt: the lines that are none.
@@ -166,7 +168,8 @@ class Index:
 
     def _add(self, head: _Head, *place: Any) -> None:
         e = head.episode
-        if e.attempt_id in self.entries:
+        known = self.entries.get(e.attempt_id)
+        if known is not None and known.outcome is not Outcome.JUDGE_ERROR:
             raise ValueError(f"{e.attempt_id} is recorded a second time")
         self.entries[e.attempt_id] = Entry(e.attempt_id, e.task_id, e.sample, e.retry, head.outcome, *place)
 

@@ -44,6 +44,9 @@ class RejudgeConfig(BaseModel):
     retry_failures: bool = True
     """Judge those again that this judge had no verdict on."""
 
+    judge_again: int = Field(default=2, ge=0)
+    """How often those without a verdict are judged again when all others are done."""
+
     give_up_after: int = Field(default=20, ge=1)
     """The judging stops when so many attempts in a row had no verdict: the endpoint is gone, or the model is
     not up to it."""
@@ -82,14 +85,22 @@ class Judging:
 
     def count(self, judged: Judged, *, now: bool) -> None:
         """Take note of a judgement."""
-        self.done += 1
-        self.outcomes[judged.outcome] += 1
-        if judged.failure:
-            self.failures[judged.failure.message] += 1
+        self._add(judged, 1)
         cost = judged.verdict.cost if judged.verdict and judged.verdict.cost else Cost()
         self.cost += cost
         if now:
             self.spent += cost
+
+    def discount(self, judged: Judged) -> None:
+        """Forget a judgement that had no verdict: it is made again."""
+        self._add(judged, -1)
+        self.failures = +self.failures  # a reason that is none any more is not told
+
+    def _add(self, judged: Judged, number: int) -> None:
+        self.done += number
+        self.outcomes[judged.outcome] += number
+        if judged.failure:
+            self.failures[judged.failure.message] += number
 
 
 async def judge_run(
@@ -119,7 +130,11 @@ async def judge_run(
         waiting = await asyncio.to_thread(_waiting, reader, book, state, config)
         if show:
             show(state)
-        await _judge_all(reader, judge, book, waiting[: config.limit], state, config, show)
+        waiting = waiting[: config.limit]
+        await _judge_all(reader, judge, book, waiting, state, config, show)
+        for _ in range(config.judge_again):
+            waiting = [one for one in waiting if book.held[one].verdict is None]
+            await _judge_all(reader, judge, book, waiting, state, config, show, is_again=True)
     return state
 
 
@@ -150,7 +165,10 @@ async def _judge_all(
     state: Judging,
     config: RejudgeConfig,
     show: Callable[[Judging], None] | None,
+    *,
+    is_again: bool = False,
 ) -> None:
+    """Judge these. Those that are judged again have been counted without a verdict, and may stay without."""
     left = iter(waiting)
     writing = asyncio.Lock()
 
@@ -170,6 +188,8 @@ async def _judge_all(
                 attempt_id, judge.name, found.outcome, time.time(), seconds, found.verdict, found.failure
             )
             async with writing:
+                if is_again:
+                    state.discount(book.held[attempt_id])
                 await asyncio.to_thread(book.append, judged)
             state.count(judged, now=True)
             if show:
@@ -177,6 +197,8 @@ async def _judge_all(
             failed = judged.failure
             state.failed_in_a_row = state.failed_in_a_row + 1 if failed else 0
             if failed and state.failed_in_a_row >= config.give_up_after:
+                if is_again:
+                    return
                 raise JudgeError(
                     f"{state.failed_in_a_row} attempts in a row had no verdict: {failed.message}",
                     hint="what was judged is kept; mend the cause, then call again",

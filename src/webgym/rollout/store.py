@@ -10,7 +10,8 @@
       verdicts/<judge>.jsonl    what other judges said afterwards (see `verdicts`)
       summary.json, report.html made from the above
 
-Only the end of a file is ever written to, so kill -9 leaves at most one torn line, which the next
+An attempt that ended without a verdict and gets one later has two lines with the same episode; the later one
+counts. Only the end of a file is ever written to, so kill -9 leaves at most one torn line, which the next
 writer cuts off. Readers need no lock and may follow a run that is being written.
 """
 
@@ -31,6 +32,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError
+from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import ImageRef, Trajectory
 from webgym.rollout.files import (
@@ -291,9 +293,12 @@ class RunWriter:
         line = seal(trajectory)
         assert self._shard is not None
         if known := self.attempts.get(episode.attempt_id):
-            if seal(read_at(self._folder / known.shard, known)) != line:
+            held = read_at(self._folder / known.shard, known)
+            if seal(held) == line:
+                return
+            has_none = known.outcome is Outcome.JUDGE_ERROR and trajectory.outcome is not Outcome.JUDGE_ERROR
+            if not has_none or held.episode != episode:
                 raise StoreError(f"{episode.attempt_id} is recorded already, and was another")
-            return
         with disk_errors("writing a trajectory"):
             for prefix in {name[:2] for name in names} & self._unsynced:
                 self._sync_pictures(prefix)

@@ -1,0 +1,126 @@
+"""The attempts of a run that have no verdict, judged again when all else is done or the run is resumed.
+
+What the browser did is on disk and is not done again. A judge that fails for one question in a hundred fails
+for more attempts at tasks of many facts than of few, and for more that succeeded than that failed (one clear
+failure decides): attempts left without a verdict would bend the success rate.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Iterable
+
+import msgspec
+
+from webgym.core.outcome import Outcome
+from webgym.core.task import Task
+from webgym.core.trajectory import Trajectory
+from webgym.judge.base import Judge, Pictures
+from webgym.rollout.attempt import Stage
+from webgym.rollout.blocklist import Blocklist
+from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.judging import Found, find
+from webgym.rollout.store import RunReader
+
+
+async def judge_again(
+    stage: Stage,
+    tasks: Iterable[Task],
+    judge: Judge,
+    pictures: Pictures,
+    config: CollectorConfig,
+    blocklist: Blocklist | None = None,
+) -> None:
+    """Judge every attempt of a run again that has no verdict; one that gets a verdict is recorded with it.
+
+    An attempt is judged ``config.judge_again`` times at most. After ``config.give_up_after`` in a row without
+    a verdict the rest are left as they are: the endpoint is gone, or the model is not up to it.
+
+    Args:
+        stage: of the run; its store holds the attempts.
+        tasks: of the run.
+        judge: as in the collection.
+        pictures: gives the judge the screenshots.
+        config: limits.
+        blocklist: is told of websites that kept the agent out.
+
+    Raises:
+        StoreError: a verdict cannot be kept, or a record cannot be trusted.
+    """
+    again = _Again(stage, tasks, judge, pictures, config, blocklist)
+    for _ in range(config.judge_again):
+        if not await again.round():
+            return
+
+
+class _Again:
+    def __init__(
+        self,
+        stage: Stage,
+        tasks: Iterable[Task],
+        judge: Judge,
+        pictures: Pictures,
+        config: CollectorConfig,
+        blocklist: Blocklist | None,
+    ) -> None:
+        self._stage = stage
+        self._tasks = {task.id: task for task in tasks}
+        self._judge = judge
+        self._pictures = pictures
+        self._config = config
+        self._blocklist = blocklist
+        self._failed_in_a_row = 0
+
+    async def round(self) -> bool:
+        """Judge all that have no verdict once; whether another round may help."""
+        entries = self._stage.store.attempts.values()
+        waiting = deque(entry.attempt_id for entry in entries if entry.outcome is Outcome.JUDGE_ERROR)
+        if not waiting:
+            return False
+        reader = RunReader(self._stage.store.path, skip_corrupt=True)
+        await asyncio.to_thread(reader.refresh)
+        try:
+            async with asyncio.TaskGroup() as group:
+                for _ in range(min(self._config.judges, len(waiting))):
+                    group.create_task(self._work(waiting, reader))
+        except ExceptionGroup as errors:
+            raise errors.exceptions[0] from errors
+        return self._goes_on
+
+    @property
+    def _goes_on(self) -> bool:
+        return self._failed_in_a_row < self._config.give_up_after
+
+    async def _work(self, waiting: deque[str], reader: RunReader) -> None:
+        while waiting and self._goes_on:
+            trajectory = await asyncio.to_thread(reader.trajectory, waiting.popleft())
+            task = self._tasks.get(trajectory.episode.task_id)
+            if task is None:
+                continue
+            self._stage.progress.move(None, "judging")
+            started = time.monotonic()
+            try:
+                seconds = self._config.judge_seconds
+                found = await find(self._judge, task, trajectory.episode, self._pictures, seconds)
+            finally:
+                self._stage.progress.move("judging", None)
+            if found.outcome is Outcome.JUDGE_ERROR:
+                self._failed_in_a_row += 1
+                continue
+            self._failed_in_a_row = 0
+            await self._keep(trajectory, found, time.monotonic() - started)
+            if self._blocklist and found.outcome is Outcome.BLOCKED and found.verdict is not None:
+                await asyncio.to_thread(self._blocklist.add, task.website, found.verdict.blocked.reason)
+
+    async def _keep(self, trajectory: Trajectory, found: Found, seconds: float) -> None:
+        judged = msgspec.structs.replace(
+            trajectory,
+            outcome=found.outcome,
+            verdict=found.verdict,
+            judge_failure=None,
+            judge_seconds=trajectory.judge_seconds + seconds,
+        )
+        await self._stage.store.append(judged)
+        self._stage.progress.judged_again(judged)

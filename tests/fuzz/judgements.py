@@ -12,6 +12,35 @@ from webgym.judge.verdicts import Finding, Words, may_be_echoed, read_verdict
 from webgym.judge.webjudge import read_status
 
 CODE = "5f0c1e9a77b2"
+_TURNING = (
+    *(
+        "Not a",
+        "No",
+        "It is not",
+        "It can not be called",
+        "I would not say",
+        "It isn't",
+        "It isn’t a",
+        "Never a",
+    ),
+    *("It is neither done nor", "If it were shown, I would say", "It would be", "Hardly a", "Without any"),
+)
+"""What a verdict after it would not be: a negation or a condition."""
+_LEADING = (
+    "It is anything but",
+    "That is far from a",
+    "The page says",
+    "It stopped short of",
+    "Some call it",
+)
+"""What runs on into a verdict, too, though no word of it says so."""
+_SENTENCES = (
+    "Step 3 shows it.",
+    "The page does not hide it!",
+    'It says "done."',
+    "Was it found? Step 2 shows it.",
+    "**Seen at step 4.**",
+)
 _SAID: dict[Words, tuple[str, str]] = {"criterion": ("SUCCESS", "NOT SUCCESS"), "question": ("YES", "NO")}
 _PIECES = [
     *"VERDICT VERDICT: Verdict SUCCESS NOT success Success YES NO no yes".split(),
@@ -51,6 +80,9 @@ class Generator:
             self.contradiction,
             self.soup,
             self.status,
+            self.broken,
+            self.whole,
+            self.told_status,
             self.same,
             self.other,
         )
@@ -131,6 +163,47 @@ class Generator:
             return Case("status", whole, (passed,), read_status(whole))
         text = whole[: self.rng.randrange(len(whole) - 9)]
         return Case("status cut", text, (None,), read_status(text))
+
+    def _break(self, fragments: tuple[str, ...]) -> str:
+        """A beginning and its line's end, somewhere after anything."""
+        mark, rng = self.rng.choice(("", "", "**", "_", "`")), self.rng
+        end = rng.choice(("", " ", ":", ",", "...", "…", " -", ": "))
+        gap = rng.choice(("\n", "\n\n", "\r\n", " \n\t\n", "\u2028"))
+        return f"{rng.choice(_SENTENCES)} {mark}{rng.choice(fragments)}{end}{mark}{gap}"
+
+    def broken(self) -> Case:
+        """A verdict that is the end of another sentence is none."""
+        words, passed, _ = self._reply()
+        said = _SAID[words][not passed]
+        line = self.rng.choice(
+            (said, said.lower(), f"**{said}**", f"{said}.", f"VERDICT: {said}", f"- {said}")
+        )
+        text = self._break((*_TURNING, *_LEADING)) + line
+        return Case("broken", text, (None,), self._read(text, words))
+
+    def whole(self) -> Case:
+        """A verdict after whole sentences is one, though it lacks the code."""
+        words, passed, _ = self._reply()
+        said = _SAID[words][not passed]
+        line = self.rng.choice((said, f"**{said}**", f"{said}.", f"VERDICT: {said}", f"`VERDICT: {said}`"))
+        text = "\n".join((*self.rng.choices(_SENTENCES, k=self.rng.randrange(3)), line))
+        return Case("whole", text, (passed,), self._read(text, words))
+
+    def told_status(self) -> Case:
+        """A status that is asked, denied, quoted or supposed is none."""
+        said = self.rng.choice(("success", "Success", '"success"', "failure"))
+        line = f"Status: {said}"
+        text = self.rng.choice(
+            (
+                f"Thoughts: {self._break(_TURNING)}{line}",
+                f"Thoughts: {self.rng.choice((*_TURNING, *_LEADING))} {line.lower()}",
+                f"Thoughts: it says this.\n{self.rng.choice(('“', '> ', '| ', '**“', chr(39)))}{line}",
+                f"Thoughts: is it done?\n{line}{self.rng.choice(('?', '？', ' ?', '?!', ' or not'))}",
+                f"Thoughts: if {line.lower()}",
+                f"Thoughts: it loads.\n{line}\n{self.rng.choice(('would be wrong.', 'if it loads'))}",
+            )
+        )
+        return Case("told status", text, (None,), read_status(text))
 
     # --- values in many spellings ---------------------------------------------------------------------
 

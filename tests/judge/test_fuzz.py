@@ -13,4 +13,4 @@ def test_replies_and_answers_mean_what_they_are_known_to(start: int) -> None:
         case = Generator(seed).case()
         assert not case.is_wrong, f"seed {seed}: {case!r}"
         kinds.add(case.kind)
-    assert len(kinds) == 9
+    assert len(kinds) == 12

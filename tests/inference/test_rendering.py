@@ -35,7 +35,7 @@ def test_each_placeholder_becomes_as_many_tokens_as_its_picture_has(instruct: Re
     assert encoded.pixels is not None
     assert encoded.pixels.grid.tolist() == [[1, 2, 4], [1, 4, 6]]
     assert encoded.pixels.values.shape == (2 * 4 + 4 * 6, 3 * 2 * 16 * 16)
-    assert instruct.image_tokens(encoded.pixels) == [2, 6]
+    assert instruct.image_tokens(REQUEST) == [2, 6]
     # The text with the placeholders written out is what transformers' own processor tokenizes.
     text = instruct.text(REQUEST)
     head, middle, tail = text.split("<|image_pad|>")
@@ -48,7 +48,7 @@ def test_each_placeholder_becomes_as_many_tokens_as_its_picture_has(instruct: Re
 def test_a_request_without_pictures_has_no_pixels(instruct: Renderer) -> None:
     encoded = instruct.prompt(REQUEST[:1], {})
     assert encoded.pixels is None
-    assert instruct.image_tokens(None) == []
+    assert instruct.image_tokens(REQUEST[:1]) == []
 
 
 def test_a_text_that_holds_the_placeholder_is_refused(instruct: Renderer) -> None:
@@ -60,6 +60,11 @@ def test_a_text_that_holds_the_placeholder_is_refused(instruct: Renderer) -> Non
 def test_a_picture_that_is_none_is_refused(instruct: Renderer) -> None:
     with pytest.raises(PolicyError, match="no picture"):
         instruct.prompt(REQUEST[1:2], {"a": b"<html>"})
+
+
+def test_a_picture_of_another_size_than_the_request_says_is_refused(instruct: Renderer) -> None:
+    with pytest.raises(PolicyError, match="was to be sent as 64 x 32"):
+        instruct.prompt(REQUEST[1:2], {"a": IMAGES["b"]})
 
 
 @pytest.mark.parametrize(("template", "opened"), [(INSTRUCT, False), (THINKING, True)])

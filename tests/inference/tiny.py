@@ -19,6 +19,8 @@ from transformers.models.qwen2_vl.image_processing_pil_qwen2_vl import Qwen2VLIm
 
 from webgym.inference.rendering import Renderer
 
+torch.set_num_threads(1)  # threads that wait for a busy processor make tiny work a hundred times slower
+
 SPECIAL = ["<|endoftext|>", "<|im_start|>", "<|im_end|>", "<|vision_start|>", "<|vision_end|>"]
 SPECIAL += ["<|image_pad|>", "<|video_pad|>"]
 WORDS = ["<think>", "</think>", "<tool_call>", "</tool_call>"]  # added tokens, but not special: they are text

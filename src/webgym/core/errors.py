@@ -40,6 +40,7 @@
     │   ├── PolicyTimeout      no complete reply within the deadline
     │   └── PolicyBadReply     an HTTP error, HTML, nothing, an endless stream
     ├── JudgeError             no verdict could be had; never a silent 0 or 1
+    ├── TrainingError          learning cannot go on; what was saved before is whole
     └── StoreError             the run folder did it; the run stops, nothing counted is lost
         ├── StoreFull          no space left on the device
         ├── StoreLocked        another collector writes to this run
@@ -323,6 +324,12 @@ class JudgeError(WebGymError):
     """No verdict could be had."""
 
     code = "judge_error"
+
+
+class TrainingError(WebGymError):
+    """Learning cannot go on, such as with a loss that is no number. What was saved before is whole."""
+
+    code = "training_error"
 
 
 class StoreError(WebGymError):

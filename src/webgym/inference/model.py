@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -10,9 +11,12 @@ from typing import Any, Literal, TypeAlias
 
 import torch
 from transformers import AutoImageProcessor, AutoModelForImageTextToText, AutoTokenizer
+from transformers.utils.logging import disable_progress_bar
 
 from webgym.core.errors import ConfigError
 from webgym.inference.rendering import Renderer
+
+disable_progress_bar()  # weights are loaded and saved in the middle of somebody else's output
 
 Dtype: TypeAlias = Literal["float32", "bfloat16"]
 
@@ -41,10 +45,11 @@ class Loaded:
 
 
 def load_model(path: str | Path, *, dtype: Dtype = "float32", device: str = "cpu") -> Loaded:
-    """A model from a folder or from the Hugging Face hub.
+    """A model from a folder or from the Hugging Face hub; adapters are merged into the weights they are for.
 
     Args:
-        path: a folder with ``config.json`` and ``*.safetensors``, or the id of a model on the hub.
+        path: a folder with ``config.json`` and ``*.safetensors``, one with ``adapter_config.json``, or the id
+            of a model on the hub.
         dtype: of the weights in memory.
         device: as torch names it.
 
@@ -53,7 +58,7 @@ def load_model(path: str | Path, *, dtype: Dtype = "float32", device: str = "cpu
     """
     renderer = load_renderer(path)
     with _one_line(path):
-        model = AutoModelForImageTextToText.from_pretrained(str(path), dtype=getattr(torch, dtype))
+        model = _weights(path, getattr(torch, dtype))
     ends = model.generation_config.eos_token_id if model.generation_config is not None else None
     if ends is not None:
         renderer.end_ids |= {ends} if isinstance(ends, int) else frozenset(ends)
@@ -75,6 +80,18 @@ def load_renderer(path: str | Path) -> Renderer:
     if not tokenizer.chat_template:
         raise ConfigError(f"the model {path} has no chat template", hint="give an instruct model")
     return Renderer(tokenizer, image_processor)
+
+
+def _weights(path: str | Path, dtype: torch.dtype) -> Any:
+    if not (Path(path) / "adapter_config.json").is_file():
+        return AutoModelForImageTextToText.from_pretrained(str(path), dtype=dtype)
+    import peft  # only where there are adapters
+
+    base = peft.PeftConfig.from_pretrained(str(path)).base_model_name_or_path
+    model = AutoModelForImageTextToText.from_pretrained(base, dtype=dtype)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # of transformers, about what peft calls
+        return peft.PeftModel.from_pretrained(model, str(path)).merge_and_unload()
 
 
 @contextmanager

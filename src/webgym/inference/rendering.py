@@ -64,6 +64,9 @@ class Renderer:
         self.end_ids = frozenset(end_ids) or frozenset({tokenizer.eos_token_id})
         self._image_token = getattr(tokenizer, "image_token", None) or "<|image_pad|>"
         self.image_id: int = tokenizer.convert_tokens_to_ids(self._image_token)
+        self.pad_id: int = (
+            tokenizer.eos_token_id if tokenizer.pad_token_id is None else tokenizer.pad_token_id
+        )
 
     def prompt(self, messages: Sequence[Message], images: Mapping[str, bytes]) -> Encoded:
         """A request as the model reads it.
@@ -73,11 +76,19 @@ class Renderer:
             images: its pictures by name, encoded, at the size at which they are sent.
 
         Raises:
-            PolicyError: a picture cannot be read, or a text holds the image placeholder itself, so that
-                placeholders and pictures do not match.
+            PolicyError: a picture cannot be read or has another size than the request says, or a text holds
+                the image placeholder itself, so that placeholders and pictures do not match.
         """
-        pixels = self.pixels(messages, images)
-        counts = self.image_tokens(pixels)
+        ids = self.prompt_ids(messages)
+        return Encoded(ids, self.pixels(messages, images))
+
+    def prompt_ids(self, messages: Sequence[Message]) -> list[int]:
+        """The ids of a request, without looking at its pictures: their sizes say how many tokens they take.
+
+        Raises:
+            PolicyError: placeholders and pictures do not match.
+        """
+        counts = self.image_tokens(messages)
         ids: list[int] = []
         met = 0
         for token in self.tokenizer(self.text(messages), add_special_tokens=False)["input_ids"]:
@@ -88,7 +99,7 @@ class Renderer:
             ids += [token] * (counts[met - 1] if met <= len(counts) else 1)
         if met != len(counts):
             raise PolicyError(f"the request has {len(counts)} pictures and {met} image placeholders")
-        return Encoded(ids, pixels)
+        return ids
 
     def text(self, messages: Sequence[Message]) -> str:
         """The request as text, a placeholder per picture, the opening of the reply included."""
@@ -103,21 +114,23 @@ class Renderer:
         """The pictures of a request, in its order; ``None`` if it has none.
 
         Raises:
-            PolicyError: a picture cannot be read.
+            PolicyError: a picture cannot be read, or has another size than the request says.
         """
-        refs = [part for each in messages for part in each.content if isinstance(part, ImageRef)]
+        refs = pictures_of(messages)
         if not refs:
             return None
         decoded = [_decoded(images[ref.screenshot]) for ref in refs]
+        for ref, picture in zip(refs, decoded, strict=True):
+            if picture.size != (ref.width, ref.height):
+                raise PolicyError(f"a picture of {picture.size} was to be sent as {ref.width} x {ref.height}")
         made = self.image_processor(images=decoded, return_tensors="pt")
         return Pixels(made["pixel_values"], made["image_grid_thw"])
 
-    def image_tokens(self, pixels: Pixels | None) -> list[int]:
-        """How many tokens each picture takes in the request."""
-        if pixels is None:
-            return []
+    def image_tokens(self, messages: Sequence[Message]) -> list[int]:
+        """How many tokens each picture of a request takes, in order."""
         merged: int = self.image_processor.merge_size**2
-        return [int(grid.prod()) // merged for grid in pixels.grid]
+        patches = self.image_processor.get_number_of_image_patches
+        return [patches(ref.height, ref.width) // merged for ref in pictures_of(messages)]
 
     def image_mask(self, ids: Sequence[int]) -> list[int]:
         """1 for an image token and 0 for any other: what models call ``mm_token_type_ids``."""
@@ -134,6 +147,11 @@ class Renderer:
             list(reply_ids), skip_special_tokens=True, clean_up_tokenization_spaces=False
         )
         return text
+
+
+def pictures_of(messages: Sequence[Message]) -> list[ImageRef]:
+    """The pictures of a request, in its order; one that is shown twice comes twice."""
+    return [part for each in messages for part in each.content if isinstance(part, ImageRef)]
 
 
 def _content(message: Message) -> str | list[dict[str, str]]:

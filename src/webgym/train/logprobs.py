@@ -1,0 +1,145 @@
+"""Log-probabilities of replies: samples to a padded batch, and one pass through the model.
+
+Logits are computed where a reply token is predicted and nowhere else, a chunk at a time, and again in the
+backward pass: with a vocabulary of 150,000 they would otherwise need more memory than all else together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import torch
+from torch import nn
+from torch.utils.checkpoint import checkpoint
+
+from webgym.inference.rendering import Renderer
+from webgym.train.samples import Sample
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Samples, padded on the right, and where their reply tokens are.
+
+    Attributes:
+        input_ids, attention_mask, mm_token_type_ids: (samples, longest), int64.
+        pixel_values, image_grid_thw: of all pictures; ``None`` if there is none.
+        rows, columns: (reply tokens), int64: the position whose hidden state predicts each of them.
+        targets: (reply tokens), int64.
+        temperature: (reply tokens), float32: logits are divided by it.
+        advantage: (reply tokens), float32.
+        behaviour: (reply tokens), float32; ``None`` unless every sample has them.
+        lengths: reply tokens of each sample.
+    """
+
+    input_ids: torch.Tensor
+    attention_mask: torch.Tensor
+    mm_token_type_ids: torch.Tensor
+    pixel_values: torch.Tensor | None
+    image_grid_thw: torch.Tensor | None
+    rows: torch.Tensor
+    columns: torch.Tensor
+    targets: torch.Tensor
+    temperature: torch.Tensor
+    advantage: torch.Tensor
+    behaviour: torch.Tensor | None
+    lengths: list[int]
+
+    def to(self, device: torch.device) -> Batch:
+        """The same on a device."""
+        moved = {
+            name: value.to(device)
+            for name in self.__dataclass_fields__
+            if isinstance(value := getattr(self, name), torch.Tensor)
+        }
+        return replace(self, **moved)
+
+
+def collate(samples: Sequence[Sample], renderer: Renderer, *, off_policy: bool) -> Batch:
+    """A batch of samples; their pictures are read, resized and cut into patches here.
+
+    Args:
+        samples: at least one.
+        renderer: of the model.
+        off_policy: importance weights are wanted, so that log-probabilities must be of the distribution that
+            was sampled from: at its temperature. Else they are the model's own, at temperature 1.
+    """
+    longest = max(map(len, samples))
+    ids = torch.full((len(samples), longest), renderer.pad_id, dtype=torch.int64)
+    mask = torch.zeros_like(ids)
+    rows: list[int] = []
+    columns: list[int] = []
+    for row, sample in enumerate(samples):
+        prompt, whole = len(sample.prompt_ids), len(sample)
+        ids[row, :whole] = torch.cat([sample.prompt_ids, sample.reply_ids])
+        mask[row, :whole] = 1
+        rows += [row] * (whole - prompt)
+        columns += range(prompt - 1, whole - 1)
+    lengths = [len(sample.reply_ids) for sample in samples]
+    pixels = [made for sample in samples if (made := sample.pixels(renderer)) is not None]
+    logprobs = [sample.logprobs for sample in samples if sample.logprobs is not None]
+    return Batch(
+        input_ids=ids,
+        attention_mask=mask,
+        mm_token_type_ids=(ids == renderer.image_id).long() * mask,
+        pixel_values=torch.cat([each.values for each in pixels]) if pixels else None,
+        image_grid_thw=torch.cat([each.grid for each in pixels]) if pixels else None,
+        rows=torch.tensor(rows),
+        columns=torch.tensor(columns),
+        targets=torch.cat([sample.reply_ids for sample in samples]).long(),
+        temperature=_each([sample.temperature if off_policy else 1.0 for sample in samples], lengths),
+        advantage=_each([sample.advantage for sample in samples], lengths),
+        behaviour=torch.cat(logprobs) if off_policy else None,
+        lengths=lengths,
+    )
+
+
+def _each(values: Sequence[float], lengths: Sequence[int]) -> torch.Tensor:
+    return torch.repeat_interleave(torch.tensor(values), torch.tensor(lengths))
+
+
+class ReplyLogProbs(nn.Module):
+    """A policy as a function from a batch to the log-probability of each reply token.
+
+    Args:
+        policy: a transformers image-text-to-text model, bare or with adapters.
+        chunk: reply tokens whose logits are in memory at once.
+        bf16: compute in bfloat16 where that is safe (autocast).
+    """
+
+    def __init__(self, policy: nn.Module, chunk: int, *, bf16: bool = False) -> None:
+        super().__init__()
+        self.policy = policy
+        self._bf16 = bf16
+        self._chunk = chunk
+        self._no_split_modules = getattr(policy, "_no_split_modules", None)  # what FSDP wraps, layer by layer
+
+    def forward(self, batch: Batch) -> torch.Tensor:
+        """(reply tokens), float32, with gradients where they are enabled."""
+        with torch.autocast(batch.input_ids.device.type, torch.bfloat16, enabled=self._bf16):
+            return self._forward(batch)
+
+    def _forward(self, batch: Batch) -> torch.Tensor:
+        model: Any = self.policy
+        model = model.get_base_model() if hasattr(model, "get_base_model") else model
+        hidden = model.model(
+            input_ids=batch.input_ids,
+            attention_mask=batch.attention_mask,
+            mm_token_type_ids=batch.mm_token_type_ids,
+            pixel_values=batch.pixel_values,
+            image_grid_thw=batch.image_grid_thw,
+            use_cache=False,
+        ).last_hidden_state[batch.rows, batch.columns]
+        head = model.get_output_embeddings()
+        pieces = zip(
+            *(each.split(self._chunk) for each in (hidden, batch.targets, batch.temperature)), strict=True
+        )
+        return torch.cat([checkpoint(_logprobs, head, *piece, use_reentrant=False) for piece in pieces])
+
+
+def _logprobs(
+    head: nn.Module, hidden: torch.Tensor, targets: torch.Tensor, temperature: torch.Tensor
+) -> torch.Tensor:
+    logits = head(hidden).float() / temperature[:, None]
+    return -nn.functional.cross_entropy(logits, targets, reduction="none")

@@ -1,0 +1,220 @@
+"""What training maximises: one extension point, and the objectives behind it.
+
+An objective says three things, and everything else is the same for all of them:
+
+1. which judged trajectories are trained on, and how strongly (:meth:`Objective.advantages`);
+2. how old they may be (:attr:`Objective.max_age`), and whether the log-probabilities of the policy that
+   sampled them are needed (:attr:`Objective.off_policy`);
+3. the loss of each reply token (:meth:`Objective.loss`).
+
+Tokens of a batch come as flat vectors. The update sums the loss over all reply tokens of the effective batch
+and divides by their number, however they lie on processes and micro-batches.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Final, Protocol, runtime_checkable
+
+import msgspec
+import torch
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from webgym.core.errors import ConfigError
+from webgym.train.config import ObjectiveConfig
+
+
+class Attempt(msgspec.Struct, frozen=True):
+    """A judged trajectory, as far as an objective looks at it.
+
+    Attributes:
+        id: unique in its iteration.
+        task_id: attempts at the same task are a group.
+        reward: 0 or 1.
+    """
+
+    id: str
+    task_id: str
+    reward: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tokens:
+    """The reply tokens of a batch, as vectors of equal length.
+
+    Attributes:
+        new: log-probabilities under the weights that are being trained; carries gradients.
+        advantage: of the step that a token belongs to.
+        behaviour: log-probabilities when the token was sampled; ``None`` unless asked for.
+        proximal: log-probabilities under the weights at the start of the update; ``None`` unless asked for.
+    """
+
+    new: torch.Tensor
+    advantage: torch.Tensor
+    behaviour: torch.Tensor | None = None
+    proximal: torch.Tensor | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """The loss of each token, and sums over tokens for the log (each is divided by the number of tokens)."""
+
+    tokens: torch.Tensor
+    sums: dict[str, torch.Tensor] = field(default_factory=dict)
+
+
+@runtime_checkable
+class Objective(Protocol):
+    """What training maximises."""
+
+    @property
+    def off_policy(self) -> bool:
+        """Whether :attr:`Tokens.behaviour` and :attr:`Tokens.proximal` are needed."""
+        ...
+
+    @property
+    def max_age(self) -> int | None:
+        """How many iterations old a trajectory may be; ``None`` leaves it to the replay."""
+        ...
+
+    def advantages(self, attempts: Iterable[Attempt]) -> Mapping[str, float]:
+        """The advantage of each trajectory that is trained on, by attempt id; the others are left out.
+
+        Args:
+            attempts: of one iteration, all that carry a reward.
+        """
+        ...
+
+    def loss(self, tokens: Tokens) -> Loss:
+        """The loss of each token."""
+        ...
+
+
+class _Options(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class FilteredBC(_Options):
+    """The paper's objective (§5): the likelihood of what was done in successful trajectories, nothing else.
+
+    REINFORCE with a 0/1 reward and no baseline: failures have weight 0, so no gradient is ever negative. The
+    log-likelihood of a reply is the sum over its tokens, so every token counts alike.
+    """
+
+    off_policy: ClassVar[bool] = False
+    max_age: ClassVar[int | None] = None
+
+    def advantages(self, attempts: Iterable[Attempt]) -> Mapping[str, float]:
+        """1 for a success."""
+        return {attempt.id: 1.0 for attempt in attempts if attempt.reward == 1}
+
+    def loss(self, tokens: Tokens) -> Loss:
+        """The negative log-likelihood, weighted."""
+        return Loss(-tokens.advantage * tokens.new)
+
+
+class GroupIS(_Options):
+    """Groups with a baseline, trained on off-policy (AsyncWebRL, arXiv 2606.05597).
+
+    Attempts at one task in one iteration are a group. The advantage of an attempt is its reward less the
+    group's mean, over a constant: dividing by the number of steps instead would make each step of a short
+    success weigh more than one of a long failure. Groups that all pass or all fail say nothing and are left
+    out, and with them every task that was attempted once.
+
+    The loss is the clipped surrogate against the proximal policy (the weights at the start of the update),
+    times the importance weight of the proximal over the behaviour policy, which sampled the tokens: trust
+    region and correction are decoupled, so stale data are corrected without being clipped away. No KL term.
+    """
+
+    off_policy: ClassVar[bool] = True
+
+    clip: float = Field(default=0.2, gt=0)
+    """The ratio of new to proximal counts within 1 - clip and 1 + clip."""
+
+    dual_clip: float = Field(default=3.0, gt=1)
+    """A token of negative advantage costs at most this many times the advantage, however likely it became."""
+
+    largest_weight: float = Field(default=5.0, gt=1)
+    """Tokens whose importance weight is larger are left out."""
+
+    step_divisor: float = Field(default=10.0, gt=0)
+    """The constant that advantages are divided by."""
+
+    staleness: int = Field(default=2, ge=0)
+    """How many iterations old a trajectory may be."""
+
+    @property
+    def max_age(self) -> int | None:
+        """As set."""
+        return self.staleness
+
+    def advantages(self, attempts: Iterable[Attempt]) -> Mapping[str, float]:
+        """Reward less the group's mean, over the constant; nothing for groups without a difference."""
+        groups: defaultdict[str, list[Attempt]] = defaultdict(list)
+        for attempt in attempts:
+            groups[attempt.task_id].append(attempt)
+        found: dict[str, float] = {}
+        for group in groups.values():
+            mean = sum(attempt.reward for attempt in group) / len(group)
+            if len({attempt.reward for attempt in group}) > 1:
+                found |= {attempt.id: (attempt.reward - mean) / self.step_divisor for attempt in group}
+        return found
+
+    def loss(self, tokens: Tokens) -> Loss:
+        """The decoupled, clipped surrogate."""
+        assert tokens.behaviour is not None
+        assert tokens.proximal is not None
+        advantage = tokens.advantage
+        ratio = torch.exp(tokens.new - tokens.proximal)
+        clipped = ratio.clamp(1 - self.clip, 1 + self.clip)
+        surrogate = torch.maximum(-advantage * ratio, -advantage * clipped)
+        bounded = torch.minimum(surrogate, self.dual_clip * advantage.abs())
+        weight = torch.exp(tokens.proximal - tokens.behaviour)
+        usable = weight <= self.largest_weight
+        with torch.no_grad():
+            sums = {
+                "clipped": (surrogate > -advantage * ratio).float().sum(),
+                "dropped": (~usable).float().sum(),
+                "importance_weight": weight.clamp(max=self.largest_weight).sum(),
+                "ratio": ratio.sum(),
+            }
+        return Loss(torch.where(usable, bounded * weight, 0.0), sums)
+
+
+OBJECTIVES: Final = {"filtered_bc": FilteredBC, "group_is": GroupIS}
+
+
+def make_objective(config: ObjectiveConfig) -> Objective:
+    """The objective that settings name: one of :data:`OBJECTIVES`, or ``module:attribute``.
+
+    What an import path leads to is called with the options and must give an :class:`Objective`.
+
+    Raises:
+        ConfigError: there is none of this name, or it does not take these options.
+    """
+    maker = OBJECTIVES.get(config.name) or _imported(config.name)
+    try:
+        made = maker(**config.options)
+    except (ValidationError, TypeError) as error:
+        reason = error.errors()[0] if isinstance(error, ValidationError) else None
+        said = f"{'.'.join(map(str, reason['loc']))}: {reason['msg']}" if reason else str(error)
+        raise ConfigError(f"the objective {config.name} does not take its options: {said}") from error
+    if not isinstance(made, Objective):
+        raise ConfigError(
+            f"{config.name} is no objective", hint="see webgym.train.objectives.Objective for what one has"
+        )
+    return made
+
+
+def _imported(name: str) -> Any:
+    module, colon, attribute = name.partition(":")
+    if not colon:
+        known = ", ".join(OBJECTIVES)
+        raise ConfigError(f"there is no objective {name!r}", hint=f"one of {known}, or module:attribute")
+    try:
+        return getattr(importlib.import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ConfigError(f"cannot import the objective {name}: {error}") from error

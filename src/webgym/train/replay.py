@@ -1,0 +1,241 @@
+"""Which steps are trained on (paper §5, appendix F), rule by rule, with counts of what each rule left out.
+
+    replay = Replay(ReplayConfig(), objective, seed=7)
+    replay.add(0, RunReader(folder))   # after each iteration, with its trajectories
+    drawn = replay.draw()              # what the newest iteration trains on
+
+Rules, in this order:
+
+1. a trajectory without a reward (blocked, an error, cancelled) is never trained on;
+2. a trajectory to which the objective gives no advantage is left out (for the paper's: all but successes);
+3. a step after which the screenshot was the same is left out (repetition penalty). A reply that held no
+   action changes nothing, so it falls under this rule; the answer, after which nobody looked, does not;
+4. a step that was used often enough is left out;
+5. iterations older than the last k are forgotten;
+6. of the rest, so many are drawn without replacement, each next one in proportion to its weight
+
+       w(a) = ((k - a) / k) ** p        a: age in iterations, newest 0;  k = 4;  p = 2
+
+   that is 1, 0.56, 0.25, 0.06. It is the authors' weight, the power of a step's place in the order of
+   collection, for iterations of equal size; it falls towards 0 where a step is forgotten anyway.
+
+The same seed, settings and trajectories give the same draw, whatever order the trajectories ended in.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Protocol
+
+import msgspec
+import numpy as np
+
+from webgym.core.action import Answer
+from webgym.core.errors import ConfigError
+from webgym.core.outcome import Outcome
+from webgym.core.task import Task
+from webgym.core.trajectory import Step, Trajectory
+from webgym.train.config import ReplayConfig
+from webgym.train.objectives import Attempt, Objective
+
+
+class Judged(Protocol):
+    """What an iteration collected: a :class:`webgym.RunReader`, or anything that reads like one."""
+
+    @property
+    def tasks(self) -> Mapping[str, Task]:
+        """The tasks by id."""
+        ...
+
+    def trajectories(self) -> Iterator[Trajectory]:
+        """All trajectories."""
+        ...
+
+
+class StepRef(msgspec.Struct, frozen=True, order=True):
+    """A step that is trained on, by where it lies.
+
+    Attributes:
+        iteration: that collected it.
+        attempt_id: of its trajectory.
+        index: in its trajectory, from 0.
+        advantage: what the objective gave its trajectory.
+    """
+
+    iteration: int
+    attempt_id: str
+    index: int
+    advantage: float = 1.0
+
+
+class Counts(msgspec.Struct, frozen=True):
+    """What became of an iteration's trajectories, and of the steps of those that are trained on.
+
+    ``trajectories == unrewarded + left_out + kept`` and ``steps == unchanged + kept_steps``.
+
+    Attributes:
+        trajectories: all that the iteration collected.
+        unrewarded: without a reward (rule 1).
+        left_out: without an advantage (rule 2).
+        kept: trained on.
+        steps: of those.
+        unchanged: left out by the repetition penalty (rule 3).
+        kept_steps: may be drawn.
+    """
+
+    trajectories: int = 0
+    unrewarded: int = 0
+    left_out: int = 0
+    kept: int = 0
+    steps: int = 0
+    unchanged: int = 0
+    kept_steps: int = 0
+
+
+class Draw(msgspec.Struct, frozen=True):
+    """What an iteration trains on.
+
+    Attributes:
+        steps: each once; they are trained on :attr:`ReplayConfig.passes` times.
+        counts: of the newest iteration.
+        pool: steps that could be drawn, over all iterations.
+        used_up: steps that rule 4 left out, over all iterations.
+        by_age: how many were drawn of each age.
+    """
+
+    steps: tuple[StepRef, ...]
+    counts: Counts
+    pool: int
+    used_up: int
+    by_age: dict[int, int]
+
+
+def refuse_test_tasks(task: Task) -> None:
+    """Refuse a task of the test split.
+
+    Raises:
+        ConfigError: it is one.
+    """
+    if task.split == "test":
+        raise ConfigError(
+            f"{task.id} is a test task: nothing is trained on it", hint="collect with split: train"
+        )
+
+
+class Replay:
+    """The steps of the last iterations. Light: it knows where steps lie, and holds none of them.
+
+    Args:
+        config: the rules' numbers.
+        objective: says which trajectories are trained on.
+        seed: of the draws.
+        guard: raises over a task that must not be trained on; asked for every task of every trajectory.
+    """
+
+    def __init__(
+        self,
+        config: ReplayConfig,
+        objective: Objective,
+        *,
+        seed: int = 0,
+        guard: Callable[[Task], None] = refuse_test_tasks,
+    ) -> None:
+        self._config = config
+        self._objective = objective
+        self._seed = seed
+        self._guard = guard
+        self._pool: dict[int, list[StepRef]] = {}
+        self._counts: dict[int, Counts] = {}
+        self._uses: Counter[tuple[int, str, int]] = Counter()
+
+    @property
+    def span(self) -> int:
+        """How many iterations are kept: as set, or fewer if the objective bears no older ones."""
+        oldest = self._objective.max_age
+        return self._config.iterations if oldest is None else min(self._config.iterations, oldest + 1)
+
+    def add(self, iteration: int, run: Judged) -> Counts:
+        """Take in what an iteration collected, and forget iterations that are too old.
+
+        Args:
+            iteration: its number; the newest so far.
+            run: its trajectories.
+
+        Raises:
+            ConfigError: a trajectory is of a test task.
+        """
+        if self._pool and iteration <= max(self._pool):
+            raise ValueError(f"iteration {iteration} comes after {max(self._pool)}")
+        trajectories = 0
+        rewarded: list[Attempt] = []
+        usable: dict[str, tuple[int, list[int]]] = {}  # how many steps, and which of them changed something
+        for trajectory in run.trajectories():
+            trajectories += 1
+            episode = trajectory.episode
+            self._guard(run.tasks[episode.task_id])
+            if trajectory.outcome.is_rewarded:
+                reward = float(trajectory.outcome is Outcome.SUCCESS)
+                rewarded.append(Attempt(episode.attempt_id, episode.task_id, reward))
+                kept = [step.index for step in episode.steps if self._is_kept(step)]
+                usable[episode.attempt_id] = (len(episode.steps), kept)
+        advantages = self._objective.advantages(rewarded)
+        refs = [
+            StepRef(iteration, attempt, index, advantage)
+            for attempt, advantage in advantages.items()
+            for index in usable[attempt][1]
+        ]
+        steps = sum(usable[attempt][0] for attempt in advantages)
+        self._pool[iteration] = sorted(refs)
+        self._counts[iteration] = Counts(
+            trajectories=trajectories,
+            unrewarded=trajectories - len(rewarded),
+            left_out=len(rewarded) - len(advantages),
+            kept=len(advantages),
+            steps=steps,
+            unchanged=steps - len(refs),
+            kept_steps=len(refs),
+        )
+        for old in [each for each in self._pool if each <= iteration - self.span]:
+            del self._pool[old]
+        return self._counts[iteration]
+
+    def draw(self) -> Draw:
+        """Choose what the newest iteration trains on, and count it as used.
+
+        An empty draw is no error: there is nothing to learn from yet.
+
+        Raises:
+            ValueError: no iteration was added.
+        """
+        newest = max(self._pool)
+        pool = [ref for iteration in sorted(self._pool) for ref in self._pool[iteration]]
+        left = [ref for ref in pool if self._may_be_used(ref)]
+        ages = np.array([newest - ref.iteration for ref in left])
+        weights = ((self.span - ages) / self.span) ** self._config.recency
+        # Exponential keys over weights: the smallest keys are a weighted draw without replacement.
+        rng = np.random.Generator(np.random.PCG64([self._seed, newest]))
+        keys = rng.exponential(size=len(left)) / weights
+        chosen = sorted(left[place] for place in np.argsort(keys)[: self._config.steps])
+        self.use(chosen)
+        return Draw(
+            steps=tuple(chosen),
+            counts=self._counts[newest],
+            pool=len(left),
+            used_up=len(pool) - len(left),
+            by_age=dict(sorted(Counter(newest - ref.iteration for ref in chosen).items())),
+        )
+
+    def use(self, steps: Iterable[StepRef]) -> None:
+        """Count steps as drawn: what :meth:`draw` does, and what a resumed run does with earlier draws."""
+        for ref in steps:
+            self._uses[ref.iteration, ref.attempt_id, ref.index] += self._config.passes
+
+    def _is_kept(self, step: Step) -> bool:
+        unchanged = step.changed is False and not isinstance(step.action, Answer)
+        return not (unchanged and self._config.repetition_penalty)
+
+    def _may_be_used(self, ref: StepRef) -> bool:
+        most = self._config.max_uses
+        uses = self._uses[ref.iteration, ref.attempt_id, ref.index]
+        return most is None or uses + self._config.passes <= most

@@ -1,0 +1,240 @@
+"""From a stored step to what is trained on: the ids that were read and sampled, and the pictures' pixels.
+
+The target is what was sampled. Where the endpoint gave the tokens, they are used as they are, and checked
+against the record: as many image tokens as each picture has, and a reply that reads as it was stored. Where
+it did not, the request is rendered from its messages and the reply is tokenized as it was written:
+
+- reasoning that the endpoint had split off belongs to the reply, in the chat template's own form;
+- a reply that ended by itself ends in the end token; one that was cut off at the token limit has none;
+- what cannot be known (a stop string was cut off, a tool call was parsed out) is not guessed: the step drops.
+
+A step that is longer than the cut-off is dropped, never cut. All drops are counted by reason.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from typing import Any, Literal, TypeAlias
+
+import torch
+
+from webgym.agent.images import fit
+from webgym.core.errors import PolicyError
+from webgym.core.tokens import ReplyTokens
+from webgym.core.trajectory import Message, Reply, Step
+from webgym.inference.rendering import THINK_END, THINK_START, Pixels, Renderer, pictures_of
+
+DropReason: TypeAlias = Literal[
+    "no_request",  # a placeholder in a text, so that text and pictures do not match
+    "too_long",  # longer than the cut-off
+    "image_tokens",  # stored ids that do not have as many image tokens as the pictures
+    "reply_text",  # stored ids that do not read as the stored reply
+    "reply_end",  # stored ids that end otherwise than the finish reason says
+    "not_rebuilt",  # no stored ids, and what was sampled cannot be known
+    "image_in_reply",  # the reply holds an image token, which no picture stands behind
+    "no_logprobs",  # the objective needs what the endpoint did not give
+    "truncated_sampling",  # top-k or top-p: the stored log-probabilities are not of the full distribution
+]
+
+
+class Dropped(Exception):
+    """A step cannot be trained on. Stays inside the room: it is counted."""
+
+    def __init__(self, reason: DropReason) -> None:
+        super().__init__(reason)
+        self.reason: DropReason = reason
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """A step, ready to be trained on but for its pixels, which are made when they are needed.
+
+    Attributes:
+        prompt_ids: (prompt), int32, image tokens expanded.
+        reply_ids: (reply), int32, the end token included if it was sampled.
+        logprobs: (reply), float32, when they were sampled; ``None`` where the endpoint gave none.
+        temperature: that the reply was sampled with.
+        version: of the weights that replied; empty where the endpoint did not say.
+        messages: of the request.
+        picture: a stored screenshot by its name.
+        advantage: of the objective.
+    """
+
+    prompt_ids: torch.Tensor
+    reply_ids: torch.Tensor
+    logprobs: torch.Tensor | None
+    temperature: float
+    version: str
+    messages: tuple[Message, ...]
+    picture: Callable[[str], bytes]
+    advantage: float = 1.0
+
+    def __len__(self) -> int:
+        return len(self.prompt_ids) + len(self.reply_ids)
+
+    def pixels(self, renderer: Renderer) -> Pixels | None:
+        """The pictures, resized as in the request."""
+        refs = pictures_of(self.messages)
+        sizes = {ref.screenshot: (ref.width, ref.height) for ref in refs}
+        images = {name: fit(self.picture(name), size) for name, size in sizes.items()}
+        return renderer.pixels(self.messages, images)
+
+
+class SampleMaker:
+    """Makes samples of steps, and counts what it drops.
+
+    Args:
+        renderer: of the model that is trained.
+        cutoff_tokens: longest request and reply together.
+        off_policy: whether the objective needs the log-probabilities of the behaviour policy.
+
+    Attributes:
+        dropped: how many steps, by reason.
+        rebuilt: how many samples were made from messages, for want of stored tokens.
+        stored: how many were made from stored tokens.
+    """
+
+    def __init__(self, renderer: Renderer, *, cutoff_tokens: int = 16384, off_policy: bool = False) -> None:
+        self._renderer = renderer
+        self._cutoff = cutoff_tokens
+        self._off_policy = off_policy
+        self.dropped: Counter[DropReason] = Counter()
+        self.rebuilt = 0
+        self.stored = 0
+
+    def make(self, steps: Iterable[tuple[Step, float]], picture: Callable[[str], bytes]) -> Iterator[Sample]:
+        """The samples of those steps that can be trained on.
+
+        Args:
+            steps: with their advantages.
+            picture: a stored screenshot by its name, e.g. ``RunReader(run).image``.
+        """
+        for step, advantage in steps:
+            try:
+                yield self.of(step, picture, advantage)
+            except Dropped as dropped:
+                self.dropped[dropped.reason] += 1
+
+    def of(self, step: Step, picture: Callable[[str], bytes], advantage: float = 1.0) -> Sample:
+        """The sample of one step.
+
+        Raises:
+            Dropped: it cannot be trained on.
+        """
+        tokens = step.reply.tokens
+        if self._off_policy:
+            _check_logprobs(step.reply)
+        prompt_ids = self._stored_prompt(step, tokens) if tokens else self._rendered_prompt(step)
+        if tokens:
+            reply_ids = self._stored_reply(step.reply, tokens)
+        else:
+            reply_ids = rebuild_reply(self._renderer, step.reply, prompt_ids)
+        if self._renderer.image_id in reply_ids:
+            raise Dropped("image_in_reply")
+        if len(prompt_ids) + len(reply_ids) > self._cutoff:
+            raise Dropped("too_long")
+        self.stored += tokens is not None
+        self.rebuilt += tokens is None
+        logprobs = tokens.reply_logprobs if tokens else None
+        return Sample(
+            torch.tensor(prompt_ids, dtype=torch.int32),
+            torch.tensor(reply_ids, dtype=torch.int32),
+            None if logprobs is None else torch.tensor(logprobs, dtype=torch.float32),
+            temperature_of(step.reply),
+            step.reply.weight_version,
+            step.messages,
+            picture,
+            advantage,
+        )
+
+    def _stored_prompt(self, step: Step, tokens: ReplyTokens) -> list[int]:
+        ids = tokens.prompt_ids
+        runs = [len(list(run)) for is_image, run in groupby(self._renderer.image_mask(ids)) if is_image]
+        if runs != self._renderer.image_tokens(step.messages):
+            raise Dropped("image_tokens")
+        return ids
+
+    def _rendered_prompt(self, step: Step) -> list[int]:
+        try:
+            return self._renderer.prompt_ids(step.messages)
+        except PolicyError as error:
+            raise Dropped("no_request") from error
+
+    def _stored_reply(self, reply: Reply, tokens: ReplyTokens) -> list[int]:
+        ids = tokens.reply_ids
+        if not ids or not _reads_as(reply, self._renderer.decode(ids)):
+            raise Dropped("reply_text")
+        ended = ids[-1] in self._renderer.end_ids
+        if ended == (reply.finish_reason == "length") and not _stop_strings(reply):
+            raise Dropped("reply_end")
+        return ids
+
+
+def rebuild_reply(renderer: Renderer, reply: Reply, prompt_ids: Sequence[int]) -> list[int]:
+    """The ids of a reply that was stored as text alone, as the model must have sampled them.
+
+    Args:
+        renderer: of the model that replied.
+        reply: as stored.
+        prompt_ids: of its request; they say whether the chat template had opened the thinking.
+
+    Raises:
+        Dropped: what was sampled cannot be known from the text.
+    """
+    if reply.finish_reason not in ("stop", "length") or _stop_strings(reply):
+        raise Dropped("not_rebuilt")
+    finished = reply.finish_reason == "stop"
+    text = reply.text
+    if reply.reasoning:
+        opened = renderer.opens_thinking(prompt_ids)
+        text = _with_reasoning(reply, opened=opened, finished=finished)
+    ids: list[int] = renderer.tokenizer(text, add_special_tokens=False)["input_ids"]
+    ids = [*ids, renderer.tokenizer.eos_token_id] if finished else ids
+    if not ids:
+        raise Dropped("not_rebuilt")
+    return ids
+
+
+def _with_reasoning(reply: Reply, *, opened: bool, finished: bool) -> str:
+    start = "" if opened else f"{THINK_START}\n"
+    if not reply.text:
+        if finished:  # was the thinking closed, or not? An endpoint gives the same for both
+            raise Dropped("not_rebuilt")
+        return start + reply.reasoning
+    if reply.reasoning.endswith("\n") or reply.text.startswith("\n"):  # split without stripping: as it was
+        return f"{start}{reply.reasoning}{THINK_END}{reply.text}"
+    return f"{start}{reply.reasoning}\n{THINK_END}\n\n{reply.text}"
+
+
+def _reads_as(reply: Reply, decoded: str) -> bool:
+    """Whether sampled text is a stored reply; white space may differ where reasoning was split off."""
+    if not reply.reasoning:
+        return decoded == reply.text
+    reasoning, _, text = decoded.partition(THINK_END)
+    return (
+        reasoning.strip().removeprefix(THINK_START).strip() == reply.reasoning.strip()
+        and text.strip() == reply.text.strip()
+    )
+
+
+def _stop_strings(reply: Reply) -> bool:
+    """Whether a reply may have been ended, and shortened, by something else than the end token."""
+    return bool(reply.sampling.get("stop") or reply.sampling.get("stop_token_ids"))
+
+
+def temperature_of(reply: Reply) -> float:
+    """The temperature that a reply was sampled with; endpoints take 1 where none is named."""
+    return float(reply.sampling.get("temperature") or 1.0)
+
+
+def _check_logprobs(reply: Reply) -> None:
+    if reply.tokens is None or reply.tokens.logprobs is None:
+        raise Dropped("no_logprobs")
+    sampling: dict[str, Any] = reply.sampling
+    if sampling.get("top_p") not in (None, 1, 1.0) or sampling.get("top_k") not in (None, 0, -1):
+        raise Dropped("truncated_sampling")
+    if sampling.get("temperature") == 0:
+        raise Dropped("truncated_sampling")

@@ -1,0 +1,274 @@
+"""The update: samples -> loss -> optimizer step -> weights on disk.
+
+    updater = Updater(config, objective, source="Qwen/Qwen3-VL-8B-Instruct")
+    report = updater.update(samples, passes=2)
+    updater.save(folder)                        # whole or not at all; the next Updater goes on from there
+
+Read :meth:`Updater.update` first: it is all of the algorithm. One process or many (``accelerate launch``), in
+one go or in micro-batches, the same samples give the same update: the loss of an optimizer step is
+
+    sum of the losses of all reply tokens of the effective batch / number of those tokens
+
+with the number taken over all processes before the first forward pass. For filtered behaviour cloning that is
+the log-likelihood of the actions (a sum over tokens, as the paper maximises it), scaled so that the learning
+rate does not depend on how long replies are.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import torch
+from accelerate import Accelerator
+from accelerate.utils import gather_object, reduce, set_seed
+from torch.distributed.checkpoint.state_dict import (
+    StateDictOptions,
+    get_optimizer_state_dict,
+    set_optimizer_state_dict,
+)
+
+from webgym.core.errors import TrainingError
+from webgym.train.config import UpdateConfig
+from webgym.train.logprobs import Batch, ReplyLogProbs, collate
+from webgym.train.objectives import Objective, Tokens
+from webgym.train.samples import Sample
+from webgym.train.weights import State, load_trainable, read_optimizer, read_state, save
+
+
+class UpdateReport(msgspec.Struct, frozen=True):
+    """What an update did, for the log.
+
+    Attributes:
+        samples: trained on, once per pass.
+        tokens: reply tokens trained on.
+        prompt_tokens: tokens that were read for them.
+        optimizer_steps: in this update.
+        loss: mean over optimizer steps.
+        grad_norm: mean before clipping.
+        learning_rate: of the last optimizer step.
+        seconds: wall time.
+        extra: means over tokens of what the objective logs.
+    """
+
+    samples: int
+    tokens: int
+    prompt_tokens: int
+    optimizer_steps: int
+    loss: float
+    grad_norm: float
+    learning_rate: float
+    seconds: float
+    extra: dict[str, float] = {}
+
+
+def learning_rate(config: UpdateConfig, step: int) -> float:
+    """The learning rate of optimizer step ``step``, from 0: linear warm-up, then constant or cosine."""
+    warm = min(1.0, (step + 1) / (config.warmup_steps + 1))
+    if config.schedule == "constant":
+        return config.learning_rate * warm
+    assert config.total_steps is not None
+    past = max(0, step - config.warmup_steps) / max(1, config.total_steps - config.warmup_steps)
+    return config.learning_rate * warm * 0.5 * (1 + math.cos(math.pi * min(1.0, past)))
+
+
+class Updater:
+    """Weights, optimizer and schedule. Make one per process; all processes call the same methods.
+
+    Args:
+        config: how.
+        objective: what for.
+        source: folder or hub id of the weights that learning started from.
+        resume: a folder that :meth:`save` wrote, to go on from; ``None`` to begin.
+
+    Raises:
+        ConfigError: there is no such model, or its weights are not whole.
+        TrainingError: what was saved does not fit the settings.
+    """
+
+    def __init__(
+        self, config: UpdateConfig, objective: Objective, source: str | Path, *, resume: Path | None = None
+    ) -> None:
+        self.config = config
+        self.objective = objective
+        self.source = source
+        self.step = 0
+        self.accelerator = Accelerator()  # processes and sharding as accelerate launch says
+        set_seed(config.seed)
+        self.loaded = load_trainable(config, source, resume)
+        self.renderer = self.loaded.renderer
+        trained = [each for each in self.loaded.model.parameters() if each.requires_grad]
+        optimizer = torch.optim.AdamW(
+            [
+                {"params": [each for each in trained if each.ndim >= 2]},
+                {"params": [each for each in trained if each.ndim < 2], "weight_decay": 0.0},
+            ],
+            lr=config.learning_rate,
+            betas=config.betas,
+            weight_decay=config.weight_decay,
+        )
+        module = ReplyLogProbs(self.loaded.model, config.logit_tokens, bf16=config.precision == "bf16")
+        self.model, self.optimizer = self.accelerator.prepare(module, optimizer)
+        if resume is not None:
+            self.step = read_state(resume).step
+            self._optimizer_state(read_optimizer(resume))
+
+    def update(self, samples: Sequence[Sample], *, passes: int = 1) -> UpdateReport:
+        """Train on samples: the same ones, in the same order, in every process.
+
+        Raises:
+            TrainingError: the loss or the gradient is no finite number. Nothing was saved.
+            ValueError: there is no sample.
+        """
+        if not samples:
+            raise ValueError("there is nothing to train on")
+        config, started, seen = self.config, time.perf_counter(), Counter[str]()
+        proximal = self._logprobs(samples) if self.objective.off_policy else None
+        losses, norms, rate = [], [], 0.0
+        self.model.train()
+        for batch in self._batches(len(samples), passes):
+            tokens = sum(len(samples[place].reply_ids) for place in batch)
+            rate = learning_rate(config, self.step)
+            for group in self.optimizer.param_groups:
+                group["lr"] = rate
+            total = torch.zeros((), device=self.accelerator.device)
+            for micro, is_last in self._micro_batches(samples, batch):
+                with nullcontext() if is_last else self.accelerator.no_sync(self.model):
+                    loss, sums = self._loss(samples, micro, proximal)
+                    # Gradients are averaged over processes, so the sum needs their number back.
+                    self.accelerator.backward(loss * self.accelerator.num_processes / tokens)
+                total += loss.detach() / tokens
+                seen.update(sums)
+            loss_now = float(reduce(total, "sum"))
+            norm = float(self.accelerator.clip_grad_norm_(self.model.parameters(), config.max_grad_norm))
+            if not (math.isfinite(loss_now) and math.isfinite(norm)):
+                raise TrainingError(
+                    f"the loss of optimizer step {self.step} is {loss_now}, its gradient {norm}",
+                    hint="nothing was saved: lower update.learning_rate, and go on from what was",
+                )
+            self.optimizer.step()
+            self.optimizer.zero_grad()
+            self.step += 1
+            losses.append(loss_now)
+            norms.append(norm)
+        return self._report(samples, passes, losses, norms, rate, seen, time.perf_counter() - started)
+
+    def _loss(
+        self,
+        samples: Sequence[Sample],
+        micro: Sequence[tuple[int, bool]],
+        proximal: list[torch.Tensor] | None,
+    ) -> tuple[torch.Tensor, dict[str, float]]:
+        """The summed loss of a micro-batch of (place, whether it counts), and the objective's sums."""
+        batch = self._collate([samples[place] for place, _ in micro])
+        new = self.model(batch)
+        real = torch.tensor([is_real for _, is_real in micro], device=new.device)[batch.rows]
+        if not real.any():
+            return new.sum() * 0.0, {}
+        old = None if proximal is None else torch.cat([proximal[place] for place, _ in micro]).to(new.device)
+        given = (new, batch.advantage, batch.behaviour, old)
+        found = self.objective.loss(Tokens(*(each if each is None else each[real] for each in given)))
+        return found.tokens.sum(), {name: float(value) for name, value in found.sums.items()}
+
+    def _batches(self, count: int, passes: int) -> Iterator[list[int]]:
+        """Places of the samples of each optimizer step, the same in every process."""
+        rng = random.Random(f"{self.config.seed}/{self.step}")
+        for _ in range(passes):
+            order = list(range(count))
+            rng.shuffle(order)
+            # Batches as even as can be: a last one of a few samples would move the weights as far as a whole.
+            pieces = max(1, round(count / self.config.batch))
+            yield from (order[count * i // pieces : count * (i + 1) // pieces] for i in range(pieces))
+
+    def _micro_batches(
+        self, samples: Sequence[Sample], batch: Sequence[int]
+    ) -> Iterator[tuple[list[tuple[int, bool]], bool]]:
+        """This process's share of a batch, in pieces of (place, whether it counts); whether it is the last.
+
+        Every process gets as many pieces as every other, of samples of about the same length. Who has too few
+        gets one again that does not count: processes that wait for each other must all call the model.
+        """
+        count, rank = self.accelerator.num_processes, self.accelerator.process_index
+        order = sorted(batch, key=lambda place: (len(samples[place]), place), reverse=True)
+        mine = [(place, True) for place in order[rank::count]]
+        most = -(-len(order) // count)
+        mine += [(order[-1], False)] * (most - len(mine))
+        size = self.config.micro_batch
+        for start in range(0, most, size):
+            yield mine[start : start + size], start + size >= most
+
+    @torch.no_grad()
+    def _logprobs(self, samples: Sequence[Sample]) -> list[torch.Tensor]:
+        """Log-probabilities of all replies under the weights as they are."""
+        self.model.eval()
+        found: list[tuple[int, torch.Tensor]] = []
+        for micro, _ in self._micro_batches(samples, range(len(samples))):
+            batch = self._collate([samples[place] for place, _ in micro])
+            pieces = torch.split(self.model(batch).cpu(), batch.lengths)
+            found += [(place, piece) for (place, _), piece in zip(micro, pieces, strict=True)]
+        known = dict(gather_object(found))
+        return [known[place] for place in range(len(samples))]
+
+    def _collate(self, samples: Sequence[Sample]) -> Batch:
+        batch = collate(samples, self.renderer, off_policy=self.objective.off_policy)
+        return batch.to(self.accelerator.device)
+
+    def save(self, folder: Path) -> None:
+        """Write weights, optimizer and schedule, whole or not at all; see :mod:`webgym.train.weights`.
+
+        Raises:
+            StoreError: they cannot be written; what was there is whole.
+        """
+        prefix = "policy."
+        weights = {
+            name.removeprefix(prefix): value.cpu()
+            for name, value in self.accelerator.get_state_dict(self.model).items()
+        }
+        optimizer = self._optimizer_state()
+        if self.accelerator.is_main_process:
+            state = State(self.step, str(self.source), self.config.lora is not None)
+            save(folder, self.loaded, weights, optimizer, state)
+        self.accelerator.wait_for_everyone()
+
+    def _optimizer_state(self, saved: dict[str, Any] | None = None) -> dict[str, Any]:
+        """The optimizer's state by the names of parameters, whole however it is sharded; or take it back."""
+        optimizer, options = (
+            self.optimizer.optimizer,
+            StateDictOptions(full_state_dict=True, cpu_offload=True),
+        )
+        if saved is None:
+            return get_optimizer_state_dict(self.model, optimizer, options=options)
+        set_optimizer_state_dict(self.model, optimizer, saved, options=options)
+        return saved
+
+    def _report(
+        self,
+        samples: Sequence[Sample],
+        passes: int,
+        losses: list[float],
+        norms: list[float],
+        rate: float,
+        sums: Counter[str],
+        seconds: float,
+    ) -> UpdateReport:
+        tokens = passes * sum(len(sample.reply_ids) for sample in samples)
+        summed = gather_object([dict(sums)])
+        names = sorted({name for each in summed for name in each})
+        return UpdateReport(
+            samples=len(samples),
+            tokens=tokens,
+            prompt_tokens=passes * sum(len(sample.prompt_ids) for sample in samples),
+            optimizer_steps=len(losses),
+            loss=sum(losses) / len(losses),
+            grad_norm=sum(norms) / len(norms),
+            learning_rate=rate,
+            seconds=seconds,
+            extra={name: sum(each.get(name, 0.0) for each in summed) / tokens for name in names},
+        )

@@ -1,0 +1,142 @@
+"""Weights and optimizer state on disk: loaded to be trained, saved whole or not at all.
+
+FOLDER/
+  *.safetensors, config.json   all weights, as load_model reads them; or adapter_model.safetensors,
+                               adapter_config.json: adapters, for load_model and for servers
+  tokenizer*, preprocessor_config.json, chat_template.jinja
+  optimizer.pt                 torch.load(..., weights_only=True)
+  state.json                   {"step": optimizer steps so far, "source": "...", "lora": false}
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import uuid
+import warnings
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import peft
+import torch
+
+from webgym.core.errors import ConfigError, TrainingError
+from webgym.inference.model import Loaded, load_model
+from webgym.rollout.files import TORN, disk_errors, sync_folder
+from webgym.train.config import LoraConfig, UpdateConfig
+
+STATE = "state.json"
+OPTIMIZER = "optimizer.pt"
+
+
+class State(msgspec.Struct, frozen=True):
+    """What an update goes on from, beside weights and optimizer.
+
+    Attributes:
+        step: optimizer steps so far.
+        source: the weights that learning began with; adapters need them.
+        lora: whether the folder holds adapters.
+    """
+
+    step: int
+    source: str
+    lora: bool
+
+
+def load_trainable(config: UpdateConfig, source: str | Path, resume: Path | None) -> Loaded:
+    """The model, with those parameters trainable that are to be trained.
+
+    Args:
+        config: all weights, or adapters; vision tower or not.
+        source: weights that learning began with.
+        resume: a folder to go on from, which must have been made with the same kind of weights.
+
+    Raises:
+        ConfigError: there is no such model, or no module has a name that adapters are for.
+        TrainingError: the folder to go on from holds the other kind.
+    """
+    if resume is not None and read_state(resume).lora != (config.lora is not None):
+        raise TrainingError(
+            f"{resume} was trained {'without' if config.lora else 'with'} adapters",
+            hint="go on with the same update.lora, or begin anew",
+        )
+    all_weights = config.lora is None
+    loaded = load_model(resume if resume and all_weights else source, dtype=config.weights)
+    model = loaded.model
+    if config.gradient_checkpointing:
+        model.gradient_checkpointing_enable()
+    if config.freeze_vision:
+        model.model.visual.requires_grad_(requires_grad=False)
+    if config.lora is None:
+        return loaded
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FutureWarning)  # of transformers, about what peft calls
+        return Loaded(_adapted(model, config.lora, resume), loaded.renderer)
+
+
+def _adapted(model: Any, config: LoraConfig, resume: Path | None) -> Any:
+    if resume is not None:
+        return peft.PeftModel.from_pretrained(model, str(resume), is_trainable=True)
+    settings = peft.LoraConfig(
+        r=config.rank, lora_alpha=config.alpha, lora_dropout=config.dropout, target_modules=config.targets
+    )
+    try:
+        return peft.get_peft_model(model, settings)
+    except ValueError as error:
+        raise ConfigError("update.lora.targets fits no module of the model", hint=str(error)) from error
+
+
+def save(
+    folder: Path, loaded: Loaded, weights: dict[str, torch.Tensor], optimizer: dict[str, Any], state: State
+) -> None:
+    """Write a folder whole or not at all. One that is there already is replaced.
+
+    Args:
+        folder: where; its parent is made if need be.
+        loaded: the model (for its configuration), tokenizer and image processor.
+        weights: of the model, by name, on the CPU.
+        optimizer: its state.
+        state: the rest.
+
+    Raises:
+        StoreError: it cannot be written; what was there is whole.
+    """
+    torn = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}{TORN}")
+    with disk_errors(f"saving weights to {folder}"):
+        try:
+            torn.mkdir(parents=True)
+            loaded.model.save_pretrained(torn, state_dict=weights)
+            loaded.tokenizer.save_pretrained(torn)
+            loaded.image_processor.save_pretrained(torn)
+            torch.save(optimizer, torn / OPTIMIZER)
+            (torn / STATE).write_bytes(msgspec.json.encode(state))
+            for path in torn.iterdir():
+                with path.open("rb") as file:
+                    os.fsync(file.fileno())
+            sync_folder(torn)
+            if folder.exists():
+                shutil.rmtree(folder)
+            torn.rename(folder)
+            sync_folder(folder.parent)
+        except BaseException:
+            shutil.rmtree(torn, ignore_errors=True)
+            raise
+
+
+def read_state(folder: Path) -> State:
+    """What a saved folder goes on from.
+
+    Raises:
+        TrainingError: it was not saved by an update.
+    """
+    try:
+        return msgspec.json.decode((folder / STATE).read_bytes(), type=State)
+    except (OSError, ValueError) as error:
+        raise TrainingError(f"{folder} holds no update to go on from: {error}") from error
+
+
+def read_optimizer(folder: Path) -> dict[str, Any]:
+    """The optimizer's state of a saved folder."""
+    found: dict[str, Any] = torch.load(folder / OPTIMIZER, map_location="cpu", weights_only=True)
+    return found

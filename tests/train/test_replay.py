@@ -1,0 +1,198 @@
+"""Each rule of the replay, its counts, and that draws are what the seed says."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+
+import msgspec
+import pytest
+from tests.train.making import Made, step, task, trajectory
+
+from webgym.core.action import Answer
+from webgym.core.errors import ConfigError
+from webgym.core.outcome import Outcome
+from webgym.core.trajectory import Trajectory
+from webgym.train.config import ReplayConfig
+from webgym.train.objectives import FilteredBC, GroupIS
+from webgym.train.replay import Replay, StepRef
+
+SUCCESS, FAILURE = Outcome.SUCCESS, Outcome.FAILURE
+
+
+def replay(objective: FilteredBC | GroupIS | None = None, seed: int = 0, **settings: object) -> Replay:
+    return Replay(ReplayConfig.model_validate(settings), objective or FilteredBC(), seed=seed)
+
+
+def drawn(which: Replay) -> list[tuple[int, str, int]]:
+    return [(ref.iteration, ref.attempt_id, ref.index) for ref in which.draw().steps]
+
+
+def test_only_trajectories_with_a_reward_and_of_those_only_successes() -> None:
+    run = Made([trajectory(number, outcome=each) for number, each in enumerate(Outcome)])
+    made = replay()
+
+    counts = made.add(0, run)
+
+    assert {attempt for _, attempt, _ in drawn(made)} == {"t/a#0.0"}
+    assert (counts.trajectories, counts.unrewarded, counts.left_out, counts.kept) == (8, 5, 2, 1)
+
+
+def test_a_step_that_changed_nothing_is_dropped_and_the_answer_is_kept() -> None:
+    run = Made([trajectory(changed=(True, False, True))])
+    made = replay()
+
+    counts = made.add(0, run)
+
+    assert [index for _, _, index in drawn(made)] == [0, 2, 3]
+    assert (counts.steps, counts.unchanged, counts.kept_steps) == (4, 1, 3)
+
+
+def test_without_the_repetition_penalty_it_is_kept() -> None:
+    made = replay(repetition_penalty=False)
+    made.add(0, Made([trajectory(changed=(True, False))]))
+    assert len(drawn(made)) == 3
+
+
+def test_an_answer_is_kept_even_if_somebody_looked_after_it_and_saw_the_same() -> None:
+    one = trajectory(changed=())
+    steps = (step(0, action=Answer("4"), changed=False),)
+
+    same = msgspec.structs.replace(one, episode=msgspec.structs.replace(one.episode, steps=steps))
+    made = replay()
+    made.add(0, Made([same]))
+    assert len(drawn(made)) == 1
+
+
+def test_a_reply_without_an_action_is_dropped_as_it_changes_nothing() -> None:
+
+    one = trajectory(changed=(True,))
+    broken = step(0, action=None, changed=False)
+    steps = (broken, one.episode.steps[1])
+    same = msgspec.structs.replace(one, episode=msgspec.structs.replace(one.episode, steps=steps))
+    made = replay()
+    made.add(0, Made([same]))
+    assert [index for _, _, index in drawn(made)] == [1]
+
+
+def runs(iterations: int, size: int) -> list[Made]:
+    return [Made([trajectory(each, changed=()) for each in range(size)]) for number in range(iterations)]
+
+
+def test_iterations_older_than_the_last_k_are_forgotten() -> None:
+    made = replay(iterations=2)
+    for number, run in enumerate(runs(4, 1)):
+        made.add(number, run)
+    assert {iteration for iteration, _, _ in drawn(made)} == {2, 3}
+
+
+def test_newer_steps_are_drawn_by_the_formula() -> None:
+    """With few draws from many steps, shares are as the weights 16 : 9 : 4 : 1."""
+    found: Counter[int] = Counter()
+    folders = runs(4, 40)
+    for seed in range(150):
+        made = replay(seed=seed, steps=4, max_uses=None)
+        for number, run in enumerate(folders):
+            made.add(number, run)
+        found.update(3 - iteration for iteration, _, _ in drawn(made))
+
+    total = sum(found.values())
+    for age, weight in enumerate((16, 9, 4, 1)):
+        assert found[age] / total == pytest.approx(weight / 30, abs=0.06)
+
+
+def test_a_draw_has_as_many_steps_as_asked_for_each_once() -> None:
+    made = replay(steps=7)
+    made.add(0, Made([trajectory(each) for each in range(5)]))
+    chosen = drawn(made)
+    assert len(chosen) == len(set(chosen)) == 7
+
+
+def test_a_step_that_was_used_often_enough_leaves() -> None:
+    made = replay(passes=2, max_uses=4)
+    folders = runs(3, 5)
+    used: Counter[tuple[int, str, int]] = Counter()
+    for number, run in enumerate(folders):
+        made.add(number, run)
+        draw = made.draw()
+        used.update({(ref.iteration, ref.attempt_id, ref.index): 2 for ref in draw.steps})
+    assert max(used.values()) == 4
+    assert draw.used_up == 5  # those of iteration 0
+    assert draw.by_age == {0: 5, 1: 5}
+
+
+def test_the_same_seed_draws_the_same_whatever_order_trajectories_ended_in() -> None:
+    made = [trajectory(each) for each in range(8)]
+    folders = [Made(made), Made(made[::-1])]
+    choices = []
+    for run, seed in [(folders[0], 1), (folders[1], 1), (folders[0], 2)]:
+        each = replay(seed=seed, steps=6)
+        each.add(0, run)
+        choices.append(drawn(each))
+    assert choices[0] == choices[1] != choices[2]
+
+
+def test_a_resumed_replay_goes_on_as_the_first_would_have() -> None:
+    folders = runs(3, 6)
+    first, again = replay(steps=4), replay(steps=4)
+    draws = []
+    for number, run in enumerate(folders):
+        first.add(number, run)
+        draws.append(first.draw())
+    for number, run in enumerate(folders):
+        again.add(number, run)
+        if number < 2:
+            again.use(draws[number].steps)
+    assert again.draw() == draws[2]
+
+
+def test_attempts_at_a_task_that_was_drawn_twice_are_two() -> None:
+    made = replay()
+    made.add(0, Made([trajectory(0, changed=()), trajectory(1, changed=())]))
+    assert drawn(made) == [(0, "t/a#0.0", 0), (0, "t/a#1.0", 0)]
+
+
+def test_a_run_folder_reads_the_same(tmp_path: Path) -> None:
+    run = Made([trajectory(0), trajectory(1, outcome=FAILURE)])
+    made, again = replay(), replay()
+    assert made.add(0, run) == again.add(0, run.write(tmp_path))
+    assert made.draw() == again.draw()
+
+
+def test_nothing_to_learn_from_is_an_empty_draw() -> None:
+    made = replay()
+    made.add(0, Made([trajectory(outcome=FAILURE)]))
+    assert made.draw().steps == ()
+
+
+@pytest.mark.parametrize("outcome", [SUCCESS, FAILURE, Outcome.BLOCKED])
+def test_a_test_task_is_refused_whatever_became_of_it(outcome: Outcome) -> None:
+    run = Made([trajectory(outcome=outcome)], [task(split="test")])
+    with pytest.raises(ConfigError, match="t/a is a test task"):
+        replay().add(0, run)
+
+
+def group(of: str, *rewards: int) -> list[Trajectory]:
+    return [
+        trajectory(number, of=of, outcome=SUCCESS if reward else FAILURE, changed=())
+        for number, reward in enumerate(rewards)
+    ]
+
+
+def test_groups_without_a_difference_are_left_out_and_the_rest_have_a_baseline() -> None:
+    run = Made([*group("all", 1, 1), *group("none", 0, 0), *group("one", 1), *group("some", 1, 0, 0, 0)])
+    made = replay(GroupIS())
+    counts = made.add(0, run)
+
+    assert made.draw().steps == (
+        StepRef(0, "t/some#0.0", 0, 0.075),
+        *(StepRef(0, f"t/some#{number}.0", 0, -0.025) for number in (1, 2, 3)),
+    )
+    assert (counts.left_out, counts.kept) == (5, 4)
+
+
+def test_an_objective_bounds_how_stale_a_step_may_be() -> None:
+    made = replay(GroupIS(staleness=1))
+    for number in range(3):
+        made.add(number, Made(group("a", 1, 0)))
+    assert {iteration for iteration, _, _ in drawn(made)} == {1, 2}

@@ -1,0 +1,226 @@
+"""The update: the loss lies on replies alone, and the same samples give the same weights."""
+
+from __future__ import annotations
+
+import multiprocessing
+import socket
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+from safetensors.torch import load_file
+from tests.inference.tiny import write_tiny_model
+from tests.train.making import sample
+from tests.train.updating import run_case, run_cases_together, samples, updater
+
+from webgym.core.errors import ConfigError, StoreError, TrainingError
+from webgym.inference.model import load_model
+from webgym.train.config import UpdateConfig
+from webgym.train.logprobs import ReplyLogProbs, collate
+from webgym.train.objectives import FilteredBC
+from webgym.train.update import learning_rate
+from webgym.train.weights import read_optimizer, read_state
+
+BC = FilteredBC()
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_tiny_model(tmp_path_factory.mktemp("model"))
+
+
+def weights(folder: Path) -> dict[str, torch.Tensor]:
+    name = "adapter_model" if (folder / "adapter_config.json").exists() else "model"
+    found: dict[str, torch.Tensor] = load_file(folder / f"{name}.safetensors")
+    return found
+
+
+def assert_same(start: Path, one: Path, other: Path, tolerance: float = 1e-3) -> None:
+    """Two updates went the same way, but for rounding: they differ by a fraction of how far they went."""
+    first, second = weights(one), weights(other)
+    assert first.keys() == second.keys()
+    origin = weights(start) if (one / "model.safetensors").exists() else dict.fromkeys(first, torch.zeros(()))
+    went = sum(float((first[name] - origin[name]).square().sum()) for name in first)
+    differ = sum(float((first[name] - second[name]).square().sum()) for name in first)
+    assert went > 1e-3
+    assert differ <= tolerance**2 * went, (differ / went) ** 0.5
+
+
+def likelihood(folder: Path) -> float:
+    loaded = load_model(folder)
+    batch = collate(samples(BC), loaded.renderer, off_policy=False)
+    with torch.no_grad():
+        return float(ReplyLogProbs(loaded.model, 100)(batch).mean())
+
+
+def test_log_probabilities_are_of_the_reply_tokens_whatever_the_padding_and_the_chunks(model: Path) -> None:
+    loaded = load_model(model)
+    made = samples(BC)
+    batch = collate(made, loaded.renderer, off_policy=False)
+    with torch.no_grad():
+        found = torch.split(ReplyLogProbs(loaded.model, 3)(batch), batch.lengths)
+        for each, got in zip(made, found, strict=True):
+            ids = torch.cat([each.prompt_ids, each.reply_ids]).long()[None]
+            pixels = each.pixels(loaded.renderer)
+            assert pixels is not None
+            logits = loaded.model(
+                input_ids=ids,
+                pixel_values=pixels.values,
+                image_grid_thw=pixels.grid,
+                mm_token_type_ids=(ids == loaded.renderer.image_id).long(),
+            ).logits
+            whole = logits[0, :-1].log_softmax(-1).gather(1, ids[0, 1:, None])[:, 0]
+            torch.testing.assert_close(got, whole[len(each.prompt_ids) - 1 :], atol=1e-4, rtol=0)
+
+
+def test_log_probabilities_for_importance_weights_are_at_the_temperature_of_sampling(model: Path) -> None:
+    loaded = load_model(model)
+    renderer = loaded.renderer
+    two = [sample(renderer, "click", temperature=each, logprobs=torch.zeros(6)) for each in (1.0, 0.5)]
+    with torch.no_grad():
+        policy = ReplyLogProbs(loaded.model, 100)
+        plain, sharp = policy(collate(two, renderer, off_policy=True)).split(6)
+        same = policy(collate(two, renderer, off_policy=False)).split(6)
+    assert not torch.allclose(plain, sharp)
+    torch.testing.assert_close(same[0], same[1])
+
+
+def test_training_makes_what_was_done_likelier_and_the_report_says_what_was_seen(
+    model: Path, tmp_path: Path
+) -> None:
+    report = run_case("all_weights", model, tmp_path / "new")
+
+    assert likelihood(tmp_path / "new") > likelihood(model) + 0.5
+    made = samples(BC)
+    assert report.samples == 7
+    assert report.tokens == 2 * sum(len(each.reply_ids) for each in made)
+    assert report.prompt_tokens == 2 * sum(len(each.prompt_ids) for each in made)
+    assert report.optimizer_steps == 4
+    assert report.learning_rate == pytest.approx(1e-2)
+
+
+@pytest.mark.parametrize("case", ["all_weights", "groups"])
+def test_micro_batches_give_the_update_of_the_whole_batch(model: Path, tmp_path: Path, case: str) -> None:
+    one = run_case(case, model, tmp_path / "one", micro_batch=1)
+    whole = run_case(case, model, tmp_path / "whole", micro_batch=100)
+    assert_same(model, tmp_path / "one", tmp_path / "whole")
+    assert one.loss == pytest.approx(whole.loss, abs=1e-5)
+    assert one.extra == pytest.approx(whole.extra, abs=1e-4)
+
+
+def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    cases = ["one_odd_batch", "adapters", "groups"]
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["tests.train.updating"])  # torch is imported once for both
+    given = (port, model, tmp_path / "two", cases)
+    processes = [context.Process(target=run_cases_together, args=(rank, *given)) for rank in range(2)]
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join(100)
+        process.kill()
+    assert [process.exitcode for process in processes] == [0, 0]
+    for case in cases:
+        run_case(case, model, tmp_path / "one" / case)
+        assert_same(model, tmp_path / "one" / case, tmp_path / "two" / case)
+
+
+@pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8}])
+def test_an_update_goes_on_from_disk_as_if_it_had_not_stopped(
+    model: Path, tmp_path: Path, lora: dict[str, int] | None
+) -> None:
+    made = samples(BC)
+    straight = updater(model, lora=lora)
+    straight.update(made)
+    straight.save(tmp_path / "half")
+    straight.update(made)
+    straight.save(tmp_path / "straight")
+
+    again = updater(model, resume=tmp_path / "half", lora=lora)
+    again.update(made)
+    again.save(tmp_path / "again")
+
+    assert_same(model, tmp_path / "straight", tmp_path / "again", tolerance=1e-6)
+    assert read_state(tmp_path / "again").step == read_state(tmp_path / "straight").step == 2
+    assert read_optimizer(tmp_path / "half")["state"]
+
+
+def test_adapters_leave_the_weights_alone_and_load_as_a_model(model: Path, tmp_path: Path) -> None:
+    run_case("adapters", model, tmp_path / "new")
+
+    assert not (tmp_path / "new" / "model.safetensors").exists()
+    assert all("lora" in name and "visual" not in name for name in weights(tmp_path / "new"))
+    assert likelihood(tmp_path / "new") > likelihood(model) + 0.01
+
+
+def test_a_frozen_vision_tower_stays_as_it_was(model: Path, tmp_path: Path) -> None:
+    run_case("all_weights", model, tmp_path / "new", freeze_vision=True)
+    before, after = weights(model), weights(tmp_path / "new")
+    for name, value in before.items():
+        assert torch.equal(value, after[name]) is ("visual" in name)
+
+
+def test_a_loss_that_is_no_number_stops_and_leaves_what_was_saved(model: Path, tmp_path: Path) -> None:
+    made = updater(model)
+    made.update(samples(BC))
+    made.save(tmp_path / "good")
+    poisoned = [replace(each, advantage=float("nan")) for each in samples(BC)]
+
+    with pytest.raises(TrainingError, match="the loss of optimizer step 1 is nan") as error:
+        made.update(poisoned)
+
+    assert "\n" not in str(error.value)
+    assert read_state(tmp_path / "good").step == 1
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["good"]
+
+
+def test_a_save_that_fails_leaves_what_was_there(
+    model: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = updater(model)
+    made.save(tmp_path / "kept")
+    before = weights(tmp_path / "kept")
+    made.update(samples(BC))
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(torch, "save", full)
+    with pytest.raises(StoreError, match="no space left"):
+        made.save(tmp_path / "kept")
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["kept"]
+    assert all(torch.equal(value, before[name]) for name, value in weights(tmp_path / "kept").items())
+
+
+def test_what_does_not_fit_is_one_line(model: Path, tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot load the model"):
+        updater(tmp_path / "nowhere")
+    with pytest.raises(ConfigError, match=r"lora\.targets fits no module"):
+        updater(model, lora={"targets": "nothing"})
+    with pytest.raises(TrainingError, match="holds no update to go on from"):
+        updater(model, resume=model)
+    made = updater(model)
+    made.save(tmp_path / "all")
+    with pytest.raises(TrainingError, match="without adapters"):
+        updater(model, resume=tmp_path / "all", lora={})
+    with pytest.raises(ValueError, match="nothing to train on"):
+        made.update([])
+
+
+def test_the_learning_rate_warms_up_and_then_stays_or_falls() -> None:
+    constant = UpdateConfig(learning_rate=1.0, warmup_steps=4)
+    assert [learning_rate(constant, step) for step in (0, 1, 3, 4, 1000)] == pytest.approx(
+        [0.2, 0.4, 0.8, 1, 1]
+    )
+    cosine = UpdateConfig(learning_rate=1.0, warmup_steps=4, schedule="cosine", total_steps=14)
+    assert [learning_rate(cosine, step) for step in (0, 4, 9, 14, 99)] == pytest.approx([0.2, 1, 0.5, 0, 0])
+
+
+def test_bf16_is_close_to_float32(model: Path, tmp_path: Path) -> None:
+    run_case("one_odd_batch", model, tmp_path / "bf16", precision="bf16")
+    assert likelihood(tmp_path / "bf16") > likelihood(model) + 0.3
+    assert weights(tmp_path / "bf16")["model.language_model.norm.weight"].dtype == torch.float32

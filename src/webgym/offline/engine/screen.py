@@ -144,7 +144,8 @@ def _style(theme_key: tuple[str, ...], bar: str) -> str:
         f"font:bold 19px/{30 - 2 * int(frame)}px {font};text-align:center;letter-spacing:-.5px;"
         f"text-decoration:none;white-space:nowrap}}"
         f".t svg{{position:absolute;left:{-int(frame)}px;top:{-int(frame)}px;width:30px;height:30px}}"
-        f".w{{font-size:14px}}.k{{background:none;border-color:transparent;font-size:11.5px;letter-spacing:-.8px}}"
+        f".w{{font-size:13px}}.k{{background:none;border:0;font-size:11px;line-height:30px;letter-spacing:-.8px}}"
+        f".k svg{{left:0;top:0}}"
         f".on{{box-shadow:inset 0 0 0 4px {ink}}}"
     )
 

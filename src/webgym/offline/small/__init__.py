@@ -9,11 +9,14 @@ Data lies beside the code in TOML files: ``NAME.toml`` holds how a family's task
 
 from __future__ import annotations
 
+from webgym.offline.small.board import Board
+from webgym.offline.small.desk import Desk
 from webgym.offline.small.market import Market
 from webgym.offline.small.signpost import Signpost
+from webgym.offline.small.trail import Trail
 from webgym.offline.small.wording import WORDING, small_vocabulary
 from webgym.offline.website import Website
 
 __all__ = ["FAMILIES", "WORDING", "small_vocabulary"]
 
-FAMILIES: tuple[type[Website], ...] = (Market, Signpost)
+FAMILIES: tuple[type[Website], ...] = (Market, Signpost, Desk, Board, Trail)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from time import process_time
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from webgym.judge.config import WAYS_BY_SOURCE, Way
-from webgym.judge.reference import Match, as_set, exact, hold_against, normalised
+from webgym.judge.reference import READ_CHARS, Match, as_set, exact, hold_against, is_reference, normalised
 from webgym.judge.values import tokens
 
 WAYS: tuple[Way, ...] = ("normalised", "set")
@@ -34,9 +36,14 @@ SAME = [
     ("東京", "東京"),
     # in a sentence
     ("Paris", "The answer is Paris."),
-    ("Paris", "It is Paris, which is the capital."),
     ("Blue Mug", "The result: Blue Mug"),
     ("Ada Lovelace", "It was Ada Lovelace."),
+    ("Paris", "The answer to the question is:\n\nParis"),
+    ("Paris", "**Answer:** “Paris”"),
+    ("Paris", '{"answer": "Paris"}'),
+    ("Paris", "<answer>Paris</answer>"),
+    ("Paris", "I found the answer. It is Paris, according to the website."),
+    ("Paris", "Based on the page, it is Paris. Paris."),
     # numbers
     ("1234", "1,234"),
     ("1,234.50", "1234.5"),
@@ -51,13 +58,15 @@ SAME = [
     ("3", "three"),
     ("25", "twenty-five"),
     ("7", "It has 7."),
-    ("3", "There are 3 studio albums."),
     ("3 albums", "3"),
     ("5000", "5k"),
     ("1200000", "1.2 million"),
     ("1.2 billion", "1,200,000,000"),
     ("24", "2 dozen"),
     ("-5", "−5"),
+    ("-3", "minus 3"),
+    ("-3", "negative three"),
+    ("-$5", "minus $5"),
     ("3rd", "third"),
     ("1st", "the first"),
     ("42", "４２"),
@@ -95,6 +104,7 @@ SAME = [
     ("5 lb", "5 pounds"),
     ("$0.50", "50 cents"),
     ("$1.2 million", "$1,200,000"),
+    ("$26.1 billion", "$26.1  billion"),
     ("$3M", "3 million dollars"),
     ("¥1000", "1,000 yen"),
     ("₹1,00,000", "Rs. 100000"),
@@ -106,7 +116,6 @@ SAME = [
     ("2024-05-03", "Friday, May 3rd, 2024"),
     ("2024/05/03", "2024-5-3"),
     ("3 May 2024", "03.05.2024"),
-    ("May 3, 2024", "It opens on 3 May 2024."),
     ("25/12/2024", "December 25, 2024"),
     ("12/25/2024", "25 Dec 2024"),
     ("Sept 2024", "September 2024"),
@@ -123,7 +132,9 @@ SAME = [
     ("08:00", "8 am"),
     # yes and no
     ("Yes", "Yes, it does."),
-    ("No", "No. It is sold out."),
+    ("No", "No. It does not."),
+    ("Yes", "The answer is yes."),
+    ("No", "Answer: **No**"),
     ("yes", "True"),
     # identifiers, links
     ("(555) 123-4567", "555-123-4567"),
@@ -136,11 +147,52 @@ SAME = [
     ("Red Mug; Blue Mug", "Blue Mug and Red Mug"),
     ("1, 2, 3", "3, 2, 1"),
     ("- Rome\n- Paris", "1. Paris\n2. Rome"),
-    ("Rome, Paris", "The cities are Paris and Rome."),
     ("Blue Mug; $12.50", "The Blue Mug costs $12.50."),
     ("May 3, 2024; $5", "$5, on 3 May 2024"),
     ("A, B, C", "C, B and A"),
     ("1,200 and 3,400", "3400; 1200"),
+]
+
+ASKED = [
+    # what the task says may stand around the answer, as long as it can be no second claim
+    ("What is the capital of France?", "Paris", "The capital of France is Paris."),
+    ("What is the capital of France?", "Paris", "The capital of France is:\nParis"),
+    ("Ask Fern Mugs for its owner.", "Jo Ray", "I searched Fern Mugs. The owner is Jo Ray."),
+    ("Ask Fern Mugs for its owner.", "Jo Ray", "At Fern Mugs, the owner is Jo Ray."),
+    ("How many studio albums are there?", "3", "There are 3 studio albums."),
+    ("How many studio albums are there?", "3", "Studio albums: 3"),
+    ("When does it open?", "May 3, 2024", "It opens on 3 May 2024."),
+    ("Is the mug in stock?", "No", "No, the mug is not in stock."),
+    ("Is the mug in stock?", "Yes", "Yes, the mug is in stock."),
+    ("Which cities are named?", "Rome, Paris", "The cities are Paris and Rome."),
+    ("How many kilometres is it to Rome?", "17", "17 km"),
+    ("What percentage is left?", "50", "50 %"),
+    ("How much is it (in $)?", "12.50", "$12.50"),
+]
+
+NOT_ASKED = [
+    # a task that names the answer among others; names of the task as rivals
+    ("Is it Sydney or Canberra?", "Canberra", "Sydney. Canberra."),
+    ("Is it Sydney or Canberra?", "Canberra", "It is Sydney. It is Canberra."),
+    ("Is it Sydney or Canberra?", "Canberra", "Is it Sydney or Canberra."),
+    ("Is it on the website or in the app?", "app", "It is on the website. It is in the app."),
+    ("Other than Lyon, which city is it?", "Paris", "Lyon. Paris."),
+    ("Other than Lyon, which city is it?", "Paris", "It is Lyon. It is Paris."),
+    ("Other than Lyon, which city is it?", "Paris", "In Lyon. In Paris."),
+    ("Other than Lyon, which city is it?", "Paris", "It is Lyon it is Paris"),
+    ("Other than Lyon, which city is it?", "Paris", "Lyon: Paris"),
+    ("Is it 3 or 4?", "4", "It is 3. It is 4."),
+    ("Is the mug in stock?", "No", "No, the mug is in stock."),
+    ("Is the mug in stock?", "Yes", "It is not yes."),
+    ("Is the mug in stock?", "Yes", "Yes. Stock."),
+    ("Unlike Lyon, which city is it?", "Paris", "Lyon is Paris"),
+    ("Of the mugs that cost $9, which costs the most?", "$12.50", "$9, $12.50"),
+    ("Of the mugs that cost $9, which costs the most?", "$12.50", "$9: $12.50"),
+    # units that nobody asked for
+    ("How many kilometres is it to Rome?", "17", "17 miles"),
+    ("How many miles per hour?", "60", "60 miles"),
+    ("How many square metres?", "60", "60 metres"),
+    ("Which are they?", "apples; pears", "Apples. Pears. Plums. Grapes."),
 ]
 
 NOT_SAME = [
@@ -257,6 +309,47 @@ NOT_SAME = [
     ("Blue Mug; $12.50", "The Blue Mug costs $13.50."),
     ("Blue Mug; $12.50", "The Red Mug costs $12.50."),
     ("Blue Mug; $12.50", "The Blue Mug costs $12.50, the Red Mug $9.00."),
+    ("apples; pears", "Apples. Pears. Plums. Grapes."),
+    ("apples; pears", "It is apples and pears. It is plums."),
+    ("mug; blue mug", "blue mug"),
+    ("2; 2", "2"),
+    # a list with the answer in it
+    ("Paris", "Paris. London. Rome. Berlin."),
+    ("mice", "rats. mice. hamsters."),
+    ("mice", "rats – mice – hamsters"),
+    ("mice", "(rats) (mice)"),
+    ("Paris", "It is London. It is Paris."),
+    ("Paris", "It was London, it is now Paris."),
+    ("Paris", "I found London. I found Paris."),
+    ("3", "3, 4, 5"),
+    ("3", "3. 5 km. 7 miles."),
+    ("3", "3–5"),
+    ("May 3, 2024", "May 3, 2024. May 4, 2024."),
+    # talk that is an answer itself
+    ("B", "A. B."),
+    ("B", "answer A, answer B"),
+    ("II", "answer I, answer II"),
+    ("off", "It is on. It is off."),
+    ("app", "It is on the website. It is in the app."),
+    ("completed", "It is done. It is completed."),
+    ("there", "here. there."),
+    ("The Shining", "I found It. I found The Shining."),
+    ("No", "No. It is sold out."),
+    ("Yes", "Yes. No."),
+    ("Yes", "Yes. Unclear."),
+    # struck out, crossed out, cut off
+    ("Paris", "~~Paris~~"),
+    ("Paris", "P\u0336a\u0336r\u0336i\u0336s\u0336"),
+    ("Paris", "<del>Paris</del>"),
+    ("Paris", "\u274c Paris"),
+    ("Paris", "Paris …"),
+    ("A", "A -"),
+    ("5", "≠ 5"),
+    ("5", "5‰"),
+    ("5", '5"'),
+    ("5", "5'"),
+    ("3", "minus 3"),
+    ("17", "17 miles"),
     # signs that say as much as words
     ("5", "5+"),
     ("5+", "5"),
@@ -316,6 +409,16 @@ def test_pairs_that_do_not_match(reference: str, answer: str) -> None:
     assert hold_against(reference, answer, WAYS).match is not Match.SAME
 
 
+@pytest.mark.parametrize(("task", "reference", "answer"), ASKED)
+def test_words_of_the_task_may_stand_around_an_answer(task: str, reference: str, answer: str) -> None:
+    assert hold_against(reference, answer, WAYS, task).match is Match.SAME
+
+
+@pytest.mark.parametrize(("task", "reference", "answer"), NOT_ASKED)
+def test_words_of_the_task_excuse_no_second_claim(task: str, reference: str, answer: str) -> None:
+    assert hold_against(reference, answer, WAYS, task).match is Match.UNSURE
+
+
 def test_the_table_is_large_and_has_no_pair_twice() -> None:
     assert len(set(SAME)) == len(SAME) >= 100
     assert len(set(NOT_SAME)) == len(NOT_SAME) >= 90
@@ -350,6 +453,14 @@ def test_rules_are_sure_where_a_value_differs(reference: str, answer: str) -> No
         ("1e6", "1000000"),
         ("08", "8"),
         ("3 albums", "3 years"),
+        ("17", "17 miles"),
+        ("5", "-5"),
+        ("-3", "3"),
+        ("$5", "C$5"),
+        ("39.2", "39.19"),
+        ("1.2 million", "1,234,567"),
+        ("496", "about 500"),
+        ("3", "I found 4 of them"),
     ],
 )
 def test_rules_leave_to_a_model_what_they_cannot_tell(reference: str, answer: str) -> None:
@@ -405,3 +516,20 @@ def test_a_text_made_of_values_matches_itself(pieces: list[str]) -> None:
 def test_long_texts_are_read_in_time(unit: str) -> None:
     found = tokens(unit * (20_000 // len(unit)))
     assert isinstance(found, list)
+
+
+@pytest.mark.parametrize("unit", ["Paris. ", "it is ", "apples, pears, ", "the answer is Paris and ", "3 4 "])
+@pytest.mark.parametrize("reference", ["Paris", "apples; pears", "3"])
+def test_long_answers_are_held_against_a_reference_in_time(reference: str, unit: str) -> None:
+    start = process_time()
+    for size in (READ_CHARS - 10, 100_000):
+        hold_against(reference, unit * (size // len(unit)), WAYS, "Which cities are in France?")
+    assert process_time() - start < 3
+
+
+@pytest.mark.parametrize("reference", ["None", "", " "])
+def test_a_field_that_was_never_filled_in_is_no_reference(reference: str) -> None:
+    assert not is_reference(reference)
+    for answer in ("None", "Paris"):
+        assert hold_against(reference, answer, WAYS).match is Match.UNSURE
+    assert is_reference("none"), "what some questions are answered with"

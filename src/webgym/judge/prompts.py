@@ -93,12 +93,17 @@ slow page, an empty result, a login or a payment that the website asks of everyb
 adverts, pop-ups, and pages that merely write about such measures."""
 
 _REFERENCE = """\
-Your task now: decide whether an answer agrees with the reference answer to the same task.
-- It agrees if it gives the same fact or facts: other words, formats, units of the same amount, rounding \
-that the task allows, and additional remarks do not matter.
-- Every part of the reference answer must be given. An order counts only if the task asks for one.
-- An answer that gives several candidates, hedges, contradicts the reference answer in any part, or says \
-that it does not know, does not agree.
+Your task now: decide whether an answer agrees with the reference answer to the same task. Ask two things: \
+does the answer give exactly one answer, and is it this one? It agrees only if both are so.
+- An answer that gives several candidates, in whatever form (a list, a table, "A or B", one after \
+another), gives none, even if the right one is among them. So does one that hedges, guesses, says that it \
+does not know, or that takes back, strikes out or dates to the past what it says. Where the reference \
+answer is a list, an answer that lists anything more is of this kind.
+- It is this one if it gives the same fact or facts: other words, formats, units of the same amount, \
+rounding that the task allows, and remarks that name no other candidate do not matter. A bare number is no \
+amount of a unit other than the one that the task asks for, and a sign counts.
+- Every part of the reference answer must be given, and none contradicted. An order counts only if the \
+task asks for one.
 - Do not judge from your own knowledge: the reference answer is right."""
 
 

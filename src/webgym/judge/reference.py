@@ -10,22 +10,34 @@ model        a judge model decides; not here, but where this is unsure
 
 A rule never guesses. It is sure that an answer agrees, or that it differs (another amount of the same kind);
 everything in between is unsure, and without a model to ask the answer then does not match.
+
+An answer agrees only if its one claim is the reference answer: a list with the right one in it is a guess.
+So the answer is cut into pieces at every gap (full stops, commas, line ends, brackets, quotes, "and", …),
+and beside the reference a piece may hold nothing but words of a short list, with which no answer can be
+named (:data:`_TALK`), and words of the task, where they cannot be a second claim.
 """
 
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
+from decimal import Decimal
 from enum import StrEnum
-from typing import Final
+from itertools import chain, pairwise, zip_longest
+from typing import Final, NamedTuple, TypeAlias
 
 import msgspec
 
 from webgym.core.text import fold
 from webgym.judge.config import Way
-from webgym.judge.values import Token, Value, tokens
+from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, UNITS
+from webgym.judge.values import Gap, Text, Token, Value, read, tokens
 
 _HYPHEN: Final = re.compile(r"(?<=[^\W\d_])[-‐‑](?=[^\W\d_])")
+
+Spans: TypeAlias = dict[int, int]
+"""Where items stand among tokens: the first token to the one behind the last."""
 
 READ_CHARS: Final = 20_000
 """A longer answer is left to a model."""
@@ -55,6 +67,8 @@ def hold_against(reference: str, answer: str, ways: Sequence[Way], instruction: 
         ways: which rules, in order; ``model`` is passed over.
         instruction: the task; what it says itself is no part of the answer.
     """
+    if not is_reference(reference):
+        return Held(Match.UNSURE, "there is no reference answer")
     if not answer.strip():
         return Held(Match.DIFFERENT, "the answer is empty")
     held = Held(Match.UNSURE, "no rule says whether the answer matches")
@@ -71,6 +85,14 @@ def hold_against(reference: str, answer: str, ways: Sequence[Way], instruction: 
     return held
 
 
+def is_reference(text: str | None) -> bool:
+    """Whether there is a reference answer. An empty field is none, nor is the "None" that a program wrote.
+
+    A "none" in lower case is an answer.
+    """
+    return text is not None and text.strip() not in ("", "None")
+
+
 def exact(reference: str, answer: str) -> Held:
     """The same text."""
     if fold(reference).rstrip(" .!") == fold(answer).rstrip(" .!"):
@@ -80,32 +102,49 @@ def exact(reference: str, answer: str) -> Held:
 
 def normalised(reference: str, answer: str, instruction: str = "") -> Held:
     """The same words and values."""
-    wanted, given = tokens(reference), tokens(answer)
-    if not wanted or not given:
+    wanted, given = read(reference), read(answer)
+    if not wanted.tokens or not given.tokens:
         return exact(reference, answer)
-    if _equal(wanted, given) or _equal(_closed(reference), _closed(answer)):
+    if _says_more(wanted, given):
+        return Held(Match.UNSURE, "the answer holds signs that no rule reads")
+    if _equal(wanted.tokens, given.tokens) or _equal(_closed(reference), _closed(answer)):
         return Held(Match.SAME, "the answer says the same as the reference answer")
-    if len(wanted) == 1 and wanted[0].word in _TRUTHS:
-        return _truth(wanted[0].word, given)
-    if "?" in answer and "?" not in reference:
-        return Held(Match.UNSURE, "the answer asks")
-    told = tokens(instruction)
-    if all(token.value for token in wanted):
-        return _values(wanted, given, told) if len(wanted) == 1 else _phrase(wanted, given, told)
+    told = _Told(read(instruction), [wanted.tokens], given.tokens)
+    if len(wanted.tokens) == 1 and wanted.tokens[0].word in _TRUTHS:
+        return told.truth(wanted.tokens[0].word)
+    if _stands_alone(wanted.tokens, given.tokens):
+        return told.value(wanted.tokens[0])
+    if told.is_all():
+        return Held(Match.SAME, "the answer says the same as the reference answer")
+    if len(wanted.tokens) == 1 and wanted.tokens[0].value is not None:
+        return told.value(wanted.tokens[0])
+    return Held(Match.UNSURE, "the answer does not say the reference answer and nothing else")
+
+
+def _stands_alone(wanted: Sequence[Token], given: Sequence[Token]) -> bool:
+    """Whether the answer is the number alone: "3 albums" and "3", as the question says of what.
+
+    "3 years" says so itself, and "3 or more" is no number.
+    """
     counted, lone = wanted[0].value, given[0].value if len(given) == 1 else None
-    if counted and lone and lone.kinds <= counted.kinds and len(wanted) <= 3 and not _bounds(wanted):
-        # "3 albums" and "3": the question says of what. "3 years" says so itself.
-        return _values(wanted[:1], given, told)
-    return _phrase(wanted, given, told)
+    if counted is None or lone is None or not 1 < len(wanted) <= 3:
+        return False
+    if any(token.value or token.gap != "none" for token in wanted[1:]):  # a list
+        return False
+    bounds = _QUALIFIERS | _REFUSED | {"plus"}
+    return lone.kinds <= counted.kinds and not any(token.word in bounds for token in wanted)
 
 
 def as_set(reference: str, answer: str, instruction: str = "") -> Held:
     """The same items in any order."""
-    wanted, given = _items(tokens(reference)), _items(tokens(answer))
-    if len(wanted) < 2:
+    wanted, given = read(reference), read(answer)
+    items = _items(wanted.tokens, ("comma",))
+    if len(items) < 2:
         return Held(Match.UNSURE, "the reference answer is no list")
-    left = list(given)
-    for item in wanted:
+    if _says_more(wanted, given):
+        return Held(Match.UNSURE, "the answer holds signs that no rule reads")
+    left = _items(given.tokens, ("comma", "label", "strong"))
+    for item in items:
         found = next((other for other in left if _equal(item, other)), None)
         if found is None:
             break
@@ -113,24 +152,59 @@ def as_set(reference: str, answer: str, instruction: str = "") -> Held:
     else:
         if not left:
             return Held(Match.SAME, "the answer lists the same items")
-    return _told_items(wanted, given, tokens(instruction))
+    if _Told(read(instruction), items, given.tokens).is_all():
+        return Held(Match.SAME, "the answer gives every item")
+    return Held(Match.UNSURE, "the answer does not plainly give every item and no other")
 
 
 # --- comparing --------------------------------------------------------------------------------------
 
 
-def same(one: Value, other: Value) -> Match:
-    """Whether two values are one; unsure where a spelling has several readings."""
+def same(one: Value, other: Value, asked: frozenset[tuple[str, str]] = frozenset()) -> Match:
+    """Whether two values are one; unsure where a spelling has several readings.
+
+    Args:
+        one: what is right.
+        other: what is said.
+        asked: units that the task asks for (see :func:`_units`): only in those a bare 17 may be given.
+    """
     if one.readings == other.readings:
         return Match.SAME
     if common := one.readings & other.readings:
         # Pounds of money or of mass: the other side says which. Days and times may be either.
         return Match.UNSURE if {kind for kind, _, _ in common} & {"date", "clock"} else Match.SAME
     if one.kinds == {"number"} and one.amount is not None and one.amount == other.amount:
-        return Match.SAME if other.kinds != {"ordinal"} else Match.UNSURE
-    if one.kinds & other.kinds and not _partial(one, other) and not _rounded(one, other):
+        return Match.SAME if _unit(other) in asked else Match.UNSURE
+    if one.kinds & other.kinds and not (_partial(one, other) or _rounded(one, other) or _alike(one, other)):
         return Match.DIFFERENT
     return Match.UNSURE
+
+
+def _unit(value: Value) -> tuple[str, str]:
+    """Kind, and currency or size."""
+    kind, unit, _ = min(value.readings)
+    return kind, unit or str(value.factor)
+
+
+def _units(told: Text) -> frozenset[tuple[str, str]]:
+    """The units that a task asks for: their names without an amount."""
+    found = {("money", CURRENCY_SIGNS[sign]) for sign in told.signs if sign in CURRENCY_SIGNS}
+    words = [token.word for token in told.tokens]
+    for before, word, after in zip(["", *words], words, [*words[1:], ""], strict=False):
+        if before in _SIZED or after == "per" or len(word) < 2 or word in ("in", "second"):
+            continue
+        if word in UNITS:
+            kind, factor = UNITS[word]
+            found.add((kind, str(factor)))
+        elif word in CURRENCY_WORDS:
+            found.add(("money", CURRENCY_WORDS[word][0]))
+        elif word == "percentage":
+            found.add(("percent", "1"))
+    return frozenset(found)
+
+
+_SIZED: Final = frozenset("square cubic nautical light fluid metric per".split())
+"""Words that make another unit of the one behind them."""
 
 
 def _partial(one: Value, other: Value) -> bool:
@@ -147,11 +221,29 @@ def _partial(one: Value, other: Value) -> bool:
 
 
 def _rounded(one: Value, other: Value) -> bool:
-    """Whether two amounts in different units differ by no more than a conversion is rounded by."""
-    if one.amount is None or other.amount is None or one.factor == other.factor:
+    """Whether two amounts differ by no more than one of them is rounded by.
+
+    In different units by a fiftieth, as conversions are; in one unit by half of the shorter one's last
+    digit: 39.19 and 39.2, or 1,234,567 and 1.2 million.
+    """
+    if one.amount is None or other.amount is None:
         return False
     a, b = one.amount * one.factor, other.amount * other.factor
-    return abs(a - b) * 50 <= max(abs(a), abs(b))
+    if one.factor != other.factor:
+        return abs(a - b) * 50 <= max(abs(a), abs(b))
+    places = max(int(amount.as_tuple().exponent) for amount in (one.amount, other.amount))
+    return a != b and abs(one.amount - other.amount) <= Decimal(1).scaleb(places) / 2
+
+
+def _alike(one: Value, other: Value) -> bool:
+    """Whether what tells two amounts apart may be a slip of the pen: a sign, or which country's dollars."""
+    if one.amount is None or other.amount is None or abs(one.amount) != abs(other.amount):
+        return False
+    units = {unit for value in (one, other) for _, unit, _ in value.readings}
+    return one.amount == -other.amount or units <= _DOLLARS or units <= {"JPY", "CNY"}
+
+
+_DOLLARS: Final = frozenset({"USD", "AUD", "CAD", "NZD", "HKD", "SGD"})
 
 
 def _equal(one: Sequence[Token], other: Sequence[Token]) -> bool:
@@ -169,9 +261,16 @@ def _closed(text: str) -> list[Token]:
     return tokens(_HYPHEN.sub("", text))
 
 
+def _says_more(wanted: Text, given: Text) -> bool:
+    """Whether the answer has signs that the reference lacks, or lacks some that do not merely close it."""
+    more, less = Counter(given.signs), Counter(wanted.signs)
+    return bool(more - less) or any(sign not in "?…'\"" for sign in less - more)
+
+
 # --- sentences around it ----------------------------------------------------------------------------
 
 _TRUTHS: Final = {"yes": True, "true": True, "correct": True, "no": False, "false": False, "incorrect": False}
+_AFTER_TRUTH: Final = frozenset("it they he she there you this that these those we i".split())
 _NEGATIONS: Final = frozenset(
     "not no never neither nor isnt wasnt arent werent doesnt dont didnt cannot cant couldnt wouldnt havent "
     "hasnt hadnt wont without except than instead unlike rather wrong incorrect false excluding".split()
@@ -180,158 +279,294 @@ _QUALIFIERS: Final = frozenset(
     "about approximately approx around roughly over under above below nearly almost least most more less "
     "fewer up between maximum minimum estimated circa ca only".split()
 )
-_HEDGES: Final = frozenset(
-    "maybe perhaps possibly probably might could likely unsure unclear unknown either or guess assume "
-    "alternatively but however".split()
+_REFUSED: Final = _NEGATIONS | frozenset(
+    "or either maybe perhaps possibly probably might could likely unsure unclear unknown guess assume "
+    "alternatively but however unable failed fail fails failure nothing anything tried gave determine "
+    "whether guessed guessing sorry apologies blocked captcha error previously formerly former".split()
 )
-_EVASIONS: Final = frozenset(
-    "unable failed fail fails failure nothing anything tried gave determine whether couldnt guessed guessing "
-    "sorry apologies blocked captcha error".split()
+"""Words that deny, hedge or give up; that the task has one, too, is no excuse."""
+
+_CHOICES: Final = frozenset("or besides except excluding versus vs than unlike instead neither not".split())
+"""Words of a task that weighs candidates."""
+
+_COPULAS: Final = frozenset("is are was were its thats heres".split())
+_CLAIMS: Final = _COPULAS | frozenset(
+    "has have had costs cost equals called named titled found shows says states".split()
 )
-"""Words of an answer that says why there is none; what else it mentions is no answer."""
-_PLACES: Final = frozenset("page step http status screenshot tab attempt try".split())
-"""What is numbered without being counted."""
-_AFTER_TRUTH: Final = frozenset("it they he she there you this that these those we i".split())
-_FILLERS: Final = frozenset(
-    "is are was were be been it its this that there here to for of in on at by with from and as which who "
-    "whose where when while has have had costs cost called named titled answer result total price name found "
-    "because so according page website shown listed currently now today per each also thus therefore "
-    "final".split()
+_ANSWERS: Final = frozenset("answer answers result results solution response".split())
+_PREPOSITIONS: Final = frozenset("to of for in on at by with from".split())
+_PRONOUNS: Final = frozenset("it this that these those there here what which who i we my your".split())
+_SAID_AGAIN: Final = _CLAIMS | _NEGATIONS | {"do", "does", "did"}
+_JOINERS: Final = frozenset("with of to from".split())
+"""Words that make one thing of what stands on both sides."""
+_CUTS: Final = frozenset({"and", "then"})
+_SO: Final = frozenset("so thus therefore hence boxed".split())
+_SEARCHES: Final = frozenset(
+    "searched looked checked opened visited navigated browsed read went used".split()
 )
-_JOINERS: Final = frozenset("and with of to from".split())
-"""Fillers that make one thing of what stands on both sides."""
+_SHOWS: Final = frozenset({"says", "shows", "states"})
+_GROUNDS: Final = frozenset("according based".split())
+_SITES: Final = frozenset("page pages website site webpage screen screenshot information".split())
+_QUESTIONS: Final = frozenset("task question query".split())
+_LOOSE: Final = frozenset("as follows following final do does did the".split())
+_TALK: Final = frozenset().union(
+    *(_CLAIMS, _ANSWERS, _PREPOSITIONS, _PRONOUNS, _SO, _SEARCHES, _GROUNDS, _SITES, _QUESTIONS, _LOOSE)
+)
+"""Words with which an answer is given. A reference of such words alone is left to a model."""
+_POINTERS: Final = _ANSWERS | frozenset("final what as follows following my your".split())
+"""What may follow "is" where no answer does: "this is what I found"."""
 
 
-def _truth(wanted: str, given: Sequence[Token]) -> Held:
-    """A yes or a no: the answer's first word, if it is the only such word."""
-    said = {_TRUTHS[token.word] for token in given if token.word in _TRUTHS}
-    if given[0].word not in _TRUTHS or len(said) != 1 or _is_hedged(given):
-        return Held(Match.UNSURE, "the answer is no plain yes or no")
-    rest = given[1:]
-    if rest and rest[0].gap == "none" and rest[0].word not in _AFTER_TRUTH:
-        return Held(Match.UNSURE, f"“{given[0].word}” is part of something else in the answer")
-    words = {token.word for token in rest}
-    if words & {"find", "found", "see", "know"} or (said == {True} and words & _NEGATIONS):
-        return Held(Match.UNSURE, "the answer takes back what its first word says")
-    if said == {_TRUTHS[wanted]}:
-        return Held(Match.SAME, f"the answer says {given[0].word}")
-    return Held(Match.DIFFERENT, f"the answer says {given[0].word}, not {wanted}")
+_ONLY_BEFORE: Final = {"final": _ANSWERS, "i": _CLAIMS | _SEARCHES}
+"""What else may be an answer: a state, a numeral."""
 
 
-def _values(wanted: Sequence[Token], given: Sequence[Token], told: Sequence[Token]) -> Held:
-    """One value: the answer must give it, and no other of its kind but those that the task names."""
-    value = wanted[0].value
-    assert value is not None
-    known = [token.value for token in told if token.value]
-    found: list[tuple[int, Match]] = []
-    for place, token in enumerate(given):
-        if token.value is None:
-            continue
-        match = same(value, token.value)
-        comparable = match is not Match.UNSURE or bool(value.kinds & token.value.kinds)
-        if comparable and (match is Match.SAME or token.value not in known):
-            found.append((place, match))
-    matches = {match for _, match in found}
-    if matches == {Match.SAME}:
-        if _is_hedged(given) or any(
-            token.word in _PLACES for place, _ in found for token in given[:place][-1:]
+class _Piece(NamedTuple):
+    """A piece of an answer: first token, the one behind the last, and the spans in it."""
+
+    start: int
+    end: int
+    spans: list[tuple[int, int]]
+
+
+_END: Final = Token("", gap="strong")
+
+
+class _Told:
+    """An answer, read as a sentence around reference answers.
+
+    Args:
+        task: what was asked.
+        wanted: what must be found in the answer, all of it.
+        given: the answer.
+    """
+
+    def __init__(self, task: Text, wanted: Sequence[Sequence[Token]], given: Sequence[Token]) -> None:
+        self._wanted = wanted
+        self._given = given
+        self._asked = _units(task)
+        words = {token.word for token in task.tokens if token.value is None}
+        # A task that names the answer, or what is not it, names candidates: no word of it is an excuse.
+        is_named = bool(_CHOICES & words) or any(self._places(item, task.tokens) for item in wanted)
+        self._compared = {
+            kind for item in wanted for token in item if token.value for kind in token.value.kinds
+        }
+        self._talk = _TALK - ((_SITES | _QUESTIONS) & words) if is_named else _TALK
+        forms = {form for word in words for form in (word, f"{word}s", word.removesuffix("s"))}
+        self._excused = frozenset() if is_named else frozenset(forms - _TALK - _REFUSED)
+        self._values = () if is_named else tuple(token.value for token in task.tokens if token.value)
+
+    def is_all(self) -> bool:
+        """Whether the answer claims everything that is wanted, and nothing else."""
+        spans: Spans = {}
+        covered: set[int] = set()
+        for item in sorted(self._wanted, key=len, reverse=True):
+            if all(token.value is None and token.word in _TALK for token in item):
+                return False
+            size = len(item)
+            free = [
+                at
+                for at in self._places(item, self._given)
+                if at not in covered and at + size - 1 not in covered
+            ]
+            if not free:
+                return False
+            for at in free[:1] if self._is_twice(item) else free:
+                spans[at] = at + size
+                covered.update(range(at, at + size))
+        return self._claims_only(spans)
+
+    def _is_twice(self, item: Sequence[Token]) -> bool:
+        return sum(_equal(item, other) for other in self._wanted) > 1
+
+    def value(self, wanted: Token) -> Held:
+        """Whether the answer's only value is another."""
+        assert wanted.value is not None
+        found = [
+            place
+            for place, token in enumerate(self._given)
+            if token.value and not any(same(known, token.value) is Match.SAME for known in self._values)
+        ]
+        if len(found) != 1 or not self._claims_only({found[0]: found[0] + 1}):
+            return Held(Match.UNSURE, "the answer does not plainly give one value")
+        value = self._given[found[0]].value
+        assert value is not None
+        match = same(wanted.value, value, self._asked)
+        said = {
+            Match.SAME: "the answer gives the same value",
+            Match.DIFFERENT: "the answer gives another value",
+            Match.UNSURE: "the answer gives a value that cannot be compared",
+        }
+        return Held(match, said[match])
+
+    def truth(self, wanted: str) -> Held:
+        """A yes or a no, if nothing around it can be anything else; the question may be said again."""
+        at = next((at for at, token in enumerate(self._given) if token.word in _TRUTHS), None)
+        if at is None:
+            return Held(Match.UNSURE, "the answer is no plain yes or no")
+        first, before, rest = self._given[at], self._given[:at], self._given[at + 1 :]
+        is_yes, words = _TRUTHS[first.word], {token.word for token in rest}
+        is_restated, is_denied = bool(words & self._excused), bool(words & _NEGATIONS)
+        allowed = self._talk | self._excused if is_yes else self._talk | self._excused | _NEGATIONS
+        if (
+            (before and not self._is_talk(before))
+            or any(token.value or token.word not in allowed or token.word in _TRUTHS for token in rest)
+            or words & {"find", "found", "see", "know"}
+            or (rest and rest[0].gap == "none" and rest[0].word not in _AFTER_TRUTH)
+            or (is_restated and (is_denied == is_yes or not words & _SAID_AGAIN))
         ):
-            return Held(Match.UNSURE, "the answer hedges, or gives the value of something else")
-        if any(_is_qualified(given, place, place + 1) for place, _ in found):
-            return Held(Match.UNSURE, "the answer qualifies the value")
-        return Held(Match.SAME, "the answer gives the same value")
-    if matches == {Match.DIFFERENT} and len(found) == 1 and not _is_hedged(given):
-        return Held(Match.DIFFERENT, "the answer gives another value")
-    return Held(Match.UNSURE, "the answer gives no value that can be compared, or several")
+            return Held(Match.UNSURE, "the answer is no plain yes or no")
+        if is_yes == _TRUTHS[wanted]:
+            return Held(Match.SAME, f"the answer says {first.word}")
+        return Held(Match.DIFFERENT, f"the answer says {first.word}, not {wanted}")
 
+    def _places(self, item: Sequence[Token], text: Sequence[Token]) -> list[int]:
+        """Where the item stands."""
+        if len(item) == 1 and (value := item[0].value) is not None:
+            return [
+                at
+                for at, token in enumerate(text)
+                if token.value and same(value, token.value, self._asked) is Match.SAME
+            ]
+        starts = range(len(text) - len(item) + 1)
+        return [at for at in starts if all(map(_one_equal, item, text[at : at + len(item)]))]
 
-def _phrase(wanted: Sequence[Token], given: Sequence[Token], told: Sequence[Token]) -> Held:
-    """Words: they must stand in the answer as a whole, and nothing beside them be another answer."""
-    size = len(wanted)
-    places = [at for at in range(len(given) - size + 1) if _equal(wanted, given[at : at + size])]
-    if not places:
-        return Held(Match.UNSURE, "the answer does not have the reference answer's words")
-    if _is_hedged(given):
-        return Held(Match.UNSURE, "the answer hedges")
-    inside = {place for at in places for place in range(at, at + size)}
-    known = {token.word for token in (*told, *wanted) if token.word}
-    for at in places:
-        if not _is_apart(given, at, at + size) or _is_qualified(given, at, at + size):
-            return Held(Match.UNSURE, "the reference answer's words are part of something else in the answer")
-    for place, token in enumerate(given):
-        starts = place == 0 or token.gap in ("label", "strong")
-        if place not in inside and token.is_name and not starts and token.word not in known:
-            return Held(Match.UNSURE, "the answer names something else too")
-    return Held(Match.SAME, "the answer says the same as the reference answer")
+    # --- pieces ---------------------------------------------------------------------------------------
 
-
-def _is_apart(given: Sequence[Token], start: int, end: int) -> bool:
-    """Whether these words are a phrase of their own, not a piece of a longer name or a list."""
-    if start > 0:
-        before, gap = given[start - 1], given[start].gap
-        if gap == "comma" or (gap == "none" and before.word not in _FILLERS - _JOINERS):
+    def _claims_only(self, spans: Spans) -> bool:
+        """Whether what stands at these spans is all that is claimed."""
+        pieces = self._pieces(spans)
+        covered = {at for piece in pieces for start, end in piece.spans for at in range(start, end)}
+        around = [token for at, token in enumerate(self._given) if at not in covered]
+        if self._claims_twice(around, len(self._wanted)):
             return False
-    if end < len(given):
-        after = given[end]
-        if after.gap == "strong":
-            return True
-        return after.gap != "label" and after.word in _FILLERS - _JOINERS
-    return True
+        for piece, following in zip_longest(pieces, pieces[1:]):
+            if piece.spans:
+                is_fine = self._is_claim(piece)
+            else:
+                words = self._given[piece.start : piece.end]
+                is_fine = self._is_talk(words) or bool(following and self._leads(words, following))
+            if not is_fine:
+                return False
+        return True
+
+    def _pieces(self, spans: Spans) -> list[_Piece]:
+        """The answer, cut at every gap that is not within a span."""
+        pieces: list[_Piece] = []
+        start = last = 0
+        held: list[tuple[int, int]] = []
+        for at, token in enumerate([*self._given, _END]):
+            is_word = token.word in _CUTS and at >= last
+            if is_word or (token.gap != "none" and (at >= last or at in spans)):
+                if start < at:
+                    pieces.append(_Piece(start, at, held))
+                start, held = at + is_word, []
+            if at in spans:
+                last = spans[at]
+                held.append((at, last))
+        return pieces
+
+    def _is_excused(self, token: Token) -> bool:
+        """Whether the task says it, and it is not the answer."""
+        if token.value:
+            return any(same(known, token.value) is Match.SAME for known in self._values)
+        return token.word in self._excused
+
+    def _claims_twice(self, around: Sequence[Token], most: int) -> bool:
+        """Whether words of the task stand with more claims than may be made."""
+        claims = sum(token.word in _CLAIMS for token in around)
+        return claims > most and any(map(self._is_excused, around))
+
+    def _is_ours(self, piece: Sequence[Token]) -> bool:
+        """Whether these tokens are all the task's or talk, and talk that is used as such."""
+        words = [token.word for token in piece]
+        for place, token in enumerate(piece):
+            after = words[place + 1] if place + 1 < len(words) else ""
+            if token.value or token.word not in self._talk:
+                if not self._is_excused(token):
+                    return False
+                is_rival = token.value and token.value.kinds & self._compared
+                if is_rival and not (place and words[place - 1] in _QUALIFIERS):  # "under $20"
+                    return False
+            elif after not in _ONLY_BEFORE.get(token.word, (after,)):
+                return False
+        said = set(words)
+        if _SITES & said and not (_GROUNDS | _SEARCHES) & said:
+            return any(a in _SITES and b in _SHOWS for a, b in pairwise(words))
+        return not _QUESTIONS & said or bool(_ANSWERS & said)
+
+    def _is_talk(self, piece: Sequence[Token]) -> bool:
+        """Whether a piece claims nothing: it speaks of the answer, or of the search for it."""
+        words = [token.word for token in piece]
+        said = set(words)
+        if not self._is_ours(piece) or words[-1] in _PREPOSITIONS | _PRONOUNS:
+            return False
+        if any(self._is_excused(token) for token in piece):
+            return bool(_SEARCHES & said) and not _CLAIMS & said
+        if any(a in _COPULAS and b not in _POINTERS for a, b in pairwise(words)):
+            return False  # "it is on"
+        if any(a in _SHOWS and b not in _ANSWERS for a, b in pairwise(words)):
+            return False
+        return bool((_ANSWERS | _SEARCHES | _GROUNDS | _SO) & said) or (
+            len(words) > 1 and bool(_CLAIMS & said)
+        )
+
+    def _leads(self, words: Sequence[Token], following: _Piece) -> bool:
+        """Whether words of the task lead to the claim in the next piece: "On the page of X, it is …"."""
+        said = [token.word for token in words]
+        if not following.spans or not self._is_ours(words):
+            return False
+        gap = self._given[following.start].gap
+        is_whole = following.spans == [(following.start, following.end)]
+        if _CLAIMS & set(said):  # "The capital of France is: …"
+            return gap == "label" and is_whole and not _CLAIMS & set(said[:-1])
+        if said[0] in _PREPOSITIONS:
+            claim = self._given[following.start : following.end]
+            return gap == "comma" and any(token.word in _CLAIMS for token in claim)
+        return gap == "label" and is_whole and bool(self._kinds(*following.spans[0]))
+
+    def _kinds(self, start: int, end: int) -> set[str]:
+        """What a span may be an amount of; nothing where it is no value."""
+        value = self._given[start].value
+        return value.kinds if value and end == start + 1 else set()
+
+    def _is_claim(self, piece: _Piece) -> bool:
+        """Whether the piece claims what its spans say, and nothing of it is a second claim."""
+        edges = [piece.start, *chain.from_iterable(piece.spans), piece.end]
+        parts = [self._given[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+        around = list(chain.from_iterable(parts))
+        words = [token.word for token in around]
+        if not self._is_ours(around) or _SEARCHES & set(words):
+            return False
+        if self._claims_twice(around, 1) or (_ANSWERS & set(words) and any(map(self._is_excused, around))):
+            return False
+        if parts[-1] and parts[-1][-1].word in _PREPOSITIONS:
+            return False
+        kinds = [self._kinds(*span) for span in piece.spans]
+        return all(
+            self._is_apart(before[::-1], bool(kind)) and self._is_apart(after, kind == {"number"})
+            for before, after, kind in zip(parts, parts[1:], kinds, strict=False)
+        )
+
+    def _is_apart(self, side: Sequence[Token], is_counted: bool) -> bool:
+        """Whether what stands on one side of a span, the nearest first, leaves it as it is.
+
+        A name stands alone: "capital of Paris" and "Paris Texas" are others. A value may have its name in
+        front, and a number may count what follows.
+        """
+        words = [token.word for token in side]
+        if set(words[:1]) & _JOINERS or set(words[:2]) & _QUALIFIERS:
+            return False
+        claim = next((place for place, word in enumerate(words) if word in _CLAIMS), len(words))
+        return is_counted or not any(map(self._is_excused, side[:claim]))
 
 
-def _is_qualified(given: Sequence[Token], start: int, end: int) -> bool:
-    """Whether words next to it turn it round or make it a bound."""
-    before = [token.word for token in given[max(0, start - 4) : start]]
-    after = [token.word for token in given[end : end + 3]]
-    return bool(
-        _NEGATIONS & set(before)
-        or _QUALIFIERS & set(before[-2:])
-        or _NEGATIONS & set(after)
-        or {"or", "plus"} & set(after[:1])
-        or "or" in before[-1:]
-    )
-
-
-def _is_hedged(given: Sequence[Token]) -> bool:
-    return any(token.word in _HEDGES or token.word in _EVASIONS for token in given)
-
-
-def _bounds(found: Sequence[Token]) -> bool:
-    return any(token.word in _QUALIFIERS | _NEGATIONS | {"or", "plus"} for token in found)
-
-
-def _items(found: Sequence[Token]) -> list[list[Token]]:
-    """A list's items: split at commas, semicolons, line ends and "and"."""
+def _items(found: Sequence[Token], gaps: Sequence[Gap]) -> list[list[Token]]:
+    """A list's items: split at such gaps and at "and"."""
     items: list[list[Token]] = [[]]
     for token in found:
-        if token.gap == "comma" or token.word == "and":
+        if token.gap in gaps or token.word == "and":
             items.append([])
         if token.word != "and":
             items[-1].append(token)
     return [item for item in items if item]
-
-
-def _told_items(wanted: list[list[Token]], given: list[list[Token]], told: Sequence[Token]) -> Held:
-    """A list told in sentences: every item stands in it, and every piece of the answer holds one."""
-    flat = [token for item in given for token in item]
-    if _is_hedged(flat):
-        return Held(Match.UNSURE, "the answer hedges")
-    known = {token.word for token in told if token.word} | _FILLERS
-    spent: set[int] = set()
-    for item in wanted:
-        size = len(item)
-        places = [at for at in range(len(flat) - size + 1) if _equal(item, flat[at : at + size])]
-        if not places or any(_is_qualified(flat, at, at + size) for at in places):
-            return Held(Match.UNSURE, "the answer does not plainly give every item")
-        spent.update(place for at in places for place in range(at, at + size))
-    for place, token in enumerate(flat):
-        is_new = token.value is not None or (token.is_name and token.word not in known)
-        if place not in spent and is_new and not (place == 0 or token.gap in ("label", "strong")):
-            return Held(Match.UNSURE, "the answer names something else too")
-    place = 0
-    for piece in given:
-        here = set(range(place, place + len(piece)))
-        place += len(piece)
-        if not here & spent and any(token.word not in known for token in piece):
-            return Held(Match.UNSURE, "the answer lists something else too")
-    return Held(Match.SAME, "the answer gives every item")

@@ -29,7 +29,7 @@ from webgym.judge.blocking import find_block
 from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.history import action_history
 from webgym.judge.keypoints import page_texts, parts, select, shown
-from webgym.judge.reference import Match, hold_against
+from webgym.judge.reference import Match, hold_against, is_reference
 from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, shorten
 from webgym.judge.verdicts import Finding
@@ -130,7 +130,7 @@ class _Case:
     async def _look(self) -> None:
         """Judge the criteria; what costs little comes first, so that an early exit saves the most."""
         config, task, is_answered = self._config, self._task, self._episode.answer is not None
-        if is_answered and task.reference_answer is not None:
+        if is_answered and task.reference_answer is not None and is_reference(task.reference_answer):
             self._reference = await self._hold_against(task.reference_answer)
             alone = config.reference_rule == "decides"
             is_hopeless = alone and self._reference.passed is None

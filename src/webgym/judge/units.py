@@ -120,19 +120,20 @@ AMBIGUOUS_POUNDS: Final = frozenset({"pound", "pounds"})
 
 SCALES: Final[dict[str, Decimal]] = {
     "dozen": Decimal(12),
-    "hundred": Decimal(100),
-    "thousand": Decimal(1000),
-    "million": Decimal(10**6),
-    "millions": Decimal(10**6),
-    "mn": Decimal(10**6),
-    "billion": Decimal(10**9),
-    "bn": Decimal(10**9),
-    "trillion": Decimal(10**12),
-    "tn": Decimal(10**12),
-    "lakh": Decimal(10**5),
-    "crore": Decimal(10**7),
+    "hundred": Decimal("1E2"),
+    "thousand": Decimal("1E3"),
+    "million": Decimal("1E6"),
+    "millions": Decimal("1E6"),
+    "mn": Decimal("1E6"),
+    "billion": Decimal("1E9"),
+    "bn": Decimal("1E9"),
+    "trillion": Decimal("1E12"),
+    "tn": Decimal("1E12"),
+    "lakh": Decimal("1E5"),
+    "crore": Decimal("1E7"),
 }
-SHORT_SCALES: Final[dict[str, Decimal]] = {"k": Decimal(1000), "m": Decimal(10**6), "b": Decimal(10**9)}
+"""With exponents, so that 1.2 million is known to be told in hundreds of thousands."""
+SHORT_SCALES: Final[dict[str, Decimal]] = {"k": Decimal("1E3"), "m": Decimal("1E6"), "b": Decimal("1E9")}
 """Right after the digits. M and B only of money; elsewhere they are a unit or a name."""
 
 MONTHS: Final[dict[str, int]] = {

@@ -12,6 +12,7 @@ import unicodedata
 from collections.abc import Callable
 from datetime import date
 from decimal import Decimal, InvalidOperation
+from functools import lru_cache
 from typing import Final, Literal, TypeAlias
 
 import msgspec
@@ -34,7 +35,7 @@ Reading: TypeAlias = tuple[str, str, str]
 """Kind (``number``, ``money``, ``date``, ``clock``, ``ordinal``, a dimension), unit, canonical amount."""
 
 Gap: TypeAlias = Literal["none", "comma", "label", "strong"]
-"""What stands before a token: nothing, a list's separator, a colon, the end of a sentence."""
+"""What stands before a token: nothing, a list's separator, a colon, or anything else but a space."""
 
 
 class Value(msgspec.Struct, frozen=True):
@@ -62,19 +63,38 @@ class Token(msgspec.Struct, frozen=True):
     Attributes:
         word: the folded word; empty for a value.
         value: ``None`` for a word.
-        is_name: whether a word begins with a capital or holds a digit, as names do.
         gap: what separates it from the token before.
     """
 
     word: str
     value: Value | None = None
-    is_name: bool = False
     gap: Gap = "none"
+
+
+class Text(msgspec.Struct, frozen=True):
+    """What a text says.
+
+    Attributes:
+        tokens: words and values, in order. Articles and punctuation are left out.
+        signs: characters between them that are more than punctuation, in order: a question mark, an
+            ellipsis, a stroke through a letter, a mathematical sign, an emoji. No rule knows what they say.
+    """
+
+    tokens: tuple[Token, ...]
+    signs: tuple[str, ...]
 
 
 _ARTICLES: Final = frozenset({"the", "a", "an"})
 _FRACTIONS: Final = re.compile(r"(?:(?<!\d)(\d{1,12})\s?)?([¼½¾⅐⅑⅒⅓⅔⅕⅖⅗⅘⅙⅚⅛⅜⅝⅞])")
 _POWERS: Final = re.compile(r"(?<=\d)[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
+_SPACES: Final = re.compile(r"[^\S\n]+")
+_LINE_ENDS: Final = re.compile(r"[\r\v\f\x1c-\x1e\x85\u2028\u2029]")
+_OVERLAY: Final = 1
+"""Combining class of strokes through a letter: no accent, but struck out."""
+_PUNCTUATION: Final = frozenset(".,;:!'\"()[]{}<>|/\\-*_#`=•·«»‹›„‚、。「」『』【】")
+_ENDS: Final = frozenset(".,;:!'\")]}>|*_`»›。」』】")
+"""Punctuation that may close a text; with any other it breaks off, or goes on as a sign of the last word."""
+_ELLIPSIS: Final = re.compile(r"\.{2,}")
 _GROUPING_SPACE: Final = re.compile(r"(?<=\d)[\u00a0\u2009\u202f](?=\d{3}(?!\d))")
 _BOUND: Final = re.compile(r"([<>≤≥≈~±]=?)(?=\s?[-$€£¥]?\s?\d)|(?<=\d)(\s?[<>≤≥≈]=?|\+(?![\w+]))")
 _BOUNDS: Final = {
@@ -87,6 +107,10 @@ _BOUNDS: Final = {
     "+": "plus",
 }
 """Signs that make a bound of a number, as words; any other sign says that it is rounded."""
+_TAG: Final = re.compile(r"</?([a-z][a-z0-9]{0,30})[ ]?/?>", re.IGNORECASE)
+_MINUS: Final = re.compile(
+    rf"\b(?:minus|negative) (?=[$€£¥]?\d|(?:{'|'.join(NUMBER_WORDS)})\b)", re.IGNORECASE
+)
 _NAMED_NUMBER: Final = re.compile(r"\b(?:version|ver|release|v)\.?\s?$", re.IGNORECASE)
 _TAIL: Final = re.compile(r"[a-z]+\d[a-z\d]*", re.IGNORECASE)
 _BULLET: Final = re.compile(r"^[ \t]*(?:[-*•‣◦]|\d{1,2}[.)])[ \t]+", re.MULTILINE)
@@ -133,19 +157,19 @@ _LEXER: Final = re.compile(
         |\d{{1,2}}(?:\.\d{{2}})?\s?[ap]\.?m\b\.?)(?![:\d])|\b(?:noon|midnight)\b)
     | (?P<hours>\b\d{{1,3}}\s?h(?:rs?|ours?)?\s?\d{{1,2}}\s?m(?:ins?|inutes?)?\b)
     | (?P<feet>(?<!\d)\d{{1,2}}'\s?\d{{1,2}}(?:"|\b)(?!\d))
-    | (?P<phone>(?:\+\d|\(\d|(?<!\d)\d)\d*(?:[\s()-]{{1,2}}\d+){{2,}}(?![\d.,]))
+    | (?P<phone>(?:\+\d|\(\d|(?<!\d)\d)\d*(?:[ ()-]{{1,2}}\d+){{2,}}(?![\d.,]))
     | (?P<ordinal>\b\d+(?:st|nd|rd|th)\b)
     | (?P<money>(?P<minus>-?)(?:(?P<sign>{_SIGN})|\b(?P<code>{_CODE}))\s?(?P<minus2>-?)(?P<sum>{_N})
         (?:\s?(?P<sum_scale>(?:{_SCALE})\b)|(?P<sum_short>[kmb]\b))?)
     | (?P<number>(?<![\w.])-?{_N}|{_N})
-    | (?P<number_word>\b(?:{_NUMERAL})\b)
+    | (?P<number_word>(?<![\w.])-(?:{"|".join(NUMBER_WORDS)})\b|\b(?:{_NUMERAL})\b)
     | (?P<word>[^\W\d_][^\W_]*(?:'[^\W_]+)*(?:\+\+|\#|\+(?!\w)
         |(?:(?<=\b[a-z])|(?<=\bab))-(?![\w-]))?|[^\W_]+)
     """,
     re.VERBOSE | re.IGNORECASE,
 )
 _UNIT: Final = re.compile(
-    rf"(?P<space>\s?)(?:(?P<scale>{_SCALE})\b\s?)?(?P<unit>%|per\s?cent\b|sq\.?\s?(?:ft|feet|m|km)\b"
+    rf"(?P<space>[ ]?)(?:(?P<scale>{_SCALE})\b[ ]?)?(?P<unit>%|per\s?cent\b|sq\.?\s?(?:ft|feet|m|km)\b"
     r"|square (?:feet|met(?:re|er)s|kilomet(?:re|er)s)\b|°\s?[cf]\b|°|degrees (?:celsius|fahrenheit)\b"
     r"|km/h\b|m/s\b|[a-z]{1,14}2?\b|[$€£¥₹₩₽])?",
     re.IGNORECASE,
@@ -164,18 +188,36 @@ _SPELLINGS: Final = {
 }
 
 
-def tokens(text: str) -> list[Token]:
-    """The words and values of a text, in order. Articles and punctuation are left out. Never raises."""
+@lru_cache(maxsize=1024)
+def read(text: str) -> Text:
+    """The words, values and signs of a text. Never raises."""
     prepared = prepare(text)
     found: list[Token] = []
+    between: list[str] = []
     at = end = 0
     while match := _LEXER.search(prepared, at):
         token, at = _token(match, prepared)
-        gap = _gap(prepared[end : match.start()]) if found else "none"
-        end = at
+        between.append(prepared[end : match.start()])
         if token is not None:
-            found.append(msgspec.structs.replace(token, gap=gap))
-    return _summed(_without_articles(found))
+            found.append(msgspec.structs.replace(token, gap=_gap(between[-1]) if found else "none"))
+        end = at
+    return Text(tuple(_summed(_without_articles(found))), _signs(between, prepared[end:]))
+
+
+def tokens(text: str) -> list[Token]:
+    """The words and values of a text alone."""
+    return list(read(text).tokens)
+
+
+def _signs(between: list[str], rest: str) -> tuple[str, ...]:
+    """The characters between tokens, and behind the last, that may say something themselves."""
+    found = [sign for gap in between for sign in gap if sign not in _PUNCTUATION and not sign.isspace()]
+    found += [sign for sign in rest if sign not in _ENDS and not sign.isspace()]
+    found += ["…" for gap in (*between, rest) for _ in _ELLIPSIS.findall(gap)]
+    found += ["!" for gap in between if gap.endswith("!") or "!=" in gap]  # not, as in code
+    # A lone mark of quotation is a unit, as in 5", or an apostrophe that stands for something.
+    found += [mark for mark in "'\"" if sum(gap.count(mark) for gap in (*between, rest)) % 2]
+    return tuple(found)
 
 
 def _without_articles(found: list[Token]) -> list[Token]:
@@ -199,8 +241,11 @@ def prepare(text: str) -> str:
     text = _GROUPING_SPACE.sub("", text)
     text = unicodedata.normalize("NFKC", text).translate(_TYPOGRAPHY)
     text = "".join(character for character in text if unicodedata.category(character) != "Cf")
+    text = _SPACES.sub(" ", _LINE_ENDS.sub("\n", text))
     text = _without_accents(text)
+    text = _TAG.sub(r" | \1 | ", text)
     text = _BULLET.sub("", text).replace("&", " and ")
+    text = _MINUS.sub("-", text)
     return _BOUND.sub(lambda match: f" {_BOUNDS.get(match[0].strip(), 'about')} ", text)
 
 
@@ -213,37 +258,36 @@ def _without_accents(text: str) -> str:
     """Latin letters without their accents; other scripts' marks are letters of their own."""
     kept: list[str] = []
     for character in unicodedata.normalize("NFD", text):
-        if unicodedata.combining(character) and kept and kept[-1].isascii():
+        mark = unicodedata.combining(character)
+        if mark and mark != _OVERLAY and kept and kept[-1].isascii():
             continue
         kept.append(character)
     return unicodedata.normalize("NFC", "".join(kept))
 
 
 def _gap(between: str) -> Gap:
-    if between == "-":  # one word, as in blue-green
+    if between == "-" or not between.strip(" *_`"):  # one word, as in blue-green; emphasis
         return "none"
-    if any(character in between for character in ",;\n/|"):
-        return "comma"
     if any(character in between for character in ":="):
         return "label"
-    return "strong" if any(character in between for character in '.!?()[]"-') else "none"
+    return "comma" if any(character in between for character in ",;\n/|") else "strong"
 
 
 def _token(match: re.Match[str], text: str) -> tuple[Token | None, int]:
     """The token at a match, and where to go on."""
     raw = match[0]
-    kind = next(name for name in (*_READERS, "link", "money", "number", "number_word", "word") if match[name])
+    kind = match.lastgroup  # the outermost one
     if kind == "link":
         raw = raw.rstrip(".,;:!?)\"'")
         plain = re.sub(r"^(?:https?://)?(?:www\.)?", "", raw.casefold()).rstrip("/")
-        return Token(plain, is_name=True), match.start() + max(1, len(raw))
+        return Token(plain), match.start() + max(1, len(raw))
     if kind == "money":
         return _money(match, text)
     if kind in ("number", "number_word"):
         return _number(match, text)
     if kind == "word":
         return _word(raw), match.end()
-    if (value := _READERS[kind](match)) is not None:
+    if (value := _READERS[str(kind)](match)) is not None:
         return Token("", value), match.end()
     # It looked like a date, a time or a telephone number and is none: only its first piece is taken.
     piece = re.match(r"\W*([^\W_]+)", raw)
@@ -255,8 +299,7 @@ def _token(match: re.Match[str], text: str) -> tuple[Token | None, int]:
 
 
 def _word(raw: str) -> Token:
-    word = raw.casefold().replace("'", "")
-    return Token(word, is_name=raw[0].isupper() or any(character.isdigit() for character in raw))
+    return Token(raw.casefold().replace("'", ""))
 
 
 def read_number(text: str) -> Decimal | None:
@@ -295,10 +338,13 @@ def _number(match: re.Match[str], text: str) -> tuple[Token | None, int]:
     raw = match[0].casefold()
     if raw in ORDINAL_WORDS:
         return Token("", _of("ordinal", "", Decimal(ORDINAL_WORDS[raw]))), match.end()
-    amount = Decimal(NUMBER_WORDS[raw]) if raw in NUMBER_WORDS else read_number(raw)
+    if (word := raw.removeprefix("-")) in NUMBER_WORDS:
+        amount: Decimal | None = Decimal(NUMBER_WORDS[word]) * (-1 if raw.startswith("-") else 1)
+    else:
+        amount = read_number(raw)
     is_version = _NAMED_NUMBER.search(text, max(0, match.start() - 12), match.start())
     if amount is None or is_version:  # an address, a list without spaces
-        return Token(raw, is_name=True), match.end()
+        return Token(raw), match.end()
     after = _UNIT.match(text, match.end())
     assert after is not None
     attached = "" if after["space"] or after["scale"] else after["unit"] or ""
@@ -314,11 +360,11 @@ def _number(match: re.Match[str], text: str) -> tuple[Token | None, int]:
         return Token("", value), after.end()
     end = after.end("scale") if after["scale"] else match.end()
     if end == match.end() and attached:  # 4x4, 3D, A4: a name that begins with a digit
-        return Token(raw + attached.casefold(), is_name=True), after.end()
+        return Token(raw + attached.casefold()), after.end()
     if end == match.end() and (tail := _TAIL.match(text, end)):  # 1e6, 3f2a
-        return Token(raw + tail[0].casefold(), is_name=True), tail.end()
+        return Token(raw + tail[0].casefold()), tail.end()
     if re.fullmatch(r"0\d+", raw):  # a code: its zeros count
-        return Token(raw, is_name=True), end
+        return Token(raw), end
     return Token("", _of("number", "", amount)), end
 
 
@@ -349,7 +395,7 @@ def _money(match: re.Match[str], text: str) -> tuple[Token | None, int]:
     code = (match["code"] or "").casefold().rstrip(".")
     currency = CURRENCY_SIGNS[match["sign"].casefold()] if match["sign"] else CURRENCY_WORDS[code][0]
     if amount is None:
-        return Token(match[0].casefold(), is_name=True), match.end()
+        return Token(match[0].casefold()), match.end()
     if scale := match["sum_scale"] or match["sum_short"]:
         amount *= (SCALES | SHORT_SCALES)[scale.casefold()]
     if match["minus"] or match["minus2"]:

@@ -1,0 +1,688 @@
+"""Reference answers against generated answers: how often a rule passes a wrong one, or fails a right one.
+
+    .venv/bin/python benchmarks/reference_answers.py
+    .venv/bin/python benchmarks/reference_answers.py --data ../shared/data --per-reference 40 --seed 2
+
+Wrong answers hold the reference among rivals (lists, tables, choices), deny it, date it to the past or give
+it another unit or sign; a rule that calls one the same is a false pass. Right answers hold it in plain
+words; a rule that calls one different is a false fail, and what it leaves unsure costs a model's reply.
+References are those of the offline web and, where ``--data`` holds them, of the benchmarks' own files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Final
+
+from webgym.core.errors import WebGymError
+from webgym.judge.config import WAYS_BY_SOURCE, Way
+from webgym.judge.reference import Match, hold_against
+from webgym.offline import OfflineWeb
+from webgym.tasks.sources import read_source
+
+WAYS: Final[tuple[Way, ...]] = ("normalised", "set")
+FOLDERS: Final = {
+    "pae-webvoyager": "webvoyager",
+    "browsecomp": "browsecomp",
+    "agentsynth-web": "agentsynth-web",
+}
+
+
+@dataclass(frozen=True)
+class Known:
+    """A reference answer and its task."""
+
+    source: str
+    instruction: str
+    reference: str
+
+
+@dataclass(frozen=True)
+class Case:
+    """An answer to hold against a reference, and whether it is right."""
+
+    family: str
+    instruction: str
+    reference: str
+    answer: str
+    is_right: bool
+
+    def match(self, ways: Sequence[Way] = WAYS) -> Match:
+        """What the rules say."""
+        return hold_against(self.reference, self.answer, ways, self.instruction).match
+
+
+COUNTS: Final = (1, 1, 1, 2, 3, 5, 10, 30, 100)
+SEPARATORS: Final = (
+    *(
+        ". ",
+        ".",
+        ", ",
+        ",",
+        "; ",
+        ";",
+        ": ",
+        "/",
+        " / ",
+        "|",
+        " | ",
+        "\\",
+        " - ",
+        "-- ",
+        " – ",
+        " — ",
+        "–",
+        "—",
+    ),
+    *("\n", "\n\n", "\r\n", "\n- ", "\n* ", "\n• ", "\t", "  ", " ", " · ", " • ", "! ", "… ", " ... ", "? "),
+    *(") (", "] [", "} {", '" "', "' '", "” “", "» «", "` `", "** **", "__ __", "*, *", "<br>", "</li><li>"),
+    *(
+        "\u2028",
+        "\u2029",
+        "\x0b",
+        "\x0c",
+        "\x85",
+        "\u00a0",
+        "\u3000",
+        "\u200b",
+        "\u200b ",
+        "\u2060",
+        "\ufeff ",
+    ),
+    *(
+        "、",
+        "。",
+        "，",
+        "；",
+        "・",
+        "؛ ",
+        "، ",
+        "।",
+        "‖",
+        "¦",
+        "⁄",
+        "∕",
+        "‧",
+        "․",
+        "﹐",
+        "｜",
+        "／",
+        "᛫",
+        "⸱",
+    ),
+    *(
+        " → ",
+        " ⇒ ",
+        " ➡ ",
+        " ✅ ",
+        " ❌ ",
+        "🔹",
+        " ★ ",
+        " + ",
+        " = ",
+        " ~ ",
+        " & ",
+        " @ ",
+        " # ",
+        " ^ ",
+        " % ",
+    ),
+    *(
+        " and ",
+        " or ",
+        " and/or ",
+        " also ",
+        " plus ",
+        " then ",
+        " as well as ",
+        " besides ",
+        " with ",
+        " for ",
+    ),
+    *(
+        " is ",
+        " it is ",
+        " is it ",
+        " was ",
+        " that is ",
+        " which is ",
+        " of ",
+        " to ",
+        " in ",
+        " on ",
+        " from ",
+    ),
+    *(
+        " has ",
+        " found ",
+        " here ",
+        " there ",
+        " so ",
+        " the ",
+        " a ",
+        " final answer ",
+        " answer ",
+        " result ",
+    ),
+)
+BRACKETS: Final = (
+    ("", ""),
+    ("(", ")"),
+    ("[", "]"),
+    ('"', '"'),
+    ("“", "”"),
+    ("**", "**"),
+    ("`", "`"),
+    ("<", ">"),
+)
+EACH: Final = (
+    *(
+        "It is {}. ",
+        "The answer is {}. ",
+        "I found {}. ",
+        "Answer: {}\n",
+        "answer {}; ",
+        "It was {}, ",
+        "{} is it. ",
+    ),
+    *(
+        "Final answer: {}\n\n",
+        "The result is {}\n",
+        "There is {}. ",
+        "I found that it is {}. ",
+        "- It is {}\n",
+    ),
+    *(
+        "According to the page it is {}. ",
+        "On the page: {}. ",
+        "In {}. ",
+        "Here is {}. ",
+        "Here: {}, ",
+        "to {}, ",
+    ),
+    *(
+        "the website says {}, ",
+        "named {}; ",
+        "that is {} ",
+        "it is {} ",
+        "is {} ",
+        "found {} and ",
+        "Result {}\n",
+    ),
+)
+"""What stands around each of several candidates, written one after the other."""
+WHOLE: Final = (
+    "{}",
+    "{}.",
+    "The answer is {}.",
+    "It is {}",
+    "Answer: {}",
+    "I found {}.",
+    "The answers are: {}",
+    "{} ",
+)
+PAIRS: Final = {
+    "choice": (
+        *(
+            "either {r} or {o}",
+            "{o} or {r}",
+            "{r}/{o}",
+            "{r} vs. {o}",
+            "It is {r} or {o}.",
+            "{r} or else {o}",
+        ),
+        *(
+            "{r} (or {o})",
+            "{r}, alternatively {o}",
+            "one of {r}, {o}",
+            "{r}; if not, {o}",
+            "{r} ({o})",
+            "{o} ({r})",
+        ),
+        *(
+            "{r} = {o}",
+            "{r}, possibly {o}",
+            "first {r}, second {o}",
+            "1. {r} 2. {o}",
+            "a) {r} b) {o}",
+            "{r}|{o}",
+        ),
+        *(
+            "between {r} and {o}",
+            "from {r} to {o}",
+            "{r}-{o}",
+            "{r} – {o}",
+            "{r}..{o}",
+            "{r} to {o}",
+            "{r}~{o}",
+        ),
+    ),
+    "negation": (
+        *(
+            "not {r}",
+            "It is not {r}.",
+            "It isn't {r}",
+            "not {r} but {o}",
+            "{o}, not {r}",
+            "{r} is wrong",
+            "non-{r}",
+        ),
+        *(
+            "It is not {r}; it is {o}.",
+            "anything but {r}",
+            "never {r}",
+            "{r}? no, {o}",
+            "{r} is false",
+            "no {r}",
+        ),
+        *(
+            "~~{r}~~",
+            "~~{r}~~ {o}",
+            "<del>{r}</del> {o}",
+            "<s>{r}</s>",
+            "❌ {r}",
+            "❌ {r}\n✅ {o}",
+            "≠ {r}",
+            "¬{r}",
+        ),
+        *(
+            "it is neither {r} nor {o}",
+            "{o} instead of {r}",
+            "hardly {r}",
+            "{o} rather than {r}",
+            "except {r}",
+            "{r} ✗",
+        ),
+        *(
+            "The answer is {o} (not {r}).",
+            "{r} is not the answer",
+            "I ruled out {r}",
+            "all except {r}",
+            "🚫 {r}",
+        ),
+    ),
+    "past": (
+        *("previously {r}, now {o}", "{r} previously, {o} now", "It was {r}, it is now {o}.", "formerly {r}"),
+        *("{r} until 2020, then {o}", "It used to be {r}.", "{o} (previously {r})", "It was {r} before {o}."),
+        *(
+            "{r}, since replaced by {o}",
+            "ex-{r}",
+            "old: {r}, new: {o}",
+            "It was {r}. It is {o}.",
+            "no longer {r}",
+        ),
+        *(
+            "{r} (outdated)",
+            "once {r}",
+            "{r} was the answer; today it is {o}",
+            "the former {r}",
+            "originally {r}",
+        ),
+    ),
+    "hedge": (
+        *(
+            "maybe {r}",
+            "It might be {r}.",
+            "perhaps {r}",
+            "I guess {r}",
+            "I could not find it; {r}",
+            "{r}?",
+            "¿{r}",
+        ),
+        *(
+            "{r} or not",
+            "{r} I think",
+            "probably {r}",
+            "I am not sure: {r}",
+            "unknown; {r}",
+            "at most {r}",
+            "{r} …",
+        ),
+        *(
+            "about {r}",
+            "{r} or so",
+            "could be {r}",
+            "I failed, {r}",
+            "Sorry, {r}",
+            "No answer. {r}",
+            "{r}, unless {o}",
+        ),
+    ),
+    "record": (
+        *(
+            '{{"answer": "{r}", "other": "{o}"}}',
+            '["{r}", "{o}"]',
+            '{{"candidates": ["{o}", "{r}"]}}',
+            "answer: {r}\nor: {o}",
+        ),
+        *(
+            "| {r} | {o} |",
+            "| Answer |\n|---|\n| {r} |\n| {o} |",
+            "<ul><li>{r}</li><li>{o}</li></ul>",
+            "{r},{o}\n",
+        ),
+        *(
+            "<answer>{r}</answer><answer>{o}</answer>",
+            "- {r}\n- {o}",
+            "1) {r}\n2) {o}",
+            "\\boxed{{{r}}} \\boxed{{{o}}}",
+        ),
+        *("A: {r}\nB: {o}", "# {r}\n## {o}", "> {r}\n> {o}", "{r}\n---\n{o}", "[x] {r}\n[ ] {o}", "{r}\t{o}"),
+    ),
+}
+QUANTITIES: Final = (
+    *(
+        "{r} miles",
+        "{r} km",
+        "{r}%",
+        "{r} dollars",
+        "${r}",
+        "€{r}",
+        "{r} million",
+        "{r}k",
+        "minus {r}",
+        "-{r}",
+        "−{r}",
+    ),
+    *(
+        "negative {r}",
+        "{r}+",
+        "{r} or more",
+        ">{r}",
+        "~{r}",
+        "{r} hours",
+        "{r}°",
+        "{r}'",
+        '{r}"',
+        "{r}‰",
+        "{r}¢",
+    ),
+    *(
+        "{r} nautical miles",
+        "{r} leagues",
+        "{r} squared",
+        "{r}²",
+        "{r}^2",
+        "{r}/7",
+        "{r}:1",
+        "{r} quarters",
+        "1/{r}",
+    ),
+    *(
+        "{r} below",
+        "{r} dozen",
+        "{r}x",
+        "{r}!!1",
+        "{r}e3",
+        "{r} square feet",
+        "{r}½",
+        "minus  {r}",
+        "({r} fewer)",
+    ),
+)
+WRAPPINGS: Final = (
+    *(
+        "{}",
+        "{}.",
+        " {} ",
+        "{}!",
+        "**{}**",
+        "*{}*",
+        "`{}`",
+        '"{}"',
+        "“{}”",
+        "'{}'",
+        "({})",
+        "[{}]",
+        "# {}",
+        "- {}",
+    ),
+    *(
+        "The answer is {}.",
+        "the answer is {}",
+        "The answer is: {}",
+        "The answer is **{}**.",
+        "The answer is “{}”.",
+    ),
+    *(
+        "Answer: {}",
+        "answer = {}",
+        "**Answer:** {}",
+        "Answer:\n{}",
+        "Final answer: {}",
+        "FINAL ANSWER: {}",
+        "A: {}",
+    ),
+    *(
+        "The final answer is {}.",
+        "The answer to the question is:\n\n{}",
+        "The answer to your question is {}.",
+    ),
+    *(
+        "It is {}.",
+        "It's {}.",
+        "That is {}.",
+        "This is {}.",
+        "It was {}.",
+        "The result is {}.",
+        "The result: {}",
+    ),
+    *(
+        "I found {}.",
+        "I found that it is {}.",
+        "I found the answer: {}.",
+        "I have found the answer. It is {}.",
+    ),
+    *("Here is the answer: {}", "Here it is: {}", "Here is what I found: {}", "Sure! The answer is {}."),
+    *(
+        "According to the website, it is {}.",
+        "According to the page, the answer is {}.",
+        "Based on the page, it is {}.",
+    ),
+    *("Based on the information on the website, the answer is {}.", "It is {}, according to the website."),
+    *(
+        "I searched the website and found {}.",
+        "I looked at the page. The answer is {}.",
+        "So the answer is {}.",
+    ),
+    *(
+        "Therefore, the answer is {}.",
+        "The answer is {}. Task completed.",
+        "Done. {}",
+        "The task is done: {}",
+    ),
+    *("<answer>{}</answer>", '{{"answer": "{}"}}', "\\boxed{{{}}}", "```\n{}\n```", "Thus: {}", "{}\n\n{}"),
+)
+SHOUT: Final[tuple[Callable[[str], str], ...]] = (str, str, str.lower, str.upper, str.capitalize)
+
+
+class Families:
+    """Cases about references, from a seed.
+
+    Args:
+        known: the references; those of the same source and shape are each other's rivals.
+        seed: of every choice.
+    """
+
+    def __init__(self, known: Sequence[Known], seed: int = 1) -> None:
+        self.known = known
+        self._rng = random.Random(seed)
+        self._pools: dict[tuple[str, str], list[str]] = {}
+        for one in known:
+            pool = self._pools.setdefault((one.source, _shape(one.reference)), [])
+            pool += [*one.reference.split("; "), one.reference]
+        self._all = [one.reference for one in known]
+
+    def wrong(self, one: Known) -> Iterator[Case]:
+        """One wrong answer of every family."""
+        rng, reference = self._rng, one.reference
+        candidates = [reference, *self.rivals(one, rng.choice(COUNTS))]
+        rng.shuffle(candidates)
+        yield self._case("list", one, self._joined(candidates))
+        each = rng.choice(EACH)
+        yield self._case("each in a sentence", one, "".join(each.format(item) for item in candidates))
+        several = [rng.choice(EACH).format(item) for item in candidates]
+        yield self._case("each in another sentence", one, "".join(several))
+        yield from self._named(one, candidates)
+        other = candidates[0] if candidates[0] != reference else candidates[1]
+        for family, forms in PAIRS.items():
+            yield self._case(family, one, rng.choice(forms).format(r=reference, o=other))
+        yield from self._choices(one, candidates)
+        items = reference.split("; ")
+        if len(items) > 1:
+            extra = [*items, *self.rivals(one, rng.choice(COUNTS))]
+            rng.shuffle(extra)
+            yield self._case("set with rivals", one, self._joined(extra))
+            yield self._case("set that lacks one", one, self._joined(items[1:]))
+        if re.fullmatch(r"[\d,]+(\.\d+)?", reference):
+            yield self._case("unit or sign", one, rng.choice(QUANTITIES).format(r=reference))
+
+    def _named(self, one: Known, candidates: list[str]) -> Iterator[Case]:
+        """The task names the rivals and not the reference."""
+        rivals, rng = ", ".join(item for item in candidates if item != one.reference), self._rng
+        for form in ("Other than {}: ", "Unlike {}, ", "Start at the page on {}. "):
+            asked = Known(one.source, form.format(rivals) + one.instruction, one.reference)
+            told = "".join(rng.choice(EACH).format(item) for item in candidates)
+            yield self._case("rivals that the task names", asked, told)
+            told = rng.choice([sign for sign in SEPARATORS if not re.search(r"\w", sign)]).join(candidates)
+            yield self._case("rivals that the task names", asked, told)
+
+    def _choices(self, one: Known, candidates: list[str]) -> Iterator[Case]:
+        """The task names the reference among others."""
+        listed = ", ".join(candidates[:-1]) + " or " + candidates[-1]
+        rng = self._rng
+        for task in (f"Which is right: {listed}?", f"{one.instruction} Choose among {listed}."):
+            asked = Known(one.source, task, one.reference)
+            yield self._case("choice that the task names", asked, self._joined(candidates))
+            told = [rng.choice(EACH).format(item) for item in candidates]
+            yield self._case("choice that the task names", asked, "".join(told))
+            quote = rng.choice(("{}", "You asked: {}", "The question is: {}", "Task: {}", "> {}"))
+            yield self._case("quote of the task", asked, quote.format(task.replace("?", rng.choice("?. "))))
+
+    def right(self, one: Known) -> Iterator[Case]:
+        """The reference in every plain wrapping."""
+        for form in WRAPPINGS:
+            text = one.reference
+            count = form.replace("{{", "").count("{}")
+            yield Case("wrapping", one.instruction, text, form.format(*[text] * count), True)
+        yield Case("wrapping", one.instruction, one.reference, one.reference.lower(), True)
+        yield Case("wrapping", one.instruction, one.reference, one.reference.replace(" ", "  "), True)
+
+    def rivals(self, one: Known, count: int) -> list[str]:
+        """Other answers of the same shape; of any where there are none."""
+        pool = self._pools[one.source, _shape(one.reference)]
+        found: list[str] = []
+        for attempt in range(count * 8):
+            if len(found) == count:
+                break
+            rival = self._rng.choice(pool if attempt < count * 5 else self._all)
+            if not _overlaps(rival, one.reference) and not any(
+                hold_against(item, rival, WAYS).match is Match.SAME for item in one.reference.split("; ")
+            ):
+                found.append(rival)
+        return found or ["Zanzibar"]
+
+    def _joined(self, candidates: Sequence[str]) -> str:
+        rng = self._rng
+        opening, closing = rng.choice(BRACKETS)
+        separator, change = rng.choice(SEPARATORS), rng.choice(SHOUT)
+        text = separator.join(f"{opening}{item}{closing}" for item in candidates)
+        return change(rng.choice(WHOLE).format(text))
+
+    @staticmethod
+    def _case(family: str, one: Known, answer: str) -> Case:
+        return Case(family, one.instruction, one.reference, answer, False)
+
+
+def _shape(reference: str) -> str:
+    """Roughly what kind of answer it is: rivals are of the same."""
+    if ";" in reference:
+        return "list"
+    if re.search(r"\d", reference):
+        return "number" if re.fullmatch(r"[\d.,]+", reference) else "value"
+    return "word" if " " not in reference else "words"
+
+
+def _overlaps(one: str, other: str) -> bool:
+    """Whether one says what the other does, or a part of it."""
+    a, b = ({*re.findall(r"\w+", text.casefold())} for text in (one, other))
+    return not a or not b or a <= b or b <= a or one.casefold() in other.casefold()
+
+
+def offline_references(every: int = 1) -> list[Known]:
+    """Every different reference of the offline web, or of every n-th of its websites."""
+    web = OfflineWeb()
+    tasks = (task for host in list(web.specs)[::every] for task in web.tasks_of(host))
+    found = {task.reference_answer: task.instruction for task in tasks if task.reference_answer}
+    return [Known("offline", told, reference) for reference, told in found.items() if reference]
+
+
+def source_references(data: Path) -> list[Known]:
+    """The reference and example answers of the benchmarks' files."""
+    found: list[Known] = []
+    for source, folder in FOLDERS.items():
+        try:
+            tasks = read_source(source, data / folder, today=date(2026, 1, 1)).tasks
+        except (WebGymError, OSError) as error:
+            print(f"{source}: {error}")
+            continue
+        answers = [(task.instruction, task.reference_answer or task.example_answer) for task in tasks]
+        found += [Known(source, told, answer) for told, answer in answers if answer]
+    return found
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of source files")
+    parser.add_argument("--per-reference", type=int, default=4, help="rounds of wrong answers")
+    parser.add_argument("--offline", type=int, default=3000, help="references of the offline web at most")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--show", type=int, default=0, help="false passes and fails to print, per family")
+    args = parser.parse_args()
+    offline = offline_references()
+    random.Random(args.seed).shuffle(offline)
+    known = [*source_references(args.data), *offline[: args.offline]]
+    families = Families(known, args.seed)
+    cases: Counter[str] = Counter()
+    passed: Counter[str] = Counter()
+    right: Counter[tuple[str, Match]] = Counter()
+
+    for one in known:
+        ways = tuple(dict.fromkeys((*WAYS, *WAYS_BY_SOURCE[one.source])))
+        for _ in range(args.per_reference):
+            for case in families.wrong(one):
+                cases[case.family] += 1
+                if case.match(ways) is Match.SAME:
+                    passed[case.family] += 1
+                    if passed[case.family] <= args.show:
+                        print(f"false pass ({case.family}): {case.reference!r} <- {case.answer[:200]!r}")
+        for case in families.right(one):
+            match = case.match(ways)
+            right[one.source, match] += 1
+            if match is Match.DIFFERENT and right[one.source, match] <= args.show:
+                print(f"false fail: {case.reference!r} <- {case.answer[:200]!r}")
+    print(f"{len(known)} references\n\n{'wrong answers':30} {'cases':>9} {'false passes':>13}")
+    for family in sorted(cases):
+        print(f"{family:30} {cases[family]:9,} {passed[family]:13,}")
+    print(f"{'all':30} {cases.total():9,} {passed.total():13,}")
+    print(f"\n{'right answers':30} {'cases':>9} {'same':>8} {'unsure':>8} {'false fails':>12}")
+    for source in sorted({source for source, _ in right}):
+        same, unsure, different = (
+            right[source, match] for match in (Match.SAME, Match.UNSURE, Match.DIFFERENT)
+        )
+        count = same + unsure + different
+        print(f"{source:30} {count:9,} {same / count:8.1%} {unsure / count:8.1%} {different:12,}")
+
+
+if __name__ == "__main__":
+    main()

@@ -301,9 +301,7 @@ _JOINERS: Final = frozenset("with of to from".split())
 """Words that make one thing of what stands on both sides."""
 _CUTS: Final = frozenset({"and", "then"})
 _SO: Final = frozenset("so thus therefore hence boxed".split())
-_SEARCHES: Final = frozenset(
-    "searched looked checked opened visited navigated browsed read went used".split()
-)
+_SEARCHES: Final = frozenset("searched looked checked opened visited navigated browsed".split())
 _SHOWS: Final = frozenset({"says", "shows", "states"})
 _GROUNDS: Final = frozenset("according based".split())
 _SITES: Final = frozenset("page pages website site webpage screen screenshot information".split())
@@ -502,7 +500,8 @@ class _Told:
         if not self._is_ours(piece) or words[-1] in _PREPOSITIONS | _PRONOUNS:
             return False
         if any(self._is_excused(token) for token in piece):
-            return bool(_SEARCHES & said) and not _CLAIMS & said
+            is_search = words[0] in _SEARCHES or (words[0] in ("i", "we") and bool(_SEARCHES & said))
+            return is_search and not _CLAIMS & said
         if any(a in _COPULAS and b not in _POINTERS for a, b in pairwise(words)):
             return False  # "it is on"
         if any(a in _SHOWS and b not in _ANSWERS for a, b in pairwise(words)):

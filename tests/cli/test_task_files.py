@@ -312,3 +312,13 @@ def test_filters_hold_in_the_browser(file: Path) -> None:
         assert "deepshop/0" in screen.until("1 of 1 ")
         screen.press("njq")
         screen.until("\x1b[?1049l")
+
+
+def test_check_and_validate_count_websites_alike(tmp_path: Path, run: Run) -> None:
+    """By registrable domain: addresses of one website are one."""
+    tasks = [
+        replace(task, website=f"https://www.shop.example/{place}") for place, task in enumerate(made(4)[2:])
+    ]
+    write_tasks(tmp_path / "tasks.jsonl", [*tasks, replace(made(3)[2], id="x/1", website="m.shop.example")])
+    said = [run("tasks", verb, tmp_path / "tasks.jsonl")[1] for verb in ("check", "validate")]
+    assert all("tasks on 1 websites" in each for each in said), said

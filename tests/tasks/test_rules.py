@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.tasks.cut_rubrics import CUT_RIGHTLY, CUT_WRONGLY, OTHER_NUMBER, SAME_NUMBER
 from tests.tasks.good_rubrics import GOOD
 from tests.tasks.sources.native import REAL
 
 from webgym.core.task import FactGroup, Rubric
 from webgym.offline import OfflineWeb
 from webgym.tasks.rules import RULES, Asked, Draft, DraftGroup, Finding, check_rubric
+from webgym.tasks.rules.wording import with_capital_or
 
+REPLIES = REAL / "judge-labels" / "webjudge_replies_o4_mini.jsonl"
 DEEPSHOP = REAL / "deepshop" / "deepshop_test.jsonl"
 Groups = list[list[str]]
 
@@ -125,6 +129,7 @@ HITS = [
     ("agent", SHOES, ["The agent finds running shoes"]),
     ("question", SHOES, ["Are the shoes red OR blue?"]),
     ("long", SHOES, ["The shoes are red OR blue " * 8]),
+    ("purchase", "Buy a Vega tent", ["The Vega tent is in the cart", "The payment is made"]),
     (
         "operands",
         "How much more is the Vega tent than the Lyra tent?",
@@ -161,6 +166,14 @@ NEAR_MISSES = [
     ("example-as-fact", "Find museums and sights such as museums", ["Museums are found"]),
     ("duplicate", "Prices of A1 and A2", ["The price of A1 is found", "The price of A2 is found"]),
     ("restated-task", SHOES, [SHOES.replace(" or ", " OR ")]),
+    (
+        "restated-task",
+        "Give the address and the phone number of the vegan restaurant Soil near the old harbour of Bergen",
+        [
+            "The address of the vegan restaurant Soil near the old harbour of Bergen with its number",
+            "The phone of the vegan restaurant Soil near the old harbour of Bergen",
+        ],
+    ),
     (
         "unstated-number",
         "Find ten flats with two rooms, under $1,400",
@@ -223,6 +236,102 @@ def test_what_breaks_a_rule_is_found(rule: str, task: str, facts: list[str]) -> 
 @pytest.mark.parametrize(("rule", "task", "facts"), NEAR_MISSES)
 def test_what_only_looks_like_it_passes(rule: str, task: str, facts: list[str]) -> None:
     assert rule not in broken(task, *facts)
+
+
+def refused(task: str, facts: list[str]) -> set[str]:
+    return {finding.rule for finding in look(task, [facts]) if finding.severity == "error"}
+
+
+@pytest.mark.parametrize(("task", "facts"), CUT_WRONGLY)
+def test_what_is_one_fact_may_not_be_cut(task: str, facts: list[str]) -> None:
+    rules = {"purchase", "how-to", "step", "computation", "operands", "split-alternatives"}
+    assert refused(task, facts) & rules
+
+
+@pytest.mark.parametrize(("task", "facts"), CUT_RIGHTLY)
+def test_what_is_asked_for_may_be_facts_of_their_own(task: str, facts: list[str]) -> None:
+    assert refused(task, facts) == set()
+
+
+@pytest.mark.parametrize(("task", "facts"), SAME_NUMBER)
+def test_a_number_of_the_task_may_come_in_another_form(task: str, facts: list[str]) -> None:
+    assert "unstated-number" not in refused(task, facts)
+
+
+@pytest.mark.parametrize(("task", "facts"), OTHER_NUMBER)
+def test_another_number_is_found(task: str, facts: list[str]) -> None:
+    assert "unstated-number" in refused(task, facts)
+
+
+THINGS = [("Vega", "Lyra"), ("Oslo", "Bergen"), ("hostel", "hotel"), ("blue line", "red line")]
+WRONG_CUTS = [
+    ("Find the {0} or the {1} at Zed.", ["The {0} is found at Zed", "Zed has the {1}"]),
+    (
+        "How much more does the {0} cost than the {1}?",
+        ["The price of the {0} is found", "The {1}'s price is found"],
+    ),
+    (
+        "Add up the fees of the {0} and the {1}.",
+        ["The fee of the {0} is found", "The fee of the {1} is found"],
+    ),
+    ("Buy a ticket for the {0}.", ["The {0} is selected", "Billing is filled in", "The order is confirmed"]),
+    ("How do I cancel the {0}?", ["Log in", "Open the settings", "Press the red switch"]),
+]
+RIGHT_CUTS = [
+    (
+        "Which is cheaper, the {0} or the {1}?",
+        ["The price of the {0} is found", "The price of the {1} is found"],
+    ),
+    ("Is the {0} or the {1} older?", ["The age of the {0} is found", "The age of the {1} is found"]),
+    (
+        "Give the price of the {0} and of the {1}.",
+        ["The price of the {0} is given", "The price of the {1} is given"],
+    ),
+    ("Find the {0} or the {1} at Zed.", ["The {0} OR the {1} is found at Zed"]),
+    ("Buy a ticket for the {0}.", ["The ticket is for the {0}", "A ticket is bought"]),
+]
+
+
+@pytest.mark.parametrize("things", THINGS, ids=str)
+def test_families_of_cuts_are_told_apart(things: tuple[str, str]) -> None:
+    """Whatever they are about."""
+
+    def told(cuts: list[tuple[str, list[str]]]) -> list[bool]:
+        return [
+            bool(refused(task.format(*things), [fact.format(*things) for fact in facts]))
+            for task, facts in cuts
+        ]
+
+    assert told(WRONG_CUTS) == [True] * len(WRONG_CUTS)
+    assert told(RIGHT_CUTS) == [False] * len(RIGHT_CUTS)
+
+
+def test_style_is_remarked_on_and_refuses_nothing() -> None:
+    for fact in (
+        "The shoes are red or blue",
+        "The shoes are red and/or blue",
+        "Shoes, such as red OR blue ones",
+    ):
+        findings = look(SHOES, [[fact]])
+        assert findings
+        assert {finding.severity for finding in findings} == {"warning"}
+    assert (
+        with_capital_or("red or blue, 4 or more, 'Truth or Dare'")
+        == "red OR blue, 4 or more, 'Truth or Dare'"
+    )
+    assert with_capital_or("red and/or blue") == "red OR blue"
+
+
+@pytest.mark.skipif(not REPLIES.exists(), reason=f"{REPLIES} is not there")
+def test_what_a_model_lists_for_real_tasks_is_seldom_refused() -> None:
+    """The key points of a judge for 306 tasks, each read as a rubric: 19 were refused once."""
+    points: dict[str, tuple[str, list[str]]] = {}
+    for record in map(json.loads, REPLIES.read_text("utf-8").splitlines()):
+        listed = [re.sub(r"^\d+[.)]\s*", "", line).strip() for line in record["key_points"].splitlines()]
+        points.setdefault(record["task_id"], (record["goal"].strip(), [line for line in listed if line]))
+    found = [refused(task, facts) for task, facts in points.values() if facts]
+    assert len(found) > 250
+    assert sum(map(bool, found)) <= 0.03 * len(found), found
 
 
 def test_the_shape_of_the_whole() -> None:
@@ -311,7 +420,7 @@ def test_deepshops_own_columns_break_only_rules_that_they_do_break() -> None:
         facts = [[text] for text in columns if text not in ("", "None") and "**" not in text]
         findings = look(record["ques"], facts, website=record["web"]) if facts else []
         found.update(finding.rule for finding in findings if finding.severity == "error")
-    assert found == {"or-in-capitals": 31, "example-as-fact": 23, "examples": 9, "several-things": 8}
+    assert found == {"example-as-fact": 14, "several-things": 8}
 
 
 @given(

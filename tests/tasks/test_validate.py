@@ -93,5 +93,9 @@ def test_a_ring_of_parents_is_survived() -> None:
 
 def test_tasks_that_are_not_split_yet_can_be_checked() -> None:
     unsplit = task("s/3", "tested.example", 1)
-    assert validate([unsplit, TEST], split=False).ok
+    found = validate([unsplit, TEST], split=False)
+    assert found.ok
+    assert found.unchecked == ["split", "distinct", "leak", "family"]
+    assert found.counts().keys() == RULES.keys() - set(found.unchecked)
+    assert validate([GOOD]).unchecked == []
     assert not validate([unsplit, TEST]).ok

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,17 +18,13 @@ from tests.tasks.endpoint import Endpoint, serve
 from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.llm import ChatClient, ChatConfig, Completion, Retry, Sampling
+from webgym.offline import OfflineWeb
 from webgym.tasks import prompts
+from webgym.tasks.rewriting import WritingLimits, refused_rewriting
 from webgym.tasks.rules import RULES, Asked, Draft, DraftGroup, check_rubric
 from webgym.tasks.sources import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
-from webgym.tasks.writing import (
-    WritingLimits,
-    infer_website,
-    refused_rewriting,
-    rewrite,
-    write_rubric,
-)
+from webgym.tasks.writing import infer_website, rewrite, write_rubric
 
 TENT = SourceTask(
     id="insta-v3/1",
@@ -189,7 +186,6 @@ REFUSED: list[tuple[str | Completion, str]] = [
     (rubric(["The tent is for 4 people"], []), "group 2 has no facts"),
     (rubric(["The tent is for 4 people", " "]), "empty"),
     (rubric(["The tent is for 4 people"], difficulty=2), "difficulty is 2, but there are 1 facts"),
-    (rubric(["The tent is light or cheap"]), "OR"),
     (rubric(["The tent is the Tarn IV"]), "only the answer or the hints"),
     (rubric(["The tent costs under $150"]), "150"),
     (rubric(["Click on the tent"]), "step"),
@@ -216,6 +212,15 @@ async def test_asking_is_bounded_and_says_what_failed(reply: str | Completion, r
         await write_rubric(model, TENT, limits=WritingLimits(tries=2))
     assert reason in caught.value.reason
     assert len(caught.value.replies) == len(model.asked) == 2
+
+
+async def test_style_is_set_right_when_it_is_read() -> None:
+    written = await write_rubric(Says(rubric(["The tent is light or cheap", "It sleeps 4 or more"])), TENT)
+    assert [fact for _, _, fact in written.rubric.facts()] == [
+        "The tent is light OR cheap",
+        "It sleeps 4 or more",
+    ]
+    assert written.findings == ()
 
 
 async def test_remarks_do_not_refuse() -> None:
@@ -304,6 +309,112 @@ def test_what_the_parent_has_is_allowed() -> None:
 def test_any_text_is_judged_in_one_line(text: str) -> None:
     reason = refused_rewriting(text.strip(), TASK, GROUPS[:1])
     assert reason is None or "\n" not in reason
+
+
+PLAN = Task(
+    id="insta-v3/2",
+    instruction='On Fieldstore, find a waterproof tent by Zed under $200 with the label "Light" for 4 '
+    "people, and give its weight. Also find a stove by Kaito that burns gas and is rated best, and "
+    "give its colour.",
+    website="https://shop.example/",
+    domain="Lifestyle & Leisure",
+    subdomain="Shopping",
+    rubric=Rubric(
+        (
+            FactGroup(
+                1,
+                "The tent",
+                (
+                    "The tent is waterproof",
+                    "The tent is by Zed",
+                    "The tent costs under $200",
+                    'The tent has the label "Light"',
+                    "The tent is for 4 people",
+                    "The weight of the tent is given",
+                ),
+            ),
+            FactGroup(
+                2,
+                "The stove",
+                (
+                    "The stove is by Kaito",
+                    "The stove burns gas",
+                    "The stove is rated best",
+                    "The colour of the stove is given",
+                ),
+            ),
+        )
+    ),
+    source="insta-v3",
+)
+TENT_ALONE = (
+    'On Fieldstore, find a waterproof tent by Zed under $200 with the label "Light" for four people; '
+    "give its weight."
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "group", "reason"),
+    [
+        (TENT_ALONE, 1, None),
+        (
+            "On Fieldstore, find a gas stove by Kaito that burns well and is rated best; give its colour.",
+            2,
+            None,
+        ),
+        (f"{TENT_ALONE} It goes with a stove by Kaito.", 1, "still asks for Kaito"),
+        (
+            f"{TENT_ALONE} Name a stove that burns gas, too.",
+            1,
+            "still asks for what was not given: 'The stove burns",
+        ),
+        (f"{TENT_ALONE} Also give the colour.", 1, "still asks for what was not given: 'The colour"),
+        (
+            'Find a "Light" stove by Kaito that burns gas and is rated best, with its colour.',
+            2,
+            "still asks for Light",
+        ),
+        (
+            "Find a waterproof stove by Kaito that burns gas and is rated best, with its colour.",
+            2,
+            "The tent is water",
+        ),
+        (TENT_ALONE.replace(" by Zed", ""), 1, "leaves out Zed"),
+        (TENT_ALONE.replace("under $200 ", ""), 1, "leaves out 200"),
+        (TENT_ALONE.replace('with the label "Light" ', ""), 1, "leaves out Light"),
+        (
+            TENT_ALONE.replace("waterproof ", ""),
+            1,
+            "leaves out what this fact asks for: 'The tent is waterproof'",
+        ),
+        (TENT_ALONE.replace("; give its weight", ""), 1, "leaves out what this fact asks for: 'The weight"),
+        ("On Fieldstore, find a stove by Kaito that is rated best.", 2, "leaves out what this fact asks for"),
+    ],
+)
+def test_a_derived_task_asks_for_all_of_its_groups_and_nothing_of_the_others(
+    text: str, group: int, reason: str | None
+) -> None:
+    told = refused_rewriting(text, PLAN, PLAN.rubric.groups[group - 1 : group])
+    assert told is None if reason is None else reason in (told or "")
+
+
+def test_the_offline_webs_derived_tasks_are_taken_for_their_own_groups_and_for_no_others() -> None:
+    tasks = list(OfflineWeb(seed=7, per_family=1).tasks())
+    parents = {task.id: task for task in tasks if task.parent_id is None}
+    derived = [task for task in tasks if task.parent_id is not None]
+    own = [
+        refused_rewriting(task.instruction, parents[task.parent_id or ""], task.rubric.groups)
+        for task in derived
+    ]
+    assert sum(map(bool, own)) <= 0.03 * len(own)
+    siblings = [
+        (one, other)
+        for one, other in pairwise(derived)
+        if one.parent_id == other.parent_id and one.rubric != other.rubric
+    ]
+    assert len(siblings) > 50
+    for one, other in siblings:
+        assert refused_rewriting(one.instruction, parents[one.parent_id or ""], other.rubric.groups), one.id
 
 
 # --- over a real endpoint -----------------------------------------------------------------------------------

@@ -103,7 +103,8 @@ The rules:
    names, pages or buttons of your own. Every condition in the task becomes a fact: for "a tent under $200
    for four" they are "The tent costs under $200" and "The tent is for four".
 3. Facts say what must hold in the end, never how to get there. No clicking, opening, searching or
-   scrolling, unless the task asks for just that.
+   scrolling, unless the task asks for just that. Of a purchase they say what is bought, and that it is: not
+   the cart, the form and the payment on the way.
 4. Alternatives stay together in one fact, joined by OR in capitals: "The room has a bath OR a shower".
    Never one fact per alternative. Bounds are no alternatives: "4 stars or more" stays as it is.
 5. A computation is one fact, its result: for "how much longer is the Elbe than the Weser" it is "The

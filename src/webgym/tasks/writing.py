@@ -6,51 +6,24 @@ again, a bounded number of times. Then :class:`webgym.core.errors.LLMUnusable` s
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from typing import Final
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.core.text import fold, says
 from webgym.core.websites import host_of
 from webgym.llm import Completes, Completion, Sampling, ask_for
 from webgym.tasks import prompts
+from webgym.tasks.rewriting import USUAL, WritingLimits, refused_rewriting
 from webgym.tasks.rules import Asked, Draft, DraftGroup, Finding, check_rubric
-from webgym.tasks.rules.reading import Text
+from webgym.tasks.rules.wording import with_capital_or
 from webgym.tasks.sources.base import SourceTask
 from webgym.tasks.taxonomy import DOMAIN_OF
 
 _REASONS: Final = 6
 """Findings that a model is told at once; the others may well go with them."""
-
-
-class WritingLimits(BaseModel):
-    """How often to ask, and what a rewritten task may look like."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-    tries: int = Field(default=3, ge=1)
-    """How often a model is asked for one thing, in all."""
-
-    shortest_chars: int = Field(default=12, ge=1)
-    """A rewritten task has at least so many characters."""
-
-    times_parent: float = Field(default=2.0, gt=0)
-    """A rewritten task has at most so many times its parent's characters, and ``more_chars`` on top."""
-
-    more_chars: int = Field(default=200, ge=0)
-    """What short parents leave for their children's own words, in characters."""
-
-    def longest(self, parent: str) -> int:
-        """Characters that a task made from this one may have."""
-        return int(self.times_parent * len(parent)) + self.more_chars
-
-
-_USUAL: Final = WritingLimits()
 
 
 class Inferred(msgspec.Struct, frozen=True):
@@ -67,7 +40,7 @@ class Inferred(msgspec.Struct, frozen=True):
 
 
 async def infer_website(
-    model: Completes, task: SourceTask, *, sampling: Sampling | None = None, limits: WritingLimits = _USUAL
+    model: Completes, task: SourceTask, *, sampling: Sampling | None = None, limits: WritingLimits = USUAL
 ) -> Inferred:
     """The website of a task that has none, and its domain and subdomain. A website that is given stays.
 
@@ -121,7 +94,7 @@ class Written(msgspec.Struct, frozen=True):
 
 
 async def write_rubric(
-    model: Completes, task: SourceTask, *, sampling: Sampling | None = None, limits: WritingLimits = _USUAL
+    model: Completes, task: SourceTask, *, sampling: Sampling | None = None, limits: WritingLimits = USUAL
 ) -> Written:
     """A task's rubric. What breaks a rule of severity ``error`` (:mod:`webgym.tasks.rules`) is not taken.
 
@@ -147,7 +120,7 @@ async def write_rubric(
     )
     groups = (
         FactGroup(group.id, _line(group.description), tuple(map(_line, group.facts)))
-        for group in reply.fact_groups
+        for group in _draft(reply).fact_groups
     )
     return Written(Rubric(tuple(groups)), tuple(findings))
 
@@ -165,7 +138,11 @@ def _asked_by(task: SourceTask | Task) -> Asked:
 
 
 def _draft(reply: prompts.RubricReply) -> Draft:
-    groups = tuple(DraftGroup(group.id, group.description, group.facts) for group in reply.fact_groups)
+    """What the model wrote. Style that can be set right is no reason to ask again: OR gets its capitals."""
+    groups = tuple(
+        DraftGroup(group.id, group.description, tuple(map(with_capital_or, group.facts)))
+        for group in reply.fact_groups
+    )
     return Draft(groups, reply.difficulty)
 
 
@@ -179,7 +156,7 @@ async def rewrite(
     groups: Sequence[FactGroup],
     *,
     sampling: Sampling | None = None,
-    limits: WritingLimits = _USUAL,
+    limits: WritingLimits = USUAL,
 ) -> str:
     """The text of the task that asks for these of a task's groups alone.
 
@@ -242,83 +219,3 @@ def _no_text(completion: Completion, text: str) -> str | None:
     if completion.finish_reason == "length":
         return "it was cut off before its end. Be briefer."
     return None if text else "it is empty."
-
-
-# --- what a rewritten task must be ------------------------------------------------------------------------
-
-_PREAMBLE: Final = re.compile(
-    r"(?:sure|certainly|of course|okay|absolutely)\b[,.!:]|here(?:'s| is| are)\b.{0,60}"
-    r"\b(?:task|version|rewrit)"
-    r"|(?:the |a )?(?:new|rewritten|revised|simplified) (?:task|version|instruction)\b.{0,40}:"
-    r"|(?:task|instruction|rewrite|output|answer|response)\s*:",
-    re.IGNORECASE,
-)
-_REFUSAL: Final = re.compile(
-    r"(?:i'm sorry|i am sorry|sorry\b|i can(?:no|')t\b|i'm (?:unable|not able)|i am (?:unable|not able)"
-    r"|as an ai\b)",
-    re.IGNORECASE,
-)
-_MARKDOWN: Final = re.compile(r"(?m)^\s*(?:#{1,6} |```|[-*•] |\d+[.)] |> )|\*\*|```|^\s*\|.*\|\s*$")
-_WRAPPED: Final = (('"', '"'), ("“", "”"), ("'", "'"), ("`", "`"), ("«", "»"), ("‘", "’"))
-_SHORTEST_ANSWER: Final = 4
-
-
-def refused_rewriting(
-    text: str, task: Task, groups: Sequence[FactGroup], limits: WritingLimits = _USUAL
-) -> str | None:
-    """Why a text cannot stand for the task that asks for these groups alone; ``None`` if it can."""
-    return _ill_formed(text, task.instruction, limits) or _untrue(text, task, groups)
-
-
-def _ill_formed(text: str, parent: str, limits: WritingLimits) -> str | None:
-    folded = fold(text)
-    if _REFUSAL.match(folded):
-        return "it is a refusal, not the text of a task."
-    if _PREAMBLE.match(folded):
-        return "it begins with an introduction; write the text of the task alone."
-    if text[0] in "{[" and text[-1] in "}]":
-        return "it is JSON; write the text of the task alone."
-    if any(
-        len(text) > 1 and text[0] == first and text[-1] == last and last not in text[1:-1]
-        for first, last in _WRAPPED
-    ):
-        return "it stands in quotation marks; write the text of the task alone."
-    if _MARKDOWN.search(text) and not _MARKDOWN.search(parent):
-        return "it holds markdown; write plain text."
-    if "\n" in text and "\n" not in parent:
-        return "it has several lines; write one paragraph."
-    if _plain(text) == _plain(parent):
-        return "it is the original task; write one that asks for the given facts alone."
-    if len(text) < limits.shortest_chars:
-        return f"it has {len(text)} characters; that is too short for a task."
-    if len(text) > limits.longest(parent):
-        return f"it has {len(text)} characters; write at most {limits.longest(parent)}."
-    return None
-
-
-def _untrue(text: str, task: Task, groups: Sequence[FactGroup]) -> str | None:
-    """Whether the numbers are those of the given facts, and no answer is told."""
-    said, parent, site = Text(text), Text(task.instruction), Text(task.website).counts
-    wanted = Text("\n".join(fact for group in groups for fact in group.facts))
-    ids = {group.id for group in groups}
-    others = [group for group in task.rubric.groups if group.id not in ids]
-    unwanted = Text("\n".join(fact for group in others for fact in group.facts))
-    if invented := said.numbers - parent.counts - wanted.counts - site:
-        return f"it states {_listed(invented)}, which neither the original task nor the facts state."
-    if lost := (wanted.numbers & parent.counts) - said.counts:
-        return f"it leaves out {_listed(lost)}, which the facts ask for."
-    if kept := (said.numbers & unwanted.numbers) - wanted.counts - site:
-        return f"it still asks for {_listed(kept)}, which only facts say that were not given."
-    answers = [answer for answer in (task.reference_answer, task.example_answer) if answer]
-    told = [answer for answer in answers if len(answer) >= _SHORTEST_ANSWER and says(said.folded, answer)]
-    if any(not says(parent.folded, answer) for answer in told):
-        return "it gives the answer away."
-    return None
-
-
-def _plain(text: str) -> str:
-    return "".join(filter(str.isalnum, fold(text)))
-
-
-def _listed(numbers: frozenset[str]) -> str:
-    return ", ".join(sorted(numbers))

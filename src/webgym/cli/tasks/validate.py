@@ -54,6 +54,8 @@ def _tell(report: Report, broken: Sequence[str], lines: int) -> None:
     for rule, count in report.counts().items():
         print(f"{'ok ' if not count else 'BAD'} {RULES[rule]}" + (f": {count:,} do not" if count else ""))
         _some([str(each) for each in report.offenders if each.rule == rule], lines)
+    for rule in report.unchecked:
+        print(f"--  not checked, for the tasks are not split yet: {RULES[rule]}")
     if broken:
         print(f"BAD every record can be read: {len(broken):,} cannot")
         _some(broken, lines)

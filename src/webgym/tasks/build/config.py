@@ -14,9 +14,9 @@ from webgym.llm import Budget, ChatConfig, Price, Sampling
 from webgym.settings import Section, merged, read_settings, without_none
 from webgym.tasks.decompose import Decomposing
 from webgym.tasks.duplicates import DuplicateLimits
+from webgym.tasks.rewriting import WritingLimits
 from webgym.tasks.sources import SOURCES
 from webgym.tasks.split import SplitConfig
-from webgym.tasks.writing import WritingLimits
 
 Purpose: TypeAlias = Literal["website", "rubric", "rewriting"]
 PURPOSES: Final[tuple[Purpose, ...]] = ("website", "rubric", "rewriting")

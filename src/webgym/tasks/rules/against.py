@@ -1,18 +1,24 @@
-"""Rules about facts beside their task: what it does not state, what is only an example, how it is cut."""
+"""Rules about facts beside their task: what it does not state, its examples, what it leaves open."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from itertools import combinations
 from typing import Final
 
 from webgym.core.text import fold, says
 from webgym.tasks.rules.case import Case, Fact, at
-from webgym.tasks.rules.reading import STOP_WORDS, WEEKDAYS, Text, plain, stem
+from webgym.tasks.rules.numbers import MONTHS, plain, stated_in_other_units
+from webgym.tasks.rules.reading import STOP_WORDS, WEEKDAYS, Text, stem
 
-_LABEL: Final = re.compile(r"(?:#|\b[A-Za-z]+ )(\d{1,2})(?=$|[:,)'’]| (?:is|are|has|have|and|of|was)\b)")
+_PLACE: Final = re.compile(
+    r"\b[A-Za-z]+ (?P<label>\d{1,2})(?=$|[:,)'’]| (?:is|are|has|have|and|of|was)\b)"
+    r"|(?:#|\bno\.|\bnumber)\s?(?P<sign>\d{1,2})\b|\b(?P<ordinal>\d{1,2})(?:st|nd|rd|th)\b",
+    re.I,
+)
 """``Park 2: ...``: the second of three parks is numbered by the writer, not by the task."""
+_BY_A_MONTH: Final = re.compile(rf"\b(?:{'|'.join(month[:3] for month in MONTHS)})[a-z]*\b", re.I)
+_NUMBERED: Final = re.compile(r"(#|\b[A-Za-z]+ )(\d{1,2})\b(?![.,:/%-]?\d|\s?%)")
 
 _TELL_TALE_NUMBER: Final = re.compile(r"(?<![\w.,])[$€£]?\d[\d.,:/-]*\d")
 _TELL_TALE_NAMES: Final = re.compile(
@@ -35,32 +41,6 @@ _BEYOND_ITEM: Final = re.compile(
 
 _LONGEST_ITEM: Final = 4
 """Words: what is longer is the sentence going on."""
-
-_HOW_TO: Final = re.compile(
-    r"\bhow (?:do|does|can|could|should|would|to|might)\b|\b(?:instructions?|directions?|a guide|a tutorial"
-    r"|steps?) (?:on|for|to|about|of)\b|\bexplain how\b|\bprocess (?:of|for|to)\b",
-    re.I,
-)
-_COMPUTATION: Final = re.compile(
-    r"\b(?:differen(?:ce|t)|sums?|totals?|averages?|mean|ratio|percent(?:age)?|convert\w*|comput\w+"
-    r"|calculat\w+|combined|how (?:much|many) (?:more|less|fewer|longer|older|higher)|how many times"
-    r"|altogether|add(?:ed)? up)\b",
-    re.I,
-)
-_ARITHMETIC: Final = re.compile(
-    r"\b(?:subtract\w*|divid(?:e|es|ed|ing)|multipl(?:y|ies|ied|ying)|add(?:s|ed|ing)? (?:up|together)"
-    r"|summ(?:ed|ing))\b",
-    re.I,
-)
-_WORKED_OUT: Final = re.compile(r"\b(?:comput|calculat|work(?:s|ed|ing)? out)", re.I)
-_RESULT: Final = re.compile(
-    r"\b(?:difference|sum|total|average|mean|ratio|percentage|share|result|how (?:much|many))\b", re.I
-)
-_EACH: Final = re.compile(
-    r"\b(?:both|each|every|all|respective\w*|individual\w*|as well as|along with|also"
-    r"|and (?:the|how|their))\b",
-    re.I,
-)
 
 _UMBRELLAS: Final[tuple[tuple[re.Pattern[str], frozenset[str]], ...]] = tuple(
     (re.compile(umbrella, re.I), frozenset(stem(word) for word in members.split()))
@@ -102,69 +82,48 @@ _OPEN: Final = frozenset(
 """A task without any of these leaves nothing open that is known here: looked at first, for it is quick."""
 
 
-def split_alternatives(case: Case) -> Iterator[str]:
-    """Alternatives are one fact with OR, not a fact each, which would ask for all of them."""
-    if " or " not in case.task.folded:
-        return
-    for one, other in combinations(case.facts, 2):
-        first, second = _where_they_differ(one.text.words, other.text.words)
-        if first and second and _are_alternatives(case.task.folded, first, second):
-            yield at(
-                other, f"and fact {one.number} of group {one.group} are alternatives; write one fact with OR"
-            )
-
-
-_OR_BETWEEN: Final = re.compile(r"(?:, [\w' -]{1,30})*,? or (?:(?:the|an?|in|on|at|to|for|from|with|by) )*")
-_COMMA_BETWEEN: Final = re.compile(r"(?:, [\w' -]{1,30})*, (?:(?:the|an?|in|on|at|to|for|from|with|by) )*")
-_OR_AFTER: Final = re.compile(r"(?:, [\w' -]{1,30})*,? or ")
-
-
-def _where_they_differ(one: tuple[str, ...], other: tuple[str, ...]) -> tuple[str, str]:
-    """The words in the middle that two facts do not share; empty where they differ in more than a few."""
-    start = 0
-    while start < min(len(one), len(other)) and one[start] == other[start]:
-        start += 1
-    end = 0
-    while end < min(len(one), len(other)) - start and one[-1 - end] == other[-1 - end]:
-        end += 1
-    first, second = one[start : len(one) - end], other[start : len(other) - end]
-    if not first or not second or max(len(first), len(second)) > 5 or start + end == 0:
-        return "", ""
-    return " ".join(first), " ".join(second)
-
-
-def _are_alternatives(task: str, first: str, second: str) -> bool:
-    """Whether the task lists both in one breath, with *or* before the last."""
-    one, two = sorted((first, second), key=task.find)
-    start = task.find(one)
-    end = task.find(two, start + len(one))
-    if start < 0 or end < 0:
-        return False
-    between, rest = task[start + len(one) : end], task[end + len(two) :]
-    return _OR_BETWEEN.fullmatch(between) is not None or (
-        _COMMA_BETWEEN.fullmatch(between) is not None and _OR_AFTER.match(rest) is not None
-    )
-
-
 def unstated_numbers(case: Case) -> Iterator[str]:
-    """A fact states no number that the task does not state, in digits or in words."""
+    """A fact states no number that the task does not state, in digits, in words or in other units."""
     stated = case.task.counts | Text(case.asked.website).numbers
     most = max((int(number) for number in stated if number.isdecimal() and int(number) <= 20), default=1)
+    counted = _counted_through(case)
     for fact in case.facts:
         unstated = fact.text.numbers - stated
-        if not unstated:
-            continue
-        labels = {plain(label) for label in _LABEL.findall(fact.text.raw) if 0 < int(label) <= most}
-        unstated -= labels | {
-            number for number in unstated if fact.text.counts & stated & _scaled_forms(number)
-        }
+        if unstated:
+            unstated -= stated_in_other_units(fact.text.folded, case.task.quantities)
+        if unstated:
+            places = {plain(number) for number in _place_numbers(fact.text.raw) if 0 < int(number) <= most}
+            labels = {number for label, number in _labelled(fact) if int(number) <= counted.get(label, 0)}
+            scaled = {number for number in unstated if fact.text.counts & stated & _scaled_forms(number)}
+            unstated -= places | labels | scaled
         if unstated:
             numbers = ", ".join(sorted(unstated))
             yield at(fact, f"states {numbers}, which the task does not state")
 
 
+def _place_numbers(raw: str) -> Iterator[str]:
+    """The numbers that say which of several is meant: "park 2: ...", "#2", "the 2nd one". No dates."""
+    for found in _PLACE.finditer(raw):
+        if not found["ordinal"] or not _BY_A_MONTH.search(raw[max(0, found.start() - 12) : found.end() + 14]):
+            yield found["label"] or found["sign"] or found["ordinal"]
+
+
+def _labelled(fact: Fact) -> Iterator[tuple[str, str]]:
+    return ((word.casefold().strip(), number) for word, number in _NUMBERED.findall(fact.text.raw))
+
+
+def _counted_through(case: Case) -> dict[str, int]:
+    """By the word before it, how far a rubric counts from 1 without a gap ("author 1", "author 2")."""
+    numbers: dict[str, set[int]] = {}
+    for fact in case.facts:
+        for word, number in _labelled(fact):
+            numbers.setdefault(word, set()).add(int(number))
+    return {word: max(found) for word, found in numbers.items() if found == set(range(1, max(found) + 1))}
+
+
 def _scaled_forms(number: str) -> frozenset[str]:
-    if "." in number and number.count(".") > 1:
+    """The number in thousands, millions and billions: "1.5" of "1.5 million"."""
+    if number.count(".") > 1:
         return frozenset()
     return frozenset(plain(f"{float(number) * scale:.6f}") for scale in (10**3, 10**6, 10**9))
 
@@ -242,7 +201,8 @@ def examples_as_facts(case: Case) -> Iterator[str]:
         elsewhere = Text(f"{task[: match.start()]} {task[match.end() :]}").stems
         items = [item for item in map(_content, _listed(match.group(1))) if item and not item <= elsewhere]
         for fact in case.facts:
-            if any(item <= fact.text.content for item in items):
+            says_so = _AFTER_EXAMPLE.search(fact.text.raw) is not None
+            if not says_so and any(item <= fact.text.content for item in items):
                 yield at(fact, "asks for what the task only gives as an example")
 
 
@@ -258,59 +218,6 @@ def _listed(text: str) -> Iterator[str]:
 def _content(text: str) -> frozenset[str]:
     content = Text(text).content
     return content if len(content) <= _LONGEST_ITEM else frozenset()
-
-
-def steps_of_instructions(case: Case) -> Iterator[str]:
-    """A "how to" question asks for instructions: one fact, never one per step."""
-    if not _HOW_TO.search(case.asked.instruction) or len(case.facts) < 2:
-        return
-    for group in case.draft.fact_groups:
-        facts = [fact for fact in case.facts if fact.group == group.id]
-        novel = [fact for fact in facts if _novelty(fact, case) >= 0.6]
-        if len(novel) >= 2:
-            yield f"group {group.id} has a fact for each step; that the instructions are found is one fact"
-
-
-def _novelty(fact: Fact, case: Case) -> float:
-    """The share of a fact's telling words that the task does not have."""
-    content = fact.text.content - _REPORTING
-    return len(content - case.task.stems) / len(content) if len(content) >= 2 else 0.0
-
-
-_REPORTING: Final = frozenset(
-    stem(word)
-    for word in "instructions instruction directions steps step guide explained described answer".split()
-)
-
-
-def steps_of_computation(case: Case) -> Iterator[str]:
-    """A computation is one fact, never its steps."""
-    if len(case.facts) < 2 or not _COMPUTATION.search(case.asked.instruction):
-        return
-    by_hand = _WORKED_OUT.search(case.asked.instruction) is not None
-    for fact in case.facts:
-        text = fact.text.unquoted
-        act = _ARITHMETIC.search(text)
-        if act is None and not by_hand and not _RESULT.search(text):
-            act = _WORKED_OUT.search(text)
-        if act is not None and stem(act.group().casefold().split()[0]) not in case.task.stems:
-            yield at(fact, f'is a step of a computation ("{act.group()}"); the result is one fact')
-
-
-def operands(case: Case) -> Iterator[str]:
-    """The numbers that a computation starts from are facts only where the task asks for them too."""
-    asked = case.asked.instruction
-    if len(case.facts) < 3 or not _COMPUTATION.search(asked) or _EACH.search(asked):
-        return
-    for group in case.draft.fact_groups:
-        facts = [fact for fact in case.facts if fact.group == group.id]
-        results = [fact for fact in facts if _RESULT.search(fact.text.raw)]
-        others = [fact for fact in facts if fact not in results]
-        alike = any(
-            all(_where_they_differ(one.text.words, two.text.words)) for one, two in combinations(others, 2)
-        )
-        if len(results) == 1 and alike:
-            yield at(results[0], "is a computation whose operands are facts beside it")
 
 
 def enumerated(case: Case) -> Iterator[str]:

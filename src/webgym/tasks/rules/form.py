@@ -85,12 +85,18 @@ def _what_it_says(fact: Fact) -> str:
 
 
 def restated_task(case: Case) -> Iterator[str]:
-    """Among several facts, none is the whole task once more."""
+    """Among several facts, none is the whole task once more.
+
+    Facts that repeat a long context, each for a part of its own ("the address of ..."), are not.
+    """
     wanted = case.task.content
     if len(case.facts) < 2 or len(wanted) < 6:
         return
     for fact in case.facts:
-        if len(wanted & fact.text.content) >= 0.9 * len(wanted):
+        if len(wanted & fact.text.content) < 0.9 * len(wanted):
+            continue
+        others = (other for other in case.facts if other is not fact)
+        if all(other.text.content & wanted <= fact.text.content for other in others):
             yield at(fact, "restates the whole task beside facts that are parts of it")
 
 

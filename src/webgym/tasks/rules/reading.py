@@ -7,6 +7,7 @@ from functools import cached_property, lru_cache
 from typing import Final
 
 from webgym.core.text import fold
+from webgym.tasks.rules.numbers import MONTHS, in_digits, quantities, stated
 
 STOP_WORDS: Final = frozenset(
     """
@@ -21,42 +22,20 @@ STOP_WORDS: Final = frozenset(
 )
 """Words that say nothing about which thing is meant, and the verbs that tasks and facts report with."""
 
-_UNITS: Final = (
-    "zero one two three four five six seven eight nine ten eleven twelve thirteen fourteen fifteen \
-sixteen seventeen eighteen nineteen twenty".split()
-)
-_TENS: Final = "thirty forty fifty sixty seventy eighty ninety hundred".split()
-_ORDINALS: Final = "first second third fourth fifth sixth seventh eighth ninth tenth".split()
-_MONTHS: Final = (
-    "january february march april may june july august september october november december".split()
-)
 WEEKDAYS: Final = "monday tuesday wednesday thursday friday saturday sunday".split()
-_NUMBER_WORDS: Final[dict[str, str]] = (
-    {word: str(value) for value, word in enumerate(_UNITS)}
-    | {word: str(value) for value, word in zip(range(30, 101, 10), _TENS, strict=True)}
-    | {word: str(value) for value, word in enumerate(_ORDINALS, start=1)}
-    | {word: str(value) for value, word in enumerate(_MONTHS, start=1)}
-    | {word[:3]: str(value) for value, word in enumerate(_MONTHS, start=1)}
-    | {"both": "2", "couple": "2", "pair": "2", "twice": "2", "double": "2", "dozen": "12", "week": "7"}
-)
-_SCALES: Final = {"k": 10**3, "thousand": 10**3, "m": 10**6, "million": 10**6, "billion": 10**9}
 _NO_NAMES: Final = (
     frozenset(
         "or and not i am pm usd eur gbp url urls id ids ok yes no faq tv pdf gb tb mb ghz km kg hd".split()
     )
-    | set(_MONTHS + WEEKDAYS)
-    | {word[:3] for word in _MONTHS + WEEKDAYS}
+    | set(MONTHS + WEEKDAYS)
+    | {word[:3] for word in MONTHS + WEEKDAYS}
 )
 
 _TITLE_CASE: Final = 0.6
 """A text with a larger share of capitalised words is a title, in which capitals mark no names."""
 
 _WORD: Final = re.compile(r"[^\W_]+(?:'[^\W_]+)?")
-_NUMBER: Final = re.compile(r"(?<![A-Za-z\d.,])\d+(?:[.,]\d+)*")
-_SCALED: Final = re.compile(
-    r"(?<![A-Za-z\d.,])(\d+(?:[.,]\d+)*)\s?(k|m|thousand|million|billion)\b", re.IGNORECASE
-)
-_QUOTED: Final = re.compile(
+QUOTED: Final = re.compile(
     r"“([^”]*)”|\"([^\"]*)\"|«([^»]*)»|(?<![\w’'])[‘']([^’']{2,}(?:[’']s [^’']*)?)[’'](?!\w)"
 )
 
@@ -90,29 +69,28 @@ class Text:
     @cached_property
     def numbers(self) -> frozenset[str]:
         """The numbers in digits, without separators of thousands and idle zeros."""
-        return frozenset(plain(number) for number in _NUMBER.findall(self.raw)) - {""}
+        return in_digits(self.raw)
 
     @cached_property
     def counts(self) -> frozenset[str]:
-        """Every number that the text states in digits or in words, months as their numbers among them."""
-        words = {_NUMBER_WORDS[word] for word in self.words if word in _NUMBER_WORDS}
-        scaled = {
-            plain(f"{float(plain(number)) * _SCALES[scale.lower()]:.6f}")
-            for number, scale in _SCALED.findall(self.raw)
-            if plain(number).count(".") <= 1
-        }
-        return self.numbers | words | scaled | {"1"}
+        """Every number that the text states in digits or in words, in each form that it may come in again."""
+        return stated(self.raw, self.folded)
+
+    @cached_property
+    def quantities(self) -> frozenset[tuple[int, int]]:
+        """What the text states in units that have others."""
+        return quantities(self.folded)
 
     @cached_property
     def quotations(self) -> tuple[str, ...]:
         """What stands in quotation marks."""
-        found = ("".join(groups) for groups in _QUOTED.findall(self.raw))
+        found = ("".join(groups) for groups in QUOTED.findall(self.raw))
         return tuple(quoted.strip() for quoted in found if quoted.strip())
 
     @cached_property
     def unquoted(self) -> str:
         """The text with every quotation made one word."""
-        return _QUOTED.sub("quoted", self.raw)
+        return QUOTED.sub("quoted", self.raw)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -133,14 +111,6 @@ class Text:
 def _begins(text: str, place: int) -> bool:
     before = text[:place].rstrip(" \"“'‘([")
     return not before or before[-1] in ".!?:;*-\n"
-
-
-def plain(number: str) -> str:
-    """``1,400.50`` as ``1400.5``: one form of a number to compare by; empty for ``0``."""
-    number = re.sub(r",(?=\d{3}(?:\D|$))", "", number).replace(",", ".")
-    if number.count(".") == 1:
-        number = number.rstrip("0").rstrip(".")
-    return number.lstrip("0") or ""
 
 
 @lru_cache(maxsize=50_000)

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from typing import Final
 
 from webgym.tasks.rules.case import Case, Fact, at
-from webgym.tasks.rules.reading import stem
+from webgym.tasks.rules.cutting import BOUND
+from webgym.tasks.rules.reading import QUOTED, stem
 
 LONG_FACT_WORDS: Final = 40
 """A fact of more words is rarely one thing."""
@@ -15,18 +16,7 @@ LONG_FACT_WORDS: Final = 40
 LONGEST_FACT_WORDS: Final = 90
 """A fact of more words is a paragraph."""
 
-_OR: Final = re.compile(r"(?<![\w-])(either\b[^.;]*?)?\bor\b(?!-)\s*(\S*)")
-_BOUND: Final = frozenset(
-    """
-    more less higher lower above below over under fewer greater better worse later earlier older newer longer
-    shorter larger bigger smaller cheaper faster equal so not at up after before beyond within further wider
-    thinner lighter heavier closer nearer no exactly
-    """.split()
-)
-"""After *or* these only widen a bound ("4 or more", "at or below"); nobody has to choose."""
-
-_AND_OR: Final = re.compile(r"\band\s?/\s?or\b", re.I)
-
+_OR: Final = re.compile(r"(\b[Aa]nd ?/ ?)?(?<![\w-])or\b(?!-)(?=\s*(\S*))")
 _ATTRIBUTES: Final = (
     r"(?:titles?|names?|prices?|costs?|ratings?|address(?:es)?|phones?|(?:tele)?phone numbers?|e-?mails?"
     r"|e-?mail addresses|websites?|links?|urls?|dates?|times?|durations?|lengths?|sizes?|colou?rs?|weights?"
@@ -104,14 +94,17 @@ _MARKUP: Final = re.compile(r"```|\*\*|[{}]|</?\w+>|\n")
 def lower_case_or(case: Case) -> Iterator[str]:
     """Alternatives stand in one fact, joined by OR in capitals (SYSTEM.md 1.1)."""
     for fact in case.facts:
-        text = fact.text.unquoted
-        if _AND_OR.search(text):
-            yield at(fact, 'says "and/or"; write OR, or two facts')
-            continue
-        for match in _OR.finditer(text):
-            if match.group(2).strip(".,;:)").lower() not in _BOUND:
-                yield at(fact, 'has an "or" that is not in capitals; write OR')
-                break
+        if with_capital_or(fact.text.raw) != fact.text.raw:
+            yield at(fact, 'has an "or" that is not in capitals; write OR')
+
+
+def with_capital_or(fact: str) -> str:
+    """The fact with the OR between its alternatives in capitals; that of a bound or a quotation stays."""
+    hidden = QUOTED.sub(lambda quoted: "_" * len(quoted.group()), fact)
+    for found in reversed([*_OR.finditer(hidden)]):
+        if found[1] or found[2].strip(".,;:)").lower() not in BOUND:
+            fact = f"{fact[: found.start()]}OR{fact[found.end() :]}"
+    return fact
 
 
 def several_things(case: Case) -> Iterator[str]:
@@ -119,7 +112,7 @@ def several_things(case: Case) -> Iterator[str]:
     for fact in _joining(case):
         for match in _PAIR.finditer(fact.text.unquoted):
             first, second = match.group(1).lower(), match.group(2).lower()
-            if (first, second) not in _FIXED_PAIRS:
+            if (first, second) not in _FIXED_PAIRS and stem(first) != stem(second):
                 yield at(fact, f'holds two things, "{first}" and "{second}"; write one fact for each')
                 break
 

@@ -53,7 +53,7 @@ class Bandit:
         proximal = logprobs(logits)
         for _ in range(steps):
             loss = objective.loss(Tokens(logprobs(table), advantage, self.logprobs[kept], proximal))
-            (loss.tokens.sum() / len(kept)).backward()  # type: ignore[no-untyped-call]
+            (loss.tokens.sum() / len(kept)).backward()
             optimizer.step()
             optimizer.zero_grad()
         return table.detach()
@@ -98,7 +98,7 @@ def gradient(
     logits = policy.log().requires_grad_()
     new = logits.log_softmax(-1)[actions]
     tokens = Tokens(new, advantage[actions], believed.log()[actions], policy.log()[actions])
-    (GroupIS().loss(tokens).tokens.sum() / len(actions)).backward()  # type: ignore[no-untyped-call]
+    (GroupIS().loss(tokens).tokens.sum() / len(actions)).backward()
     assert logits.grad is not None
     return logits.grad
 
@@ -119,7 +119,7 @@ def one_token(advantage: float, *, ratio: float = 1.0, weight: float = 1.0) -> t
     proximal = new.detach() - torch.tensor(ratio).log()
     behaviour = proximal - torch.tensor(weight).log()
     loss = GroupIS().loss(Tokens(new, torch.tensor([advantage]), behaviour, proximal)).tokens.sum()
-    loss.backward()  # type: ignore[no-untyped-call]
+    loss.backward()
     assert new.grad is not None
     return float(loss.detach()), float(new.grad)
 

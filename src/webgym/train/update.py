@@ -28,14 +28,14 @@ from typing import Any
 import msgspec
 import torch
 from accelerate import Accelerator
-from accelerate.utils import gather_object, reduce, set_seed
+from accelerate.utils import DistributedType, gather_object, reduce, set_seed
 from torch.distributed.checkpoint.state_dict import (
     StateDictOptions,
     get_optimizer_state_dict,
     set_optimizer_state_dict,
 )
 
-from webgym.core.errors import TrainingError
+from webgym.core.errors import ConfigError, TrainingError
 from webgym.train.config import UpdateConfig
 from webgym.train.logprobs import Batch, ReplyLogProbs, collate
 from webgym.train.objectives import Objective, Tokens
@@ -89,7 +89,7 @@ class Updater:
         resume: a folder that :meth:`save` wrote, to go on from; ``None`` to begin.
 
     Raises:
-        ConfigError: there is no such model, or its weights are not whole.
+        ConfigError: there is no such model, its weights are not whole, or DeepSpeed is to run it.
         TrainingError: what was saved does not fit the settings.
     """
 
@@ -101,6 +101,10 @@ class Updater:
         self.source = source
         self.step = 0
         self.accelerator = Accelerator()  # processes and sharding as accelerate launch says
+        if self.accelerator.distributed_type == DistributedType.DEEPSPEED:
+            raise ConfigError(  # it steps inside the backward pass, and keeps its optimizer's state to itself
+                "DeepSpeed is not supported", hint="configs/accelerate/fsdp2.yaml splits weights the same way"
+            )
         set_seed(config.seed)
         self.loaded = load_trainable(config, source, resume)
         self.renderer = self.loaded.renderer

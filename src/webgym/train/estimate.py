@@ -1,0 +1,296 @@
+"""What an update will take, before anything starts: memory, tokens, time.
+
+All figures are of one update (one iteration's training) and of the busiest GPU. With N weights in all, T of
+them trained, G GPUs, b bytes a weight, and t tokens in a micro-batch of the longest samples:
+
+    weights      N b / S                S = G if sharded (FSDP), else 1
+    gradients    T b / S
+    optimizer    2 T b / S              AdamW's two moments
+    activations  t L (2 bytes) (4 h + 2 q + 2 kv + 4 i), and the vision tower's likewise;
+                 with gradient checkpointing t L 2 h and one layer whole
+    logits       3 c V (4 bytes)        c reply tokens at once, vocabulary V: logits, their softmax, gradient
+
+    (L layers of width h; q and kv the widths of queries and of keys and values; i of the MLP)
+
+    compute      (2 + 2 + 2 T / N) N per token for forward, backward to activations, backward to weights; one
+                 more forward with gradient checkpointing, and one for an off-policy objective;
+                 attention 4 q s / 2 per token, layer and pass, for sequences of s tokens
+    time         compute / (G x peak x utilisation)
+
+Embeddings are looked up, not multiplied, so they count for memory and not for compute; the head counts for
+reply tokens only. Activations are a rule of thumb for fused attention in bf16, a third off at times.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import torch
+from pydantic import BaseModel, ConfigDict, Field
+from transformers import AutoConfig, AutoModelForImageTextToText, Qwen3VLConfig
+
+from webgym.core.errors import ConfigError
+from webgym.train.config import LearnConfig
+from webgym.train.objectives import make_objective
+
+GIB: Final = 2**30
+
+QWEN3_VL_8B: Final[dict[str, Any]] = {
+    "text_config": {
+        "vocab_size": 151936,
+        "hidden_size": 4096,
+        "intermediate_size": 12288,
+        "num_hidden_layers": 36,
+        "num_attention_heads": 32,
+        "num_key_value_heads": 8,
+        "head_dim": 128,
+    },
+    "vision_config": {
+        "depth": 27,
+        "hidden_size": 1152,
+        "intermediate_size": 4304,
+        "num_heads": 16,
+        "patch_size": 16,
+        "out_hidden_size": 4096,
+        "deepstack_visual_indexes": [8, 16, 24],
+    },
+    "tie_word_embeddings": False,
+}
+"""The shapes of the paper's model, so that an estimate for it needs no download."""
+
+
+class Gpus(BaseModel):
+    """What there is to compute with."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    count: int = Field(default=1, ge=1)
+    """GPUs."""
+
+    memory_gib: float = Field(default=80.0, gt=0)
+    """Of each."""
+
+    peak_tflops: float = Field(default=989.0, gt=0)
+    """Of each, bf16 without sparsity."""
+
+    utilisation: float = Field(default=0.4, gt=0, le=1)
+    """Share of the peak that training reaches."""
+
+    sharded: bool = True
+    """Whether weights, gradients and optimizer are split over the GPUs."""
+
+
+KNOWN_GPUS: Final = {
+    "a100": Gpus(memory_gib=80, peak_tflops=312),
+    "h100": Gpus(memory_gib=80, peak_tflops=989),
+    "h200": Gpus(memory_gib=141, peak_tflops=989),
+    "b200": Gpus(memory_gib=180, peak_tflops=2250),
+}
+"""Peaks as NVIDIA gives them for dense bf16."""
+
+
+class Workload(BaseModel):
+    """What a step of a trajectory looks like to the model."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    pictures: int = Field(default=4, ge=0)
+    """In a request: the window and the current one."""
+
+    picture_patches: int = Field(default=3840, ge=0)
+    """Of the vision tower, per picture: 1280 x 768 pixels in squares of 16."""
+
+    text_tokens: int = Field(default=2500, ge=0)
+    """In a request, beside pictures."""
+
+    reply_tokens: int = Field(default=300, ge=1)
+    """In a reply."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One tower of a model: layers of equal shape, widths in numbers."""
+
+    layers: int
+    width: int
+    queries: int
+    keys: int
+    inner: int
+    parameters: int
+
+    def activation_bytes(self, tokens: int, *, checkpointing: bool) -> float:
+        """Kept for the backward pass."""
+        layer = 2.0 * tokens * (4 * self.width + 2 * self.queries + 2 * self.keys + 4 * self.inner)
+        return layer + 2.0 * tokens * self.width * self.layers if checkpointing else layer * self.layers
+
+    def forward_flops(self, tokens: int, sequence: int, *, causal: bool) -> float:
+        """For so many tokens that look at sequences of this length."""
+        attention = 4.0 * self.layers * self.queries * sequence * (0.5 if causal else 1.0)
+        return tokens * (2.0 * self.parameters + attention)
+
+
+@dataclass(frozen=True, slots=True)
+class Shapes:
+    """A model's size. ``embeddings`` are input and output embeddings together."""
+
+    text: Part
+    vision: Part
+    embeddings: int
+    vocabulary: int
+    merge: int
+
+    @property
+    def parameters(self) -> int:
+        """All weights."""
+        return self.text.parameters + self.vision.parameters + self.embeddings
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What an update takes.
+
+    Attributes:
+        parameters, trained: weights, and those that are trained.
+        memory: bytes on the busiest GPU, by what for.
+        fits: whether their sum is below nine tenths of what a GPU has.
+        tokens: read and trained on in an update, over all passes.
+        reply_tokens: of those, the ones with a loss.
+        optimizer_steps: in an update.
+        flops: floating point operations of an update.
+        seconds: of an update, at the assumed utilisation.
+    """
+
+    parameters: int
+    trained: int
+    memory: dict[str, float]
+    fits: bool
+    tokens: int
+    reply_tokens: int
+    optimizer_steps: int
+    flops: float
+    seconds: float
+
+    def lines(self) -> list[str]:
+        """For people."""
+        total = sum(self.memory.values()) / GIB
+        share = ", ".join(f"{name} {value / GIB:.1f}" for name, value in self.memory.items())
+        verdict = "fits" if self.fits else "DOES NOT FIT"
+        return [
+            f"model      {self.parameters / 1e9:.2f} B weights, {self.trained / 1e9:.3f} B trained",
+            f"memory     {total:.1f} GiB per GPU, {verdict}: {share}",
+            f"tokens     {self.tokens / 1e6:.1f} M per iteration, loss on {self.reply_tokens / 1e6:.2f} M",
+            f"steps      {self.optimizer_steps} of the optimizer per iteration",
+            f"compute    {self.flops / 1e15:.0f} PFLOP per iteration",
+            f"time       {self.seconds / 60:.1f} min per iteration",
+        ]
+
+
+@cache
+def shapes_of(model: str | Path) -> Shapes:
+    """A model's shapes, by its folder, hub id, or name (``Qwen3-VL-8B-...`` needs no network). No weights.
+
+    Raises:
+        ConfigError: there is no such model, or it is not of the Qwen3-VL kind.
+    """
+    if "qwen3-vl-8b" in str(model).lower() and not Path(model).exists():
+        config: Any = Qwen3VLConfig(**QWEN3_VL_8B)
+    else:
+        try:
+            config = AutoConfig.from_pretrained(str(model))
+        except (OSError, ValueError) as error:
+            reason = str(error).split("\n", 1)[0][:200]
+            raise ConfigError(f"cannot read the shapes of {model}: {reason}") from error
+    if not hasattr(config, "vision_config") or not hasattr(config.vision_config, "depth"):
+        raise ConfigError(f"{model} is not of the Qwen3-VL kind: nothing is known about its memory")
+    with torch.device("meta"):
+        empty: Any = AutoModelForImageTextToText.from_config(config)
+    text, vision = config.text_config, config.vision_config
+    tables = {id(each.weight): each.weight for each in (empty.get_input_embeddings(), empty.lm_head)}
+    embeddings = sum(weight.numel() for weight in tables.values())
+    seeing = sum(weight.numel() for weight in empty.model.visual.parameters())
+    every = sum(weight.numel() for weight in empty.parameters())
+    heads, grouped = text.num_attention_heads * text.head_dim, text.num_key_value_heads * text.head_dim
+    layers = text.num_hidden_layers
+    return Shapes(
+        text=Part(
+            layers, text.hidden_size, heads, grouped, text.intermediate_size, every - seeing - embeddings
+        ),
+        vision=Part(
+            vision.depth,
+            vision.hidden_size,
+            vision.hidden_size,
+            vision.hidden_size,
+            vision.intermediate_size // 2,  # no gate: two of the four tensors of a gated MLP
+            seeing,
+        ),
+        embeddings=embeddings,
+        vocabulary=text.vocab_size,
+        merge=vision.spatial_merge_size**2,
+    )
+
+
+def estimate(
+    config: LearnConfig, gpus: Gpus, workload: Workload | None = None, shapes: Shapes | None = None
+) -> Estimate:
+    """What an update by these settings will take on these GPUs; see the module for the formulas.
+
+    Args:
+        config: of learning.
+        gpus: to compute with.
+        workload: what steps look like; by default the paper's at 1280 x 768.
+        shapes: of the model; by default read from its folder or the hub.
+
+    Raises:
+        ConfigError: nothing is known about the model, or there is no such objective.
+    """
+    work, size = workload or Workload(), shapes or shapes_of(config.model)
+    update, replay = config.update, config.replay
+    patches = work.pictures * work.picture_patches
+    tokens = work.text_tokens + patches // size.merge + work.reply_tokens
+    longest = max(tokens, min(update.cutoff_tokens, 2 * tokens))
+    frozen_vision = update.freeze_vision or update.lora is not None
+    trained = size.parameters - (size.vision.parameters if update.freeze_vision else 0)
+    if update.lora is not None:
+        text = size.text
+        widths = 4 * text.width + 2 * (text.queries + text.keys) + 3 * (text.width + text.inner)
+        trained = update.lora.rank * text.layers * widths
+    width = 4 if update.weights == "float32" else 2
+    parts = gpus.count if gpus.sharded else 1
+    micro = update.micro_batch
+    seen = 0.0
+    if not frozen_vision:
+        seen = size.vision.activation_bytes(
+            micro * patches * longest // tokens, checkpointing=update.gradient_checkpointing
+        )
+    memory = {
+        "weights": size.parameters * width / parts,
+        "gradients": trained * (4 if update.lora else width) / parts,
+        "optimizer": 2 * trained * (4 if update.lora else width) / parts,
+        "activations": seen
+        + size.text.activation_bytes(micro * longest, checkpointing=update.gradient_checkpointing),
+        "logits": 3 * 4.0 * update.logit_tokens * size.vocabulary,
+    }
+    samples = replay.steps * replay.passes
+    forward = size.text.forward_flops(tokens, tokens, causal=True)
+    forward += 2.0 * work.reply_tokens * size.embeddings / 2
+    look = size.vision.forward_flops(patches, work.picture_patches, causal=False)
+    backward = 1.0 + (1.0 if update.lora is None else trained / size.parameters)
+    again = 1.0 if update.gradient_checkpointing else 0.0
+    extra = 1.0 / replay.passes if make_objective(config.objective).off_policy else 0.0
+    flops = samples * (
+        forward * (1 + backward + again + extra) + look * (1 + extra + (0.0 if frozen_vision else 2 + again))
+    )
+    return Estimate(
+        parameters=size.parameters,
+        trained=trained,
+        memory=memory,
+        fits=sum(memory.values()) < 0.9 * gpus.memory_gib * GIB,
+        tokens=samples * tokens,
+        reply_tokens=samples * work.reply_tokens,
+        optimizer_steps=replay.passes * max(1, round(replay.steps / update.batch)),
+        flops=flops,
+        seconds=flops / (gpus.count * gpus.peak_tflops * 1e12 * gpus.utilisation),
+    )

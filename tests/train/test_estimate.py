@@ -1,0 +1,75 @@
+"""Estimates against what can be counted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.inference.tiny import tiny_model, write_tiny_model
+
+from webgym.core.errors import ConfigError
+from webgym.train.config import LearnConfig
+from webgym.train.estimate import GIB, KNOWN_GPUS, Gpus, Workload, estimate, shapes_of
+from webgym.train.weights import load_trainable
+
+H100 = KNOWN_GPUS["h100"]
+LORA = {"update": {"lora": {"rank": 32}, "weights": "bfloat16"}}
+
+
+def settings(model: object = "Qwen/Qwen3-VL-8B-Instruct", **others: object) -> LearnConfig:
+    return LearnConfig.model_validate({"model": str(model), **others})
+
+
+def test_weights_are_counted_as_the_model_has_them(tmp_path: Path) -> None:
+    folder = write_tiny_model(tmp_path / "model")
+    config = settings(folder, update={"lora": {"rank": 4}})
+    found = estimate(config, H100)
+    assert found.parameters == sum(each.numel() for each in tiny_model().parameters())
+    policy = load_trainable(config.update, folder, None).model
+    assert found.trained == sum(each.numel() for each in policy.parameters() if each.requires_grad)
+
+
+def test_the_papers_model_needs_no_download_and_has_its_size() -> None:
+    found = shapes_of("Qwen/Qwen3-VL-8B-Instruct")
+    assert found.parameters == pytest.approx(8.77e9, rel=0.01)
+    assert found.vision.parameters == pytest.approx(0.58e9, rel=0.02)
+
+
+def test_memory_and_time_follow_from_settings() -> None:
+    full = estimate(settings(), H100)
+    assert not full.fits  # 16 bytes a weight
+    assert full.memory["optimizer"] == 2 * full.memory["gradients"] == 2 * full.memory["weights"]
+    eight = estimate(settings(), H100.model_copy(update={"count": 8}))
+    assert eight.memory["weights"] == full.memory["weights"] / 8
+    assert eight.seconds == pytest.approx(full.seconds / 8)
+
+    lora = estimate(settings(**LORA), H100)
+    assert lora.memory["weights"] == full.memory["weights"] / 2
+    assert lora.memory["optimizer"] < GIB
+    assert 0.5 * full.flops < lora.flops < 0.75 * full.flops  # no gradients of frozen weights
+
+    short = Workload(pictures=1, text_tokens=500)
+    assert estimate(settings(), H100, short).seconds < full.seconds / 3
+
+
+def test_what_costs_more_is_estimated_as_more() -> None:
+    plain = estimate(settings(), H100)
+    spared = estimate(settings(update={"gradient_checkpointing": True}), H100)
+    assert spared.memory["activations"] < plain.memory["activations"] / 5
+    assert spared.seconds > plain.seconds
+    assert estimate(settings(objective={"name": "group_is"}), H100).seconds > plain.seconds
+    assert plain.optimizer_steps == 2 * 9
+    assert plain.tokens == 3600 * (2500 + 4 * 960 + 300)
+
+
+def test_it_is_told_in_a_few_lines() -> None:
+    said = "\n".join(estimate(settings(), Gpus(count=8)).lines())
+    assert "8.77 B weights" in said
+    assert "GiB per GPU, " in said
+    assert "min per iteration" in said
+
+
+def test_a_model_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot read the shapes") as error:
+        estimate(settings(tmp_path / "nowhere"), H100)
+    assert "\n" not in str(error.value)

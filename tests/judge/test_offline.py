@@ -179,6 +179,11 @@ async def test_a_refusal_that_persists_is_blocking() -> None:
     assert not (await judged(episode(seen, answer="nothing"))).blocked.passed
 
 
+async def test_a_page_that_is_not_there_proves_nothing() -> None:
+    echo = msgspec.structs.replace(PRODUCT, status=404)
+    assert (await judged(episode(FRONT, echo))).reward == 0
+
+
 async def test_no_verdict_without_what_it_needs() -> None:
     with pytest.raises(JudgeError, match="state"):
         await judged(episode(FRONT, PRODUCT, state=None))

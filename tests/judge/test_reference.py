@@ -182,7 +182,6 @@ NOT_ASKED = [
     ("Other than Lyon, which city is it?", "Paris", "It is Lyon it is Paris"),
     ("Other than Lyon, which city is it?", "Paris", "Lyon: Paris"),
     ("Is it 3 or 4?", "4", "It is 3. It is 4."),
-    ("Start at the page on A23. What is the salary?", "$13,860", "A23 $13,860"),
     ("Start at the page on what Joe used.", "Paris", "What Joe used. Paris."),
     ("Is the mug in stock?", "No", "No, the mug is in stock."),
     ("Is the mug in stock?", "Yes", "It is not yes."),

@@ -15,11 +15,12 @@ from webgym.core.errors import JudgeError
 from webgym.core.task import Task
 from webgym.core.text import fold, mentions, says
 from webgym.core.trajectory import Episode
-from webgym.core.truth import AnswerTruth, Evidence, FactTruth, StateCheck, Truth
+from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck, Truth
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
 from webgym.judge.numbers import numbers
+from webgym.judge.rivals import rival
 from webgym.judge.soft import score_of
 
 COUNTED_NOT_READ = 10
@@ -74,7 +75,7 @@ class OfflineJudge:
         response = reference = None
         if episode.answer is not None:
             response = _response(task, truth, views, episode)
-            reference = _reference(truth.answer, episode.answer)
+            reference = _reference(task, truth, episode.answer)
         criteria = (*(fact.judgement for fact in facts), response, reference)
         passed = all_hold(each for each in criteria if each is not None) if response else False
         if passed is None:
@@ -127,7 +128,8 @@ def _views(truth: Truth, episode: Episode) -> list[_View]:
                 "the visible text was not recorded", hint="open sessions with text recording for this judge"
             )
         address = urlsplit(seen.url)
-        if (address.hostname or "") == truth.host:
+        is_there = seen.status is None or seen.status < 400  # an error page may repeat what was asked for
+        if (address.hostname or "") == truth.host and is_there:
             path = f"{address.path}?{address.query}" if address.query else address.path
             views.append(_View(index, path, fold(seen.text)))
     return views
@@ -157,19 +159,23 @@ def _look_up(check: StateCheck, state: dict[str, Any]) -> Any:
     return found
 
 
-def _reference(truth: AnswerTruth, answer: str) -> Judgement | None:
+def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
     """The answer against what a right answer says; ``None`` if the task asks for no answer."""
-    if not truth.required:
+    known = truth.answer
+    if not known.required:
         return None
     folded = fold(answer)
-    for options in truth.required:
+    for options in known.required:
         if not any(says(folded, option) for option in options):
             return Judgement(False, f'the answer does not say "{options[0]}"')
-    for wrong in truth.forbidden:
+    for wrong in known.forbidden:
         if says(folded, wrong):
             return Judgement(False, f'the answer also says "{wrong}"')
-    if truth.in_order and (fault := _out_of_order(truth, folded)):
+    if known.in_order and (fault := _out_of_order(known, folded)):
         return Judgement(False, fault)
+    given = [move.text for move in truth.moves if isinstance(move, Give)]
+    if other := rival(answer, known.required, (task.instruction, *given)):
+        return Judgement(False, f'the answer also claims "{other}"')
     return Judgement(True, "the answer says all that it must")
 
 

@@ -350,8 +350,7 @@ class _Told:
             kind for item in wanted for token in item if token.value for kind in token.value.kinds
         }
         self._talk = _TALK - ((_SITES | _QUESTIONS) & words) if is_named else _TALK
-        plain = {word for word in words if not any(map(str.isdigit, word))}  # a code is a candidate
-        forms = {form for word in plain for form in (word, f"{word}s", word.removesuffix("s"))}
+        forms = {form for word in words for form in (word, f"{word}s", word.removesuffix("s"))}
         self._excused = frozenset() if is_named else frozenset(forms - _TALK - _REFUSED)
         self._values = () if is_named else tuple(token.value for token in task.tokens if token.value)
 

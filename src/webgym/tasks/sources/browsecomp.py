@@ -78,6 +78,4 @@ SOURCE = Source(
     licence="MIT (code)",
     instruction=_INSTRUCTION,
     draft=_draft,
-    marks=(("problem", "canary"),),
-    timeless=True,
 )

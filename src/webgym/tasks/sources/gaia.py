@@ -35,6 +35,4 @@ SOURCE = Source(
     licence="gated",
     instruction=_INSTRUCTION,
     draft=_draft,
-    marks=(("Final answer",), ("ques", "Level")),
-    timeless=True,
 )

@@ -30,5 +30,4 @@ SOURCE = Source(
     licence="MIT",
     instruction=_INSTRUCTION,
     draft=_draft,
-    marks=(("steps", "criteria"), ("instruction", "website"), ("domain", "task")),
 )

@@ -61,6 +61,5 @@ SOURCE = Source(
     licence="MIT",
     instruction=_INSTRUCTION,
     draft=_draft,
-    marks=(("task_description",), ("rubric_path",)),
     beside=("*_rubric.json", "taxonomy.json"),
 )

@@ -69,5 +69,4 @@ SOURCE = Source(
     licence="MIT",
     instruction=_INSTRUCTION,
     draft=_draft,
-    marks=(("task", "evaluation"), ("task", "reference_task_length")),
 )

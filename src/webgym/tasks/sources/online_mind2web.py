@@ -24,6 +24,5 @@ SOURCE = Source(
     licence="CC BY 4.0",
     instruction=_INSTRUCTION,
     draft=_draft,
-    marks=(("confirmed_task",),),
     beside=("human_label*.json",),
 )

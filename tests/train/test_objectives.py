@@ -62,19 +62,19 @@ class Bandit:
 def test_filtered_bc_gives_the_policy_weighted_by_its_rewards() -> None:
     """Maximum likelihood over successes has a closed form: old policy times chance of success, normalised."""
     old = torch.tensor([[0.0, 1.0, 0.5, -0.5]]).repeat(CONTEXTS, 1)
-    data = Bandit(old, groups=60_000, size=1, seed=0)
+    data = Bandit(old, groups=30_000, size=1, seed=0)
 
-    new = data.learn(FilteredBC(), old, steps=300, rate=0.1).softmax(-1)
+    new = data.learn(FilteredBC(), old, steps=80, rate=0.2).softmax(-1)
 
     weighted = old.softmax(-1) * REWARD
     optimum = weighted / weighted.sum(-1, keepdim=True)
-    torch.testing.assert_close(new, optimum, atol=0.02, rtol=0)
+    torch.testing.assert_close(new, optimum, atol=0.03, rtol=0)
 
 
 def test_filtered_bc_repeated_on_its_own_attempts_finds_the_best_actions() -> None:
     logits, rates = torch.zeros_like(REWARD), []
-    for seed in range(8):
-        logits = Bandit(logits, groups=3000, size=1, seed=seed).learn(FilteredBC(), logits, 150, 0.1)
+    for seed in range(7):
+        logits = Bandit(logits, groups=1500, size=1, seed=seed).learn(FilteredBC(), logits, 40, 0.2)
         rates.append(success(logits))
     assert rates == sorted(rates)
     assert rates[-1] > 0.97 * float(REWARD.max(-1).values.mean())

@@ -191,6 +191,16 @@ def test_groups_without_a_difference_are_left_out_and_the_rest_have_a_baseline()
     assert (counts.left_out, counts.kept) == (5, 4)
 
 
+def test_a_step_that_changed_nothing_is_not_reinforced_but_may_be_blamed() -> None:
+    won, lost = (
+        trajectory(number, outcome=each, changed=(False,)) for number, each in enumerate([SUCCESS, FAILURE])
+    )
+    made = replay(GroupIS())
+    counts = made.add(0, Made([won, lost]))
+    assert drawn(made) == [(0, "t/a#0.0", 1), (0, "t/a#1.0", 0), (0, "t/a#1.0", 1)]
+    assert (counts.steps, counts.unchanged) == (4, 1)
+
+
 def test_an_objective_bounds_how_stale_a_step_may_be() -> None:
     made = replay(GroupIS(staleness=1))
     for number in range(3):

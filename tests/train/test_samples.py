@@ -224,11 +224,19 @@ def test_a_step_longer_than_the_cutoff_is_dropped_and_never_cut(instruct: Render
 def test_importance_weights_need_logprobs_of_the_full_distribution(instruct: Renderer) -> None:
     assert dropped(instruct, Reply("click", "p"), off_policy=True) == "no_logprobs"
     assert dropped(instruct, stored(instruct, "click", logprobs=None), off_policy=True) == "no_logprobs"
-    for sampling in ({"top_k": 2}, {"top_p": 0.99}, {"temperature": 0}):
+    for sampling in (
+        {"top_k": 2},
+        {"top_p": 0.99},
+        {"temperature": 0},
+        {"min_p": 0.1},
+        {"repetition_penalty": 1.1},
+        {"presence_penalty": -0.5},
+        {"logit_bias": {"7": 1}},
+    ):
         reply = stored(instruct, "click", sampling=sampling)
-        assert dropped(instruct, reply, off_policy=True) == "truncated_sampling"
+        assert dropped(instruct, reply, off_policy=True) == "altered_sampling"
         assert made(instruct, reply)
-    full = {"top_k": -1, "top_p": 1.0, "temperature": 0.7}
+    full = {"top_k": -1, "top_p": 1.0, "temperature": 0.7, "repetition_penalty": 1.0, "min_p": None}
     assert made(instruct, stored(instruct, "click", sampling=full), off_policy=True).temperature == 0.7
 
 

@@ -10,15 +10,19 @@ from pathlib import Path
 import pytest
 import torch
 from safetensors.torch import load_file
-from tests.inference.tiny import write_tiny_model
-from tests.train.making import sample
+from tests.inference.tiny import tiny_renderer, write_tiny_model
+from tests.train.making import Made, sample, stored, trajectory
 from tests.train.updating import run_case, run_cases_together, samples, updater
 
 from webgym.core.errors import ConfigError, StoreError, TrainingError
+from webgym.core.outcome import Outcome
+from webgym.core.trajectory import Reply
 from webgym.inference.model import load_model
-from webgym.train.config import UpdateConfig
+from webgym.train.config import ReplayConfig, UpdateConfig
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.objectives import FilteredBC
+from webgym.train.replay import Replay
+from webgym.train.samples import SampleMaker
 from webgym.train.update import learning_rate
 from webgym.train.weights import read_optimizer, read_state
 
@@ -194,6 +198,42 @@ def test_a_save_that_fails_leaves_what_was_there(
         made.save(tmp_path / "kept")
     assert sorted(each.name for each in tmp_path.iterdir()) == ["kept"]
     assert all(torch.equal(value, before[name]) for name, value in weights(tmp_path / "kept").items())
+
+
+def test_what_a_dead_process_left_is_swept(model: Path, tmp_path: Path) -> None:
+    made = updater(model)
+    (tmp_path / ".kept.new.tmp").mkdir()
+    (tmp_path / ".kept.old.tmp").mkdir()
+    made.save(tmp_path / "kept")
+    made.save(tmp_path / "kept")
+    assert [each.name for each in tmp_path.iterdir()] == ["kept"]
+
+
+def test_from_a_run_folder_to_better_weights(model: Path, tmp_path: Path) -> None:
+    """The way of the guide: replay, samples, update, weights that a policy loads."""
+    renderer = tiny_renderer()
+    done = trajectory(0, reply=Reply("the way", "p"))
+    told = trajectory(1, changed=(), reply=stored(renderer, "click"))
+    failed = trajectory(2, outcome=Outcome.FAILURE)
+    run = Made([done, told, failed]).write(tmp_path / "run")
+    replay = Replay(ReplayConfig(), BC)
+    replay.add(0, run)
+    drawn = replay.draw()
+    made = updater(model)
+    maker = SampleMaker(made.renderer)
+    steps = (
+        (run.trajectory(each.attempt_id).episode.steps[each.index], each.advantage) for each in drawn.steps
+    )
+    report = made.update(list(maker.make(steps, run.image)), passes=8)
+    made.save(tmp_path / "new")
+
+    assert (report.samples, maker.rebuilt, maker.stored) == (4, 3, 1)
+    batch = collate([sample(renderer, "the way")], renderer, off_policy=False)
+    likely = []
+    for folder in (model, tmp_path / "new"):
+        with torch.no_grad():
+            likely.append(float(ReplyLogProbs(load_model(folder).model, 100)(batch).mean()))
+    assert likely[1] > likely[0] + 0.5
 
 
 def test_what_does_not_fit_is_one_line(model: Path, tmp_path: Path) -> None:

@@ -8,8 +8,9 @@ Rules, in this order:
 
 1. a trajectory without a reward (blocked, an error, cancelled) is never trained on;
 2. a trajectory to which the objective gives no advantage is left out (for the paper's: all but successes);
-3. a step after which the screenshot was the same is left out (repetition penalty). A reply that held no
-   action changes nothing, so it falls under this rule; the answer, after which nobody looked, does not;
+3. a step after which the screenshot was the same is not reinforced (repetition penalty): it is left out,
+   unless its advantage is negative. A reply that held no action changes nothing, so it falls under this rule;
+   the answer, after which nobody looked, does not;
 4. a step that was used often enough is left out;
 5. iterations older than the last k are forgotten;
 6. of the rest, so many are drawn without replacement, each next one in proportion to its weight
@@ -169,7 +170,7 @@ class Replay:
             raise ValueError(f"iteration {iteration} comes after {max(self._pool)}")
         trajectories = 0
         rewarded: list[Attempt] = []
-        usable: dict[str, tuple[int, list[int]]] = {}  # how many steps, and which of them changed something
+        steps: dict[str, tuple[int, list[int]]] = {}  # how many, and which of them changed nothing
         for trajectory in run.trajectories():
             trajectories += 1
             episode = trajectory.episode
@@ -177,23 +178,24 @@ class Replay:
             if trajectory.outcome.is_rewarded:
                 reward = float(trajectory.outcome is Outcome.SUCCESS)
                 rewarded.append(Attempt(episode.attempt_id, episode.task_id, reward))
-                kept = [step.index for step in episode.steps if self._is_kept(step)]
-                usable[episode.attempt_id] = (len(episode.steps), kept)
+                idle = [step.index for step in episode.steps if _is_idle(step)]
+                steps[episode.attempt_id] = (len(episode.steps), idle)
         advantages = self._objective.advantages(rewarded)
         refs = [
             StepRef(iteration, attempt, index, advantage)
             for attempt, advantage in advantages.items()
-            for index in usable[attempt][1]
+            for index in range(steps[attempt][0])
+            if advantage < 0 or not self._config.repetition_penalty or index not in steps[attempt][1]
         ]
-        steps = sum(usable[attempt][0] for attempt in advantages)
+        all_steps = sum(steps[attempt][0] for attempt in advantages)
         self._pool[iteration] = sorted(refs)
         self._counts[iteration] = Counts(
             trajectories=trajectories,
             unrewarded=trajectories - len(rewarded),
             left_out=len(rewarded) - len(advantages),
             kept=len(advantages),
-            steps=steps,
-            unchanged=steps - len(refs),
+            steps=all_steps,
+            unchanged=all_steps - len(refs),
             kept_steps=len(refs),
         )
         for old in [each for each in self._pool if each <= iteration - self.span]:
@@ -231,11 +233,11 @@ class Replay:
         for ref in steps:
             self._uses[ref.iteration, ref.attempt_id, ref.index] += self._config.passes
 
-    def _is_kept(self, step: Step) -> bool:
-        unchanged = step.changed is False and not isinstance(step.action, Answer)
-        return not (unchanged and self._config.repetition_penalty)
-
     def _may_be_used(self, ref: StepRef) -> bool:
         most = self._config.max_uses
         uses = self._uses[ref.iteration, ref.attempt_id, ref.index]
         return most is None or uses + self._config.passes <= most
+
+
+def _is_idle(step: Step) -> bool:
+    return step.changed is False and not isinstance(step.action, Answer)

@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Any, Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import torch
 
@@ -36,8 +36,18 @@ DropReason: TypeAlias = Literal[
     "not_rebuilt",  # no stored ids, and what was sampled cannot be known
     "image_in_reply",  # the reply holds an image token, which no picture stands behind
     "no_logprobs",  # the objective needs what the endpoint did not give
-    "truncated_sampling",  # top-k or top-p: the stored log-probabilities are not of the full distribution
+    "altered_sampling",  # top-k, a penalty, ...: log-probabilities that are not the model's own
 ]
+
+_NEUTRAL: Final[dict[str, tuple[float, ...]]] = {
+    "top_p": (0, 1),  # 0 stands for a parameter that is not there
+    "top_k": (0, -1),
+    "min_p": (0,),
+    "presence_penalty": (0,),
+    "frequency_penalty": (0,),
+    "repetition_penalty": (0, 1),
+}
+"""Values of sampling parameters that leave the model's distribution as it is, but for the temperature."""
 
 
 class Dropped(Exception):
@@ -233,8 +243,7 @@ def temperature_of(reply: Reply) -> float:
 def _check_logprobs(reply: Reply) -> None:
     if reply.tokens is None or reply.tokens.logprobs is None:
         raise Dropped("no_logprobs")
-    sampling: dict[str, Any] = reply.sampling
-    if sampling.get("top_p") not in (None, 1, 1.0) or sampling.get("top_k") not in (None, 0, -1):
-        raise Dropped("truncated_sampling")
-    if sampling.get("temperature") == 0:
-        raise Dropped("truncated_sampling")
+    sampling = reply.sampling
+    altered = [name for name, neutral in _NEUTRAL.items() if (sampling.get(name) or 0) not in neutral]
+    if altered or sampling.get("temperature") == 0 or sampling.get("logit_bias"):
+        raise Dropped("altered_sampling")

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import uuid
 import warnings
 from pathlib import Path
 from typing import Any
@@ -102,8 +101,11 @@ def save(
     Raises:
         StoreError: it cannot be written; what was there is whole.
     """
-    torn = folder.with_name(f".{folder.name}.{uuid.uuid4().hex}{TORN}")
+    torn = folder.with_name(f".{folder.name}.new{TORN}")
+    old = folder.with_name(f".{folder.name}.old{TORN}")
     with disk_errors(f"saving weights to {folder}"):
+        for left in (torn, old):  # by one who died while saving
+            shutil.rmtree(left, ignore_errors=True)
         try:
             torn.mkdir(parents=True)
             loaded.model.save_pretrained(torn, state_dict=weights)
@@ -116,9 +118,10 @@ def save(
                     os.fsync(file.fileno())
             sync_folder(torn)
             if folder.exists():
-                shutil.rmtree(folder)
+                folder.rename(old)
             torn.rename(folder)
             sync_folder(folder.parent)
+            shutil.rmtree(old, ignore_errors=True)
         except BaseException:
             shutil.rmtree(torn, ignore_errors=True)
             raise

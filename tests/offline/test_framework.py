@@ -285,7 +285,7 @@ def test_a_page_that_is_not_there_says_so() -> None:
     missing = site.handle(visit("/nowhere/<b>"))
     assert missing.status == 404
     assert b"Page not found" in missing.body
-    assert b"&lt;b&gt;" in missing.body
+    assert b"nowhere" not in missing.body  # what was asked for would be evidence that the agent wrote
     assert site.handle(visit(site.path("/~room/best"), "POST")).status == 303
     assert site.handle(visit("/consent")).status == 405
 

@@ -12,6 +12,8 @@ from webgym.core.errors import ConfigError
 from webgym.train.config import ObjectiveConfig
 from webgym.train.objectives import Attempt, FilteredBC, GroupIS, Loss, Objective, Tokens, make_objective
 
+torch.set_num_threads(1)
+
 REWARD = torch.tensor([[0.9, 0.1, 0.3, 0.0], [0.0, 0.2, 0.2, 0.8], [0.05, 0.6, 0.05, 0.05]])
 """How likely each of four actions succeeds in each of three contexts."""
 CONTEXTS, ACTIONS = REWARD.shape
@@ -74,7 +76,7 @@ def test_filtered_bc_gives_the_policy_weighted_by_its_rewards() -> None:
 def test_filtered_bc_repeated_on_its_own_attempts_finds_the_best_actions() -> None:
     logits, rates = torch.zeros_like(REWARD), []
     for seed in range(7):
-        logits = Bandit(logits, groups=1500, size=1, seed=seed).learn(FilteredBC(), logits, 40, 0.2)
+        logits = Bandit(logits, groups=3000, size=1, seed=seed).learn(FilteredBC(), logits, 80, 0.2)
         rates.append(success(logits))
     assert rates == sorted(rates)
     assert rates[-1] > 0.97 * float(REWARD.max(-1).values.mean())

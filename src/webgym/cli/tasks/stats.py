@@ -51,7 +51,7 @@ def stats(
 
 
 def _lengths(runs: list[Path]) -> dict[Level, list[int]]:
-    """Steps of every answered attempt, by the level of its task: a spent budget is no length (paper §3.3)."""
+    """Steps of every answered attempt, by the level of its task: a spent budget is no length (paper §3)."""
     from webgym.core.outcome import Outcome
     from webgym.core.task import LEVELS
     from webgym.rollout.store import RunReader

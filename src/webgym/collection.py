@@ -431,7 +431,18 @@ async def _sites(
         )
     else:
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
+            _check_served(tasks, set(sites.web.specs))
             yield _Backstage(client), tuple(sites.allowed_hosts)
+
+
+def _check_served(tasks: Sequence[Task], hosts: set[str]) -> None:
+    """Refuse tasks whose websites are not served: every attempt would be the environment's failure."""
+    for task in tasks:
+        if task.truth is not None and task.truth.host not in hosts:
+            raise ConfigError(
+                f"the task {task.id} is on {task.truth.host}, which is not served",
+                hint="sites.collection, seed and per_family must be what the tasks were made with",
+            )
 
 
 @asynccontextmanager

@@ -12,7 +12,7 @@ from webgym.agent.scripted import MISTAKES, Mistake, wrong_answer
 from webgym.core.action import Action, Answer, GoBack, LeftClick, Mode, Scroll, Type, Wait
 from webgym.core.errors import ConfigError, PolicyError
 from webgym.core.trajectory import Step
-from webgym.core.truth import AnswerTruth, Back, Choose, Click, Fill, Give, Home, See, Truth
+from webgym.core.truth import AnswerTruth, Back, Choose, Click, Done, Fill, Give, Home, Remember, See, Truth
 
 SEARCH = (Home(), Fill("Search mugs", "mug"))
 GIVE = Give("It is £31.50.")
@@ -70,6 +70,26 @@ async def test_replies_say_what_was_seen_and_done(play: Play) -> None:
     assert list(parsed.progress.values()) == ["finished"] * 4 + ["not finished"]
     assert parsed.intention == "5. give the answer"
     assert parsed.intention in parsed.progress
+
+
+async def test_replies_hold_the_memory_and_the_parts_that_a_solution_names(play: Play) -> None:
+    parts = [
+        (*SEARCH, Remember("sign", "red star"), Click("Mug 5"), Remember("1", "5.50"), Done("1")),
+        (Back(), Click("Mug 3"), See(("£3.50",)), Remember("2", "3.50"), Done("2")),
+    ]
+    steps = await play(Agent(ScriptedPolicy()), Shop(), task(*parts[0], *parts[1], GIVE))
+    told = [parse_reply(step.reply.text, "coordinates", "memory") for step in steps]
+    memory = [each.memory for each in told if isinstance(each, ParsedReply)]
+    progress = [each.progress for each in told if isinstance(each, ParsedReply)]
+    assert memory[0] == {}
+    assert {"sign": "red star"} in memory  # written where it is in view, before the click that leaves it
+    assert memory[-1] == {"sign": "red star", "1": "5.50", "2": "3.50"}
+    assert progress[0] == {"1": "not finished", "2": "not finished"}
+    assert {"1": "finished", "2": "not finished"} in progress
+    assert progress[-1] == {"1": "finished", "2": "finished"}
+    intentions = [each.intention for each in told if isinstance(each, ParsedReply)]
+    assert intentions == sorted(intentions)
+    assert set(intentions) == {"1", "2"}
 
 
 async def test_nothing_is_done_that_is_done_already(play: Play) -> None:

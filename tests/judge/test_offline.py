@@ -195,3 +195,25 @@ async def test_no_verdict_without_what_it_needs() -> None:
     gap = msgspec.structs.replace(TASK.truth, facts=TASK.truth.facts[:1])
     with pytest.raises(JudgeError, match=r"fact 1\.1"):
         await judged(episode(FRONT, PRODUCT), msgspec.structs.replace(TASK, truth=gap))
+
+
+@pytest.mark.parametrize(
+    ("answer", "reward"),
+    [
+        ("7, 12", 1),
+        ("The star has 7 and the moon has 12.", 1),
+        ("12, 7", 0),
+        ("7, 12, 7", 0),
+        ("7", 0),
+        ("7, 12, 3", 0),
+    ],
+)
+async def test_where_the_order_counts_the_answer_names_each_value_once_and_in_order(
+    answer: str, reward: int
+) -> None:
+    assert TASK.truth is not None
+    in_order = AnswerTruth((("7",), ("12",)), forbidden=("3",), in_order=True)
+    truth = msgspec.structs.replace(TASK.truth, answer=in_order)
+    seen = msgspec.structs.replace(PRODUCT, text=f"{PRODUCT.text} 7 12 3")
+    task = msgspec.structs.replace(TASK, truth=truth)
+    assert (await judged(episode(FRONT, seen, answer=answer), task)).reward == reward

@@ -7,14 +7,17 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 
 import msgspec
 import pytest
 
+from webgym.collection import RunConfig, TaskChoice, collect, resolved
 from webgym.core.errors import ConfigError, SitesError
 from webgym.core.task import Task
 from webgym.core.truth import AnswerTruth, Click, Done, Evidence, Give, Remember, StateCheck
 from webgym.offline import OfflineWeb
+from webgym.offline.app import SitesConfig
 from webgym.offline.engine.compose import Mix, compose
 from webgym.offline.engine.data import load
 from webgym.offline.engine.design import HELD_OUT, design, design_data, side
@@ -29,6 +32,8 @@ from webgym.offline.small.market import Market
 from webgym.offline.small.wording import words_of
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.website import Split, Visit, Website
+from webgym.rollout.attempt import AttemptConfig
+from webgym.tasks import write_tasks
 from webgym.testing import check_family, check_tasks, play
 
 VIEWPORT = (192, 128)
@@ -415,3 +420,19 @@ def test_families_are_small_and_named_in_their_hosts(web: OfflineWeb) -> None:
     assert {family.family for family in FAMILIES} == {"market", "signpost", "desk", "board", "trail"}
     assert all(re.fullmatch(r"[a-z]+-small-[a-z]+\.webgym\.test", host) for host in web.specs)
     assert not set(web.specs) & set(OfflineWeb().specs)
+
+
+async def test_tasks_whose_websites_are_not_served_are_refused(tasks: list[Task], tmp_path: Path) -> None:
+    file = tmp_path / "tasks.jsonl"
+    write_tasks(file, tasks[:1])
+    config = RunConfig(tasks=TaskChoice(file=file), sites=SitesConfig(per_family=1, latency=0))
+    with pytest.raises(ConfigError, match="not served"):
+        await collect(config, tmp_path / "run")
+
+
+def test_the_viewport_follows_the_collection_unless_it_is_set() -> None:
+    small = SitesConfig(collection="small")
+    assert resolved(RunConfig(), None, None).attempt.viewport == (1280, 768)
+    assert resolved(RunConfig(sites=small), None, None).attempt.viewport == VIEWPORT
+    wide = RunConfig(sites=small, attempt=AttemptConfig(viewport=(320, 192)))
+    assert resolved(wide, None, None).attempt.viewport == (320, 192)

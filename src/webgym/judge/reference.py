@@ -350,7 +350,8 @@ class _Told:
             kind for item in wanted for token in item if token.value for kind in token.value.kinds
         }
         self._talk = _TALK - ((_SITES | _QUESTIONS) & words) if is_named else _TALK
-        forms = {form for word in words for form in (word, f"{word}s", word.removesuffix("s"))}
+        plain = {word for word in words if not any(map(str.isdigit, word))}  # a code is a candidate
+        forms = {form for word in plain for form in (word, f"{word}s", word.removesuffix("s"))}
         self._excused = frozenset() if is_named else frozenset(forms - _TALK - _REFUSED)
         self._values = () if is_named else tuple(token.value for token in task.tokens if token.value)
 
@@ -522,7 +523,8 @@ class _Told:
         if said[0] in _PREPOSITIONS:
             claim = self._given[following.start : following.end]
             return gap == "comma" and any(token.word in _CLAIMS for token in claim)
-        return gap == "label" and is_whole and bool(self._kinds(*following.spans[0]))
+        is_name = not any(token.value for token in words)
+        return gap == "label" and is_whole and is_name and bool(self._kinds(*following.spans[0]))
 
     def _kinds(self, start: int, end: int) -> set[str]:
         """What a span may be an amount of; nothing where it is no value."""
@@ -557,7 +559,8 @@ class _Told:
         if set(words[:1]) & _JOINERS or set(words[:2]) & _QUALIFIERS:
             return False
         claim = next((place for place, word in enumerate(words) if word in _CLAIMS), len(words))
-        return is_counted or not any(map(self._is_excused, side[:claim]))
+        beside = [token for token in side[:claim] if token.value or not is_counted]
+        return not any(map(self._is_excused, beside))
 
 
 def _items(found: Sequence[Token], gaps: Sequence[Gap]) -> list[list[Token]]:

@@ -1,0 +1,258 @@
+"""Imperfect demonstrators: who the tiny policy learns to act from before it learns from outcomes.
+
+A pretrained model knows how to do things right but does so only sometimes. A mixture of demonstrators, each
+with a weakness of its own, makes such a policy: one answers before it has seen everything, one forgets to
+write down what it saw, one picks the wrong tile and believes it, one clicks where nothing happens. None of
+the mistakes can be told from the page, so what is learned is to make each of them now and then; and
+learning from outcomes has something to choose from.
+
+Nobody here answers what it could not know: an answer holds what stands in the written memory or was seen on
+this very page, and a guess for anything else.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Mapping, Sequence
+from types import TracebackType
+from typing import Final, Self
+
+import msgspec
+
+from webgym.agent.config import WITH_MEMORY
+from webgym.agent.page import target_of, usable
+from webgym.agent.policy import Turn
+from webgym.agent.prompts import render_reply
+from webgym.agent.solver import Solver
+from webgym.core.action import Action, Answer, GoBack, LeftClick, Target
+from webgym.core.errors import ConfigError, PolicyError
+from webgym.core.observation import Element, Observation
+from webgym.core.task import Task
+from webgym.core.trajectory import Reply
+from webgym.core.truth import Done, Give, Move, Remember
+from webgym.tiny.tokenizer import CELL, cell_centres
+
+
+class Habits(msgspec.Struct, frozen=True):
+    """How often a demonstrator errs.
+
+    Attributes:
+        share: of the attempts that it makes, relative to the others'.
+        hasty: per turn: answers at once.
+        forgets: per entry: does not write it into the memory.
+        misreads: per entry: writes another value.
+        picks_wrong: per turn: clicks another element; every second time it does not notice.
+        clicks_dead: per turn: clicks where there is nothing.
+    """
+
+    share: float = 1.0
+    hasty: float = 0.0
+    forgets: float = 0.0
+    misreads: float = 0.0
+    picks_wrong: float = 0.0
+    clicks_dead: float = 0.0
+
+
+DEMONSTRATORS: Final[Mapping[str, Habits]] = {
+    "careful": Habits(share=2.0),
+    "hasty": Habits(share=2.0, hasty=0.3),
+    "forgetful": Habits(share=2.0, forgets=0.5, misreads=0.1),
+    "clumsy": Habits(share=2.0, picks_wrong=0.25),
+    "stuck": Habits(share=1.0, clicks_dead=0.4, hasty=0.1),
+}
+"""The mixture. Together they succeed in less than half of the attempts (docs/tiny.md)."""
+
+
+class Demonstrators:
+    """A policy that plays known solutions the way its demonstrators would.
+
+    Args:
+        habits: the demonstrators by name; which of them makes an attempt follows from the attempt's seed and
+            stands in every reply's ``sampling["demonstrator"]``.
+
+    Raises:
+        ConfigError: there is no demonstrator.
+    """
+
+    name = "demonstrators"
+    wants_elements = True
+
+    def __init__(self, habits: Mapping[str, Habits] = DEMONSTRATORS) -> None:
+        if not habits:
+            raise ConfigError("there is no demonstrator", hint="name at least one")
+        self._habits = dict(habits)
+
+    def begin(self, task: Task, seed: int) -> _Demonstrator:
+        """A demonstrator of this task.
+
+        Raises:
+            PolicyError: the task comes without a solution.
+        """
+        if task.truth is None or not task.truth.moves:
+            raise PolicyError(f"the task {task.id} comes without a solution")
+        rng = random.Random(f"{task.id}\n{seed}\ndemonstrator")
+        names = list(self._habits)
+        name = rng.choices(names, [self._habits[each].share for each in names])[0]
+        return _Demonstrator(name, self._habits[name], task, task.truth.moves, rng)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        return None
+
+
+class _Demonstrator:
+    """One attempt."""
+
+    def __init__(
+        self, name: str, habits: Habits, task: Task, moves: Sequence[Move], rng: random.Random
+    ) -> None:
+        self._name = name
+        self._habits = habits
+        self._rng = rng
+        self._solver = Solver(task.website, moves)
+        self._parts = _entries_by_part(moves)
+        self._right = {move.key: move.value for move in moves if isinstance(move, Remember)}
+        last = moves[-1]
+        self._final = last.text if isinstance(last, Give) else ""
+        self._others = task.truth.answer.forbidden if task.truth is not None else ()
+        self._met: set[str] = set()
+        self._memory: dict[str, str] = {}
+        self._strayed = False
+
+    async def reply(self, turn: Turn) -> Reply:
+        """The next reply.
+
+        Raises:
+            PolicyError: the observation lacks elements or text.
+        """
+        seen = turn.observation
+        if seen.elements is None or seen.text is None:
+            raise PolicyError("a demonstrator cannot see what is on the page")
+        with_memory = turn.prompt_format in WITH_MEMORY
+        action = self._err(turn)
+        new: dict[str, str] = {}
+        if action is None:
+            action = _in_cell(self._solver.next(seen, turn.mode).action, seen)
+            new = self._take_note(with_memory=with_memory)
+        if isinstance(action, Answer):
+            action = Answer(self._answer(new, seen, with_memory=with_memory))
+        text = render_reply(
+            action,
+            turn.prompt_format,
+            screen=turn.screen,
+            description="",
+            memory={key: value for key, value in new.items() if key in self._memory},
+            progress=self._solver.progress(),
+            intention=self._solver.intention(),
+        )
+        return Reply(text, policy=Demonstrators.name, sampling={"demonstrator": self._name})
+
+    # --- mistakes -------------------------------------------------------------------------------------
+
+    def _err(self, turn: Turn) -> Action | None:
+        """A mistake in place of the next move, or what follows from one; ``None`` for none."""
+        seen, habits, draw = turn.observation, self._habits, self._rng.random
+        if self._strayed:
+            self._strayed = False
+            if draw() < 0.5 and turn.steps and turn.steps[-1].changed is not False:
+                return GoBack()
+            return Answer("?")
+        if draw() < habits.hasty:
+            return Answer("?")
+        if draw() < habits.picks_wrong and (elements := usable(seen)):
+            self._strayed = True
+            return _in_cell(LeftClick(target_of(self._rng.choice(elements), seen, turn.mode)), seen)
+        if draw() < habits.clicks_dead and (free := _free_cells(seen)):
+            return LeftClick(Target(coordinate=self._rng.choice(free)))
+        return None
+
+    def _take_note(self, *, with_memory: bool) -> dict[str, str]:
+        """The entries that this page brings, as they are read; those that are not forgotten are kept."""
+        new: dict[str, str] = {}
+        for key, value in self._solver.memory.items():
+            if key in self._met:
+                continue
+            self._met.add(key)
+            new[key] = value
+            known = (self._memory if with_memory else {}) | new
+            is_guessed = any(each not in known for each in self._parts.get(key, ()))
+            if self._rng.random() < (0.5 if is_guessed else self._habits.misreads):
+                new[key] = self._guess(value)
+            if with_memory and self._rng.random() >= self._habits.forgets:
+                self._memory[key] = new[key]
+        return new
+
+    # --- answers --------------------------------------------------------------------------------------
+
+    def _answer(self, new: dict[str, str], seen: Observation, *, with_memory: bool) -> str:
+        """What can be answered by what is known, and guesses for the rest."""
+        known = (self._memory if with_memory else {}) | new
+        if not self._parts:
+            return self._final or "done"
+        return ", ".join(known.get(key) or self._seen_or_guessed(key, seen) for key in self._parts)
+
+    def _seen_or_guessed(self, key: str, seen: Observation) -> str:
+        right = self._right[key]
+        numbers = [word for word in (seen.text or "").split() if word.isdecimal()]
+        if right.isdecimal() and numbers and self._rng.random() < 0.5:
+            return self._rng.choice(numbers)
+        return self._guess(right)
+
+    def _guess(self, value: str) -> str:
+        """Another value of the same kind."""
+        others = [each for each in self._others if each.isdecimal() == value.isdecimal() and each != value]
+        return self._rng.choice(others) if others else value
+
+
+def _entries_by_part(moves: Sequence[Move]) -> dict[str, tuple[str, ...]]:
+    """For every part that is answered, the entries that its answer rests on, its own last."""
+    found: dict[str, tuple[str, ...]] = {}
+    entries: list[str] = []
+    for move in moves:
+        if isinstance(move, Remember):
+            entries.append(move.key)
+        elif isinstance(move, Done):
+            if move.part in entries:
+                found[move.part] = tuple(entries)
+            entries = []
+    return found
+
+
+def _in_cell(action: Action, seen: Observation) -> Action:
+    """The action with its point in the middle of a cell: where the tiny policy can point."""
+    if not isinstance(action, LeftClick) or action.target.coordinate is None:
+        return action
+    point = tuple(
+        min(cell_centres(side), key=lambda middle: (abs(middle - value), middle))
+        for value, side in zip(action.target.coordinate, seen.viewport, strict=True)
+    )
+    return LeftClick(Target(coordinate=(float(point[0]), float(point[1]))))
+
+
+def _free_cells(seen: Observation) -> list[tuple[float, float]]:
+    """Middles of the cells in which there is no element."""
+    width, height = seen.viewport
+    taken = {
+        (column, row)
+        for element in seen.elements or ()
+        for column in _cells(element, 0)
+        for row in _cells(element, 1)
+    }
+    return [
+        (float(x), float(y))
+        for column, x in enumerate(cell_centres(width))
+        for row, y in enumerate(cell_centres(height))
+        if (column, row) not in taken
+    ]
+
+
+def _cells(element: Element, axis: int) -> range:
+    start, length = element.box[axis], element.box[axis + 2]
+    return range(int(start // CELL), int((start + max(length, 1) - 1) // CELL) + 1)

@@ -1,0 +1,233 @@
+"""Pretraining: from random weights to a policy that sometimes succeeds.
+
+Runs of the demonstrators on training websites become lessons (:mod:`webgym.tiny.lessons`). Pointing comes
+first, alone, then acting with some pointing beside it. Muon steps the matrices and AdamW the rest: with
+AdamW alone a model this small learns to point several times slower. Everything follows from one seed; a
+checkpoint is written every so often, and a killed training goes on from it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.inference.model import Loaded
+from webgym.rollout.store import RunReader
+from webgym.tiny.lessons import IGNORED, Lesson, Signs, acting, pointing, signs_of
+from webgym.tiny.model import MERGE, PATCH, TinyConfig, save_model
+from webgym.tiny.pictures import to_patches, to_pixel_values
+
+CHECKPOINT = "checkpoint.pt"
+
+
+class PretrainConfig(BaseModel):
+    """How the tiny policy is pretrained."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    model: TinyConfig = TinyConfig()
+    seed: int = 0
+    """Of weights and lessons."""
+
+    steps: int = Field(default=6000, ge=1)
+    """Updates in all."""
+
+    pointing_steps: int = Field(default=1500, ge=0)
+    """Updates at the beginning that teach pointing alone."""
+
+    pointing_share: float = Field(default=0.25, ge=0, le=1)
+    """Share of later updates that teach pointing."""
+
+    questions: int = Field(default=8, ge=1)
+    """About one picture in a pointing lesson."""
+
+    batch: int = Field(default=48, ge=1)
+    """Lessons per update."""
+
+    muon_rate: float = Field(default=0.01, gt=0)
+    """Learning rate of the matrices."""
+
+    adam_rate: float = Field(default=2e-3, gt=0)
+    """Learning rate of everything else."""
+
+    warmup: int = Field(default=100, ge=0)
+    """Updates over which the rates rise."""
+
+    decay_share: float = Field(default=0.3, ge=0, le=1)
+    """Share of the updates, at the end, over which the rates fall to nothing, as a straight line."""
+
+    weight_decay: float = Field(default=0.01, ge=0)
+    """Of both."""
+
+    threads: int | None = Field(default=None, ge=1)
+    """Of torch; by default what it takes."""
+
+    device: str = "cpu"
+    """As torch names it."""
+
+    checkpoint_steps: int = Field(default=200, ge=1)
+    """A checkpoint is written after so many updates."""
+
+    report_steps: int = Field(default=50, ge=1)
+    """A line is printed after so many updates."""
+
+
+Kind: TypeAlias = Literal["pointing", "acting"]
+Tell: TypeAlias = Callable[[Mapping[str, Any]], None]
+
+
+class Lessons:
+    """All lessons of some runs, and their pictures.
+
+    Args:
+        runs: of the demonstrators.
+        loaded: the model whose tokens they are made of.
+        viewport: width and height of all pictures, pixels.
+    """
+
+    def __init__(self, runs: Sequence[Path], loaded: Loaded, viewport: tuple[int, int]) -> None:
+        self.renderer = loaded.renderer
+        self.grid = (1, viewport[1] // PATCH, viewport[0] // PATCH)
+        self.image_tokens = math.prod(self.grid) // MERGE**2
+        self.signs: list[Signs] = []
+        self.acting: list[Lesson] = []
+        self.pictures: dict[str, NDArray[np.uint8]] = {}
+        for run in runs:
+            signs, lessons, reader = (
+                signs_of(run),
+                acting(run, self.renderer, self.image_tokens),
+                RunReader(run),
+            )
+            names = {each.picture for each in signs} | {each.picture for each in lessons}
+            for name in names - self.pictures.keys():
+                self.pictures[name] = to_patches(reader.image(name))
+            self.signs += signs
+            self.acting += lessons
+
+    def batch(self, config: PretrainConfig, step: int) -> tuple[Kind, list[Lesson]]:
+        """The lessons of an update, all of one kind; they follow from the seed and the update's number."""
+        rng = random.Random(f"{config.seed}\n{step}")
+        if step < config.pointing_steps or rng.random() < config.pointing_share:
+            chosen = rng.choices(self.signs, k=config.batch)
+            return "pointing", [
+                pointing(signs, self.renderer, self.image_tokens, rng, config.questions) for signs in chosen
+            ]
+        return "acting", rng.choices(self.acting, k=config.batch)
+
+    def tensors(self, lessons: Sequence[Lesson], device: str) -> dict[str, torch.Tensor]:
+        """What the model is called with, labels included."""
+        longest = max(len(lesson.ids) for lesson in lessons)
+        ids = torch.zeros(len(lessons), longest, dtype=torch.int64)
+        labels = torch.full_like(ids, IGNORED)
+        mask = torch.zeros_like(ids)
+        for row, lesson in enumerate(lessons):
+            ids[row, : len(lesson.ids)] = torch.tensor(lesson.ids)
+            labels[row, : len(lesson.ids)] = torch.tensor(lesson.labels)
+            mask[row, : len(lesson.ids)] = 1
+        pixels = np.concatenate([to_pixel_values(self.pictures[lesson.picture]) for lesson in lessons])
+        made = {
+            "input_ids": ids,
+            "attention_mask": mask,
+            "labels": labels,
+            "mm_token_type_ids": (ids == self.renderer.image_id).int(),
+            "pixel_values": torch.from_numpy(pixels),
+            "image_grid_thw": torch.tensor([self.grid] * len(lessons)),
+        }
+        return {name: tensor.to(device) for name, tensor in made.items()}
+
+
+def optimizers_of(model: Any, config: PretrainConfig) -> list[torch.optim.Optimizer]:
+    """Muon for the matrices between layers, AdamW for embeddings, norms, biases and the patch projection."""
+    matrices, rest = list[torch.nn.Parameter](), list[torch.nn.Parameter]()
+    for name, weight in model.named_parameters():
+        is_matrix = weight.ndim == 2 and not any(part in name for part in ("embed", "lm_head"))
+        (matrices if is_matrix else rest).append(weight)
+    decay = config.weight_decay
+    return [
+        torch.optim.Muon(matrices, lr=config.muon_rate, weight_decay=decay, momentum=0.95),
+        torch.optim.AdamW(rest, lr=config.adam_rate, betas=(0.9, 0.95), weight_decay=decay),
+    ]
+
+
+def rate(config: PretrainConfig, step: int) -> float:
+    """The share of the learning rates at an update: up, level, then down to nothing."""
+    falling = max(1.0, config.decay_share * config.steps)
+    return min(1.0, (step + 1) / max(1, config.warmup), max(0.0, (config.steps - step) / falling))
+
+
+def pretrain(lessons: Lessons, loaded: Loaded, out: Path, config: PretrainConfig, tell: Tell) -> None:
+    """Teach a model all that its lessons hold; the model is in ``out`` when this returns.
+
+    Args:
+        lessons: what to teach.
+        loaded: the model, with random weights; learns in place.
+        out: a folder; a checkpoint in it is gone on from.
+        config: how.
+        tell: is told figures now and then.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    if config.threads is not None:
+        torch.set_num_threads(config.threads)
+    model = loaded.model.to(config.device).train()
+    optimizers = optimizers_of(model, config)
+    first = _restore(out, model, optimizers, config)
+    started, smooth = time.monotonic(), dict[Kind, float](pointing=math.nan, acting=math.nan)
+    for step in range(first, config.steps):
+        for optimizer, top in zip(optimizers, (config.muon_rate, config.adam_rate), strict=True):
+            for group in optimizer.param_groups:
+                group["lr"] = top * rate(config, step)
+        kind, chosen = lessons.batch(config, step)
+        with torch.autocast(config.device.split(":")[0], dtype=torch.bfloat16):
+            loss = model(**lessons.tensors(chosen, config.device), use_cache=False).loss
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
+        for optimizer in optimizers:
+            optimizer.step()
+            optimizer.zero_grad(set_to_none=True)
+        value = float(loss.detach())
+        smooth[kind] = value if math.isnan(smooth[kind]) else 0.95 * smooth[kind] + 0.05 * value
+        if (step + 1) % config.report_steps == 0:
+            done = (step + 1 - first) * config.batch
+            tell({"step": step + 1, "lessons_per_second": done / (time.monotonic() - started), **smooth})
+        if (step + 1) % config.checkpoint_steps == 0 or step + 1 == config.steps:
+            _keep(out, model, optimizers, config, step + 1)
+    model.eval()
+    save_model(loaded, out / "model")
+
+
+def _keep(
+    out: Path, model: Any, optimizers: Sequence[torch.optim.Optimizer], config: PretrainConfig, step: int
+) -> None:
+    held = {
+        "step": step,
+        "config": config.model_dump_json(),
+        "model": model.state_dict(),
+        "optimizers": [optimizer.state_dict() for optimizer in optimizers],
+    }
+    torch.save(held, out / f"{CHECKPOINT}.new")
+    (out / f"{CHECKPOINT}.new").replace(out / CHECKPOINT)
+
+
+def _restore(
+    out: Path, model: Any, optimizers: Sequence[torch.optim.Optimizer], config: PretrainConfig
+) -> int:
+    """Go on from a checkpoint of the same model; the number of updates that it has behind it."""
+    if not (out / CHECKPOINT).exists():
+        return 0
+    held = torch.load(out / CHECKPOINT, weights_only=True, map_location=config.device)
+    if json.loads(held["config"])["model"] != json.loads(config.model_dump_json())["model"]:
+        return 0
+    model.load_state_dict(held["model"])
+    for optimizer, state in zip(optimizers, held["optimizers"], strict=True):
+        optimizer.load_state_dict(state)
+    return int(held["step"])

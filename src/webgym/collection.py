@@ -13,7 +13,7 @@ from __future__ import annotations
 import asyncio
 import uuid
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
+from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -158,13 +158,8 @@ def choose_tasks(config: RunConfig) -> Chosen:
         ConfigError: no task is left, or there is no such domain.
     """
     choice = config.tasks
-    if choice.file is None:
-        sites = config.sites
-        web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
-        one = choice.split if choice.split in ("train", "test") else None  # the rest need not be made
-        found = TaskFile(list(web.tasks(one)), [])
-    else:
-        found = read_tasks(choice.file)
+    one = choice.split if choice.split in ("train", "test") else None
+    found = _read(config, one)
     selected = select(found.tasks, choice, Blocklist(config.blocklist).blocked())
     if not selected.tasks:
         raise ConfigError(
@@ -172,6 +167,37 @@ def choose_tasks(config: RunConfig) -> Chosen:
             hint="choose another split or more domains",
         )
     return Chosen(_drawn(selected.tasks, config), found.broken, found.set_aside, selected)
+
+
+def all_tasks(config: RunConfig) -> list[Task]:
+    """The whole task set that a run's tasks are chosen from, every split of it.
+
+    Raises:
+        TaskFileError: the file cannot be read or holds no task.
+    """
+    return _read(config, None).tasks
+
+
+def _read(config: RunConfig, split: Literal["train", "test"] | None) -> TaskFile:
+    """A file is read whole; of the offline web only the split that is asked for is made."""
+    if config.tasks.file is not None:
+        return read_tasks(config.tasks.file)
+    sites = config.sites
+    web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
+    return TaskFile(list(web.tasks(split)), [])
+
+
+def _given(tasks: Sequence[Task], config: RunConfig) -> Chosen:
+    """Tasks that somebody else has drawn.
+
+    Raises:
+        ConfigError: some are not what the config lets through: of another split, or without anything to
+        judge.
+    """
+    selected = select(tasks, config.tasks)
+    if len(selected.tasks) != len(tasks):
+        raise ConfigError(f"of {len(tasks)} given tasks some must not be attempted: {selected.told()}")
+    return Chosen(list(tasks), [], [], selected)
 
 
 def _drawn(tasks: list[Task], config: RunConfig) -> list[Task]:
@@ -188,6 +214,7 @@ async def collect(
     config: RunConfig,
     out: Path,
     *,
+    tasks: Sequence[Task] | None = None,
     policy: Policy | None = None,
     secrets: Secrets | None = None,
     show: Show | None = None,
@@ -198,6 +225,7 @@ async def collect(
     Args:
         config: of the run.
         out: the run folder; does not exist yet or is empty.
+        tasks: drawn by the caller, in place of what ``config.tasks`` would choose; they must be of its split.
         policy: one of your own, in place of the one that ``config.policy`` names.
         secrets: tokens of servers that run elsewhere.
         show: shows the progress while the run goes on.
@@ -209,7 +237,7 @@ async def collect(
     if policy is not None:
         config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
     config = resolved(config, policy, tell)
-    chosen = choose_tasks(config)
+    chosen = choose_tasks(config) if tasks is None else _given(tasks, config)
     tasks, selected = chosen.tasks, chosen.selected
     refuse_unjudgeable(config.judge, tasks)
     # As it came out, for the record: what a set without splits was taken as, which subdomains were drawn.
@@ -472,6 +500,31 @@ async def _browsers(
         if not info.sandboxed:
             _say(tell, "browsers run without a sandbox here: open only pages that you trust")
         yield client
+
+
+@asynccontextmanager
+async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[ServerChoice, Secrets]]:
+    """Browsers, and the offline web if the tasks are its, started once for many runs.
+
+    Yields:
+        What :func:`collect` needs to use them: ``config.server`` and its secrets. Services that run elsewhere
+        already are passed on as they are.
+    """
+    if config.server.url is not None:
+        yield config.server, secrets
+        return
+    async with AsyncExitStack() as stack:
+        choice, allowed = config.server, ()
+        if config.tasks.file is None and choice.sites_url is None:
+            sites = await stack.enter_async_context(serving(config.sites))
+            choice = choice.model_copy(update={"sites_url": sites.url})
+            secrets = secrets.model_copy(update={"sites_token": SecretStr(sites.token)})
+            allowed = tuple(sites.allowed_hosts)
+        serve = ServerConfig(slots=config.collector.sessions, browser=config.browser.allowing(*allowed))
+        server = await stack.enter_async_context(running_server(serve))
+        choice = choice.model_copy(update={"url": server.url})
+        token = server.token if isinstance(server.token, SecretStr) else SecretStr(server.token)
+        yield choice, secrets.model_copy(update={"server_token": token})
 
 
 def _pictures(run: Path) -> Callable[[str], Any]:

@@ -10,9 +10,9 @@ from PIL import Image
 
 pytest.importorskip("torch")
 
-from webgym.core.trajectory import ImageRef, Message  # noqa: E402
-from webgym.tiny.model import TinyConfig, make_model  # noqa: E402
-from webgym.tiny.pictures import to_patches, to_pixel_values  # noqa: E402
+from webgym.core.trajectory import ImageRef, Message
+from webgym.tiny.model import TinyConfig, make_model
+from webgym.tiny.pictures import to_patches, to_pixel_values
 
 
 def test_patches_are_those_of_the_image_processor() -> None:

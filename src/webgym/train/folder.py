@@ -1,0 +1,195 @@
+"""A training run on disk. What is there says how far it is: no state is kept that could contradict it.
+
+TRAINING/
+  config.yaml                everything resolved
+  iterations/0001/
+    tasks.jsonl              stage 1, sample: the tasks, in the order drawn
+    sampler.json             where the sampler stood afterwards
+    run/                     stage 2, collect: a run folder like any other, resumable
+    collected.json           its figures; there once every attempt is on disk
+    batch.jsonl              stage 3, replay: the steps that are trained on, by where they lie
+    replay.json              what each rule of the replay left out
+    weights/                 stage 4, update: weights and optimizer (webgym.train.weights); older ones go
+    update.json              what the update did; without weights if there was nothing to train on
+    metrics.json             stage 5: everything above in one line, with the time that each stage took
+  evaluations/0000/          run folders on the test split; 0000 is before the first iteration
+  metrics.jsonl, summary.json, report.html    made from the above
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from webgym.core.errors import RunFolderError
+from webgym.core.task import Task
+from webgym.rollout.files import CONFIG, METRICS, TORN, disk_errors, write_whole
+from webgym.train.replay import Draw, StepRef
+
+
+class Stage(StrEnum):
+    """What an iteration does, in this order."""
+
+    SAMPLE = "sample"
+    COLLECT = "collect"
+    REPLAY = "replay"
+    UPDATE = "update"
+    FINISH = "finish"
+
+
+_DONE = {
+    Stage.SAMPLE: "sampler.json",
+    Stage.COLLECT: "collected.json",
+    Stage.REPLAY: "replay.json",
+    Stage.UPDATE: "update.json",
+    Stage.FINISH: "metrics.json",
+}
+"""The file that is written last in every stage."""
+
+
+class TrainingFolder:
+    """Where everything of a training run lies.
+
+    Args:
+        path: of the run.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def iteration(self, number: int) -> Path:
+        """The folder of an iteration, from 1."""
+        return self.path / "iterations" / f"{number:04d}"
+
+    def run(self, number: int) -> Path:
+        """The run folder of an iteration."""
+        return self.iteration(number) / "run"
+
+    def weights(self, number: int) -> Path:
+        """Where the weights of an iteration are, or were."""
+        return self.iteration(number) / "weights"
+
+    def evaluation(self, number: int) -> Path:
+        """The run folder of the evaluation after an iteration; 0 is before the first."""
+        return self.path / "evaluations" / f"{number:04d}"
+
+    def is_evaluated(self, number: int) -> bool:
+        """Whether an evaluation is on disk, whole."""
+        return (self.evaluation(number).with_suffix(".json")).exists()
+
+    def stage(self, number: int) -> Stage | None:
+        """What an iteration has to do next; ``None`` if it is finished."""
+        folder = self.iteration(number)
+        return next((stage for stage, name in _DONE.items() if not (folder / name).exists()), None)
+
+    def is_past(self, number: int, stage: Stage) -> bool:
+        """Whether an iteration has this stage behind it."""
+        return (self.iteration(number) / _DONE[stage]).exists()
+
+    def latest_weights(self) -> tuple[int, Path] | None:
+        """The newest weights, and the iteration that made them; ``None`` before the first update."""
+        found = sorted(self.path.glob("iterations/*/weights/state.json"))
+        made = [path for path in found if (path.parent.parent / _DONE[Stage.UPDATE]).exists()]
+        return (int(made[-1].parent.parent.name), made[-1].parent) if made else None
+
+    def prune_weights(self, keep: int) -> None:
+        """Delete all but the newest weights."""
+        found = sorted(self.path.glob("iterations/*/weights"))
+        for path in found[: max(0, len(found) - keep)]:
+            shutil.rmtree(path, ignore_errors=True)
+
+    # --- what stages write and read ---------------------------------------------------------------------
+
+    def create(self, config: Mapping[str, Any]) -> None:
+        """Make the folder.
+
+        Raises:
+            RunFolderError: there is something else already.
+        """
+        import yaml
+
+        with disk_errors(f"making {self.path}"):
+            self.path.mkdir(parents=True, exist_ok=True)
+            if any(entry for entry in self.path.iterdir() if not entry.name.endswith(TORN)):
+                raise RunFolderError(
+                    f"{self.path} is not empty", hint="go on with --resume, or choose another folder"
+                )
+            text = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
+            write_whole(self.path / CONFIG, text.encode())
+
+    def write_sample(self, number: int, tasks: Sequence[Task], sampler: Mapping[str, Any]) -> None:
+        """Stage 1."""
+        folder = self._made(number)
+        _write_lines(folder / "tasks.jsonl", tasks)
+        self.write(number, _DONE[Stage.SAMPLE], sampler)
+
+    def tasks(self, number: int) -> list[Task]:
+        """What stage 1 drew."""
+        lines = (self.iteration(number) / "tasks.jsonl").read_bytes().splitlines()
+        return [msgspec.json.decode(line, type=Task) for line in lines]
+
+    def write_batch(self, number: int, draw: Draw) -> None:
+        """Stage 3."""
+        _write_lines(self._made(number) / "batch.jsonl", draw.steps)
+        told = msgspec.to_builtins(msgspec.structs.replace(draw, steps=()), str_keys=True)
+        self.write(number, _DONE[Stage.REPLAY], {"drawn": len(draw.steps), **told})
+
+    def batch(self, number: int) -> list[StepRef]:
+        """What stage 3 drew."""
+        lines = (self.iteration(number) / "batch.jsonl").read_bytes().splitlines()
+        return [msgspec.json.decode(line, type=StepRef) for line in lines]
+
+    def finish(self, number: int, stage: Stage, figures: Mapping[str, Any]) -> None:
+        """Write the file that ends a stage."""
+        self.write(number, _DONE[stage], figures)
+
+    def figures(self, number: int, stage: Stage) -> dict[str, Any]:
+        """What a stage wrote at its end."""
+        found: dict[str, Any] = json.loads((self.iteration(number) / _DONE[stage]).read_bytes())
+        return found
+
+    def write(self, number: int, name: str, value: Mapping[str, Any]) -> None:
+        """A JSON file of an iteration, whole or not at all."""
+        with disk_errors(f"writing {name} of iteration {number}"):
+            write_whole(self._made(number) / name, _json(value))
+
+    def write_evaluation(self, number: int, figures: Mapping[str, Any]) -> None:
+        """Say that an evaluation is whole, and what it found."""
+        with disk_errors(f"writing the evaluation after iteration {number}"):
+            write_whole(self.evaluation(number).with_suffix(".json"), _json(figures))
+
+    def evaluations(self) -> dict[int, dict[str, Any]]:
+        """All evaluations by the iteration that they follow."""
+        found = sorted(self.path.glob("evaluations/*.json"))
+        return {int(path.stem): json.loads(path.read_bytes()) for path in found}
+
+    def write_metrics(self) -> list[dict[str, Any]]:
+        """``metrics.jsonl``: one line per finished iteration, with the evaluation after it."""
+        evaluations = self.evaluations()
+        rows = []
+        for path in sorted(self.path.glob(f"iterations/*/{_DONE[Stage.FINISH]}")):
+            row = json.loads(path.read_bytes())
+            rows.append(row | {"evaluation": evaluations.get(row["iteration"])})
+        with disk_errors("writing metrics"):
+            write_whole(self.path / METRICS, b"".join(msgspec.json.encode(row) + b"\n" for row in rows))
+        return rows
+
+    def _made(self, number: int) -> Path:
+        folder = self.iteration(number)
+        folder.mkdir(parents=True, exist_ok=True)
+        return folder
+
+
+def _write_lines(path: Path, items: Sequence[Any]) -> None:
+    with disk_errors(f"writing {path.name}"):
+        write_whole(path, b"".join(msgspec.json.encode(item) + b"\n" for item in items))
+
+
+def _json(value: Mapping[str, Any]) -> bytes:
+    return json.dumps(value, ensure_ascii=False, indent=1).encode() + b"\n"

@@ -1,0 +1,86 @@
+"""From a draw of the replay to saved weights: samples, update, save."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from webgym.core.errors import TrainingError
+from webgym.core.trajectory import Step
+from webgym.rollout.store import RunReader
+from webgym.train.config import LearnConfig
+from webgym.train.folder import TrainingFolder
+from webgym.train.objectives import Objective
+from webgym.train.replay import Draw, StepRef
+from webgym.train.samples import Sample, SampleMaker
+from webgym.train.update import Updater
+
+
+class Learner:
+    """Learns in this process; weights and optimizer stay in memory from iteration to iteration.
+
+    Args:
+        config: replay, objective, update.
+        objective: what for.
+    """
+
+    def __init__(self, config: LearnConfig, objective: Objective) -> None:
+        self._config = config
+        self._objective = objective
+        self._updater: Updater | None = None
+        self._made = 0
+
+    def learn(self, number: int, draw: Draw, folder: TrainingFolder) -> Mapping[str, Any]:
+        """Train on what was drawn, and save the weights of this iteration.
+
+        Raises:
+            TrainingError: every step was dropped, or the loss is no number.
+        """
+        updater = self._ready(folder)
+        objective, config = self._objective, self._config.update
+        maker = SampleMaker(
+            updater.renderer, cutoff_tokens=config.cutoff_tokens, off_policy=objective.off_policy
+        )
+        samples = samples_of(draw, folder, maker)
+        dropped: Counter[str] = Counter(maker.dropped)
+        if not samples:
+            raise TrainingError(
+                f"all {len(draw.steps)} steps were dropped: {dict(dropped)}",
+                hint="the stored tokens are not this model's; see docs/training.md on the token contract",
+            )
+        report = updater.update(samples, passes=self._config.replay.passes)
+        updater.save(folder.weights(number))
+        self._made = number
+        told = {"dropped": dict(dropped), "stored_tokens": maker.stored, "rebuilt_tokens": maker.rebuilt}
+        return {**msgspec.to_builtins(report), **told}
+
+    def _ready(self, folder: TrainingFolder) -> Updater:
+        """The updater, at the newest weights on disk."""
+        latest = folder.latest_weights()
+        if self._updater is None or (latest and latest[0] != self._made):
+            self._updater = Updater(
+                self._config.update,
+                self._objective,
+                self._config.model,
+                resume=latest[1] if latest else None,
+            )
+        return self._updater
+
+
+def samples_of(draw: Draw, folder: TrainingFolder, maker: SampleMaker) -> list[Sample]:
+    """The samples of all drawn steps that can be trained on, run by run."""
+    by_run: dict[int, dict[str, list[StepRef]]] = {}
+    for ref in draw.steps:
+        by_run.setdefault(ref.iteration, {}).setdefault(ref.attempt_id, []).append(ref)
+    samples: list[Sample] = []
+    for iteration, wanted in sorted(by_run.items()):
+        reader = RunReader(folder.run(iteration))
+        steps: list[tuple[Step, float]] = []
+        for trajectory in reader.trajectories():
+            refs = wanted.get(trajectory.episode.attempt_id, ())
+            steps += [(trajectory.episode.steps[ref.index], ref.advantage) for ref in refs]
+        samples += maker.make(steps, reader.image)
+    return samples

@@ -1,0 +1,412 @@
+"""The loop (paper §5): sample tasks, roll out, judge, replay, update, publish; evaluate now and then.
+
+    async with open_training(config, Path("training/first")) as training:
+        await training.run()
+
+Every stage of an iteration ends by writing a file (:mod:`webgym.train.folder`), and what is on disk says
+what is next: a training that was killed anywhere goes on there, and neither repeats nor loses an attempt.
+
+With ``loop.staleness`` 0, the default, iteration n is collected by the weights of iteration n - 1 and
+nothing overlaps, as in the paper. With s it may begin while up to s earlier iterations still wait for their
+update: the machines that collect never stand still, and what is trained on is at most s + 1 updates old.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractAsyncContextManager, contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+import msgspec
+from pydantic import Field
+
+from webgym.collection import RunConfig, Secrets, ServerChoice, collect
+from webgym.collection import resume as resume_run
+from webgym.core.errors import ConfigError, TrainingError
+from webgym.core.task import LEVELS, Task
+from webgym.inference.local import LocalConfig
+from webgym.rollout.blocklist import Blocklist
+from webgym.rollout.files import CONFIG
+from webgym.rollout.progress import Progress
+from webgym.rollout.store import RunReader
+from webgym.rollout.summary import Summary
+from webgym.settings import Section
+from webgym.tasks.sampling import Sampler, SamplerConfig
+from webgym.tasks.split import refuse_leaks
+from webgym.train.config import LearnConfig
+from webgym.train.folder import Stage, TrainingFolder
+from webgym.train.replay import Draw, Replay
+from webgym.train.serving import Serving
+
+
+class LoopConfig(Section):
+    """How the stages follow each other."""
+
+    iterations: int = Field(default=30, ge=1)
+    """In all."""
+
+    tasks: int = Field(default=1024, ge=1)
+    """Drawn for an iteration (paper §5: 512 or, better, 1,024)."""
+
+    staleness: int = Field(default=0, ge=0)
+    """How many updates the collection of an iteration may run ahead of; 0 for the paper's synchronous
+    loop."""
+
+    evaluate_every: int = Field(default=5, ge=0)
+    """Evaluate after so many iterations, before the first and after the last; 0 for never."""
+
+    keep_weights: int = Field(default=2, ge=1)
+    """Weights of so many iterations stay on disk; the newest always does."""
+
+    give_up_after: int = Field(default=5, ge=1)
+    """Stop after so many iterations in a row without anything to train on."""
+
+
+class EvaluationConfig(Section):
+    """What is evaluated on. The same tasks every time, so that evaluations can be compared."""
+
+    count: int | None = Field(default=None, ge=1)
+    """Test tasks, drawn by the seed; ``None`` takes all."""
+
+    samples: int = Field(default=1, ge=1)
+    """Attempts per task."""
+
+    budget: tuple[int, int, int] = (30, 50, 70)
+    """Steps for easy, medium and hard tasks (paper §5)."""
+
+    seed: int = 0
+    """Of the draw and of the attempts."""
+
+
+class TrainConfig(Section):
+    """A whole training, resolved; ``config.yaml`` in its folder holds it. No secrets."""
+
+    seed: int = 0
+    """Of tasks, attempts and draws from the replay."""
+
+    learn: LearnConfig
+    """From judged trajectories to weights."""
+
+    rollout: RunConfig = RunConfig()
+    """How trajectories are collected and judged. Its policy is the model that learns."""
+
+    sampler: SamplerConfig = SamplerConfig()
+    """Which training tasks are drawn."""
+
+    loop: LoopConfig = LoopConfig()
+    """How the stages follow each other."""
+
+    evaluation: EvaluationConfig = EvaluationConfig()
+    """What is evaluated on."""
+
+    local: LocalConfig | None = None
+    """The model in this process that collects; by default :attr:`LearnConfig.model` as it is."""
+
+
+class Learns(Protocol):
+    """What turns steps into weights: :class:`webgym.train.learner.Learner`."""
+
+    def learn(self, number: int, draw: Draw, folder: TrainingFolder) -> Mapping[str, Any]:
+        """Train on a draw and save the weights; what that did. Blocks."""
+        ...
+
+
+Show = Callable[[Progress], AbstractAsyncContextManager[None]]
+Tell = Callable[[str], None]
+
+
+class Training:
+    """A training run. Make it with :func:`webgym.train.start.open_training`.
+
+    Args:
+        config: everything.
+        folder: where.
+        tasks: the whole task set; test tasks are evaluated on and never trained on.
+        serving: who replies.
+        learner: who learns.
+        replay: what is learned from.
+        where: browsers and websites.
+        secrets: of those.
+        show: shows the progress of a run.
+        tell: is told, a line at a time, what a person should know.
+
+    Raises:
+        ConfigError: the tasks have no training split, or training tasks give test tasks away.
+    """
+
+    def __init__(
+        self,
+        config: TrainConfig,
+        folder: TrainingFolder,
+        tasks: Sequence[Task],
+        *,
+        serving: Serving,
+        learner: Learns,
+        replay: Replay,
+        where: ServerChoice,
+        secrets: Secrets,
+        show: Show | None = None,
+        tell: Tell | None = None,
+    ) -> None:
+        self.config = config
+        self.folder = folder
+        self._serving = serving
+        self._learner = learner
+        self._replay = replay
+        self._secrets = secrets
+        self._show = show
+        self._tell = tell or (lambda _line: None)
+        self._rollout = config.rollout.model_copy(update={"server": where})
+        blocklist = Blocklist(config.rollout.blocklist)
+        sampling = config.sampler.model_copy(update={"seed": config.seed})
+        self._sampler = Sampler(tasks, sampling, blocked=blocklist.blocked)
+        self._test = [task for task in tasks if task.split == "test"]
+        if self._sampler.selected.split != "train":
+            raise ConfigError(
+                f"the tasks to train on are of the split {self._sampler.selected.split!r}",
+                hint="give a task set with a train split: webgym tasks split makes one",
+            )
+        refuse_leaks(self._sampler.selected.tasks, self._test)
+        self._moved = asyncio.Condition()
+        self._published = 0
+        self._finished = 0
+        self._empty = 0
+
+    async def run(self) -> list[dict[str, Any]]:
+        """Run what is left; one row of figures per iteration when this returns.
+
+        Raises:
+            ExceptionGroup: of the first error that training cannot go on with.
+        """
+        self._recall()
+        latest = self.folder.latest_weights()
+        if latest is not None:
+            await self._serving.publish(latest[1], str(latest[0]))
+        if self._finished == 0:
+            await self._evaluate(0)
+        async with asyncio.TaskGroup() as group:
+            group.create_task(self._collect_all())
+            group.create_task(self._learn_all())
+        return self.folder.write_metrics()
+
+    def _recall(self) -> None:
+        """What finished iterations left: the sampler's place, the replay's steps, how far everything is."""
+        last = self.config.loop.iterations
+        for number in range(1, last + 1):
+            if self.folder.is_past(number, Stage.SAMPLE):
+                self._sampler.restore(self.folder.figures(number, Stage.SAMPLE))
+            if self.folder.is_past(number, Stage.REPLAY):
+                self._replay.add(number, RunReader(self.folder.run(number)))
+                self._replay.use(self.folder.batch(number))
+            if self.folder.is_past(number, Stage.UPDATE):
+                self._published = number
+            if self.folder.stage(number) is None:
+                self._finished = number
+
+    # --- collecting ---------------------------------------------------------------------------------------
+
+    async def _collect_all(self) -> None:
+        config = self.config.loop
+        for number in range(1, config.iterations + 1):
+            if self.folder.is_past(number, Stage.COLLECT):
+                continue
+            await self._until(lambda number=number: self._may_collect(number))
+            if not self.folder.is_past(number, Stage.SAMPLE):
+                tasks = self._sampler.draw(config.tasks)
+                self.folder.write_sample(number, tasks, self._sampler.state())
+            await self._collect(number)
+            await self._say_moved()
+
+    def _may_collect(self, number: int) -> bool:
+        staleness = self.config.loop.staleness
+        if staleness == 0:
+            return self._finished >= number - 1
+        return self._published >= number - 1 - staleness
+
+    async def _collect(self, number: int) -> None:
+        started = time.monotonic()
+        config = self._rollout.model_copy(update={"seed": self.config.seed * 10_007 + number})
+        summary = await self._attempt(self.folder.run(number), config, self.folder.tasks(number))
+        figures = await asyncio.to_thread(figures_of, RunReader(self.folder.run(number)), summary)
+        self.folder.finish(number, Stage.COLLECT, figures | {"seconds": time.monotonic() - started})
+        self._tell(f"iteration {number}: {_told(figures)}")
+
+    async def _attempt(self, out: Path, config: RunConfig, tasks: Sequence[Task]) -> Summary:
+        """A run folder with all attempts in it, begun or gone on with."""
+        said = {"secrets": self._secrets, "show": self._show}
+        policy = self._serving.policy
+        if (out / CONFIG).exists():
+            return await resume_run(out, policy=policy, server=config.server, **said)  # type: ignore[arg-type]
+        return await collect(config, out, tasks=tasks, policy=policy, **said)  # type: ignore[arg-type]
+
+    # --- learning -----------------------------------------------------------------------------------------
+
+    async def _learn_all(self) -> None:
+        for number in range(1, self.config.loop.iterations + 1):
+            if self.folder.stage(number) is None:
+                continue
+            await self._until(lambda number=number: self.folder.is_past(number, Stage.COLLECT))
+            seconds: dict[str, float] = {}
+            with _timed(seconds, "replay"):
+                draw = await asyncio.to_thread(self._draw, number)
+            with _timed(seconds, "update"):
+                await self._update(number, draw)
+            with _timed(seconds, "publish"):
+                await self._publish(number)
+            with _timed(seconds, "evaluate"):
+                if self._is_evaluated(number):
+                    await self._evaluate(number)
+            self._finish(number, seconds)
+            await self._say_moved()
+
+    def _draw(self, number: int) -> Draw:
+        if self.folder.is_past(number, Stage.REPLAY):
+            told = self.folder.figures(number, Stage.REPLAY)
+            told.pop("drawn")
+            return msgspec.convert(told | {"steps": self.folder.batch(number)}, Draw, strict=False)
+        self._replay.add(number, RunReader(self.folder.run(number)))
+        draw = self._replay.draw()
+        self.folder.write_batch(number, draw)
+        return draw
+
+    async def _update(self, number: int, draw: Draw) -> None:
+        if self.folder.is_past(number, Stage.UPDATE):
+            return
+        if draw.steps:
+            told = await asyncio.to_thread(self._learner.learn, number, draw, self.folder)
+            self._empty = 0
+        else:
+            told = {}
+            self._empty += 1
+            self._tell(f"iteration {number}: there is nothing to train on yet; the weights stay as they are")
+        self.folder.finish(number, Stage.UPDATE, told)
+        self.folder.prune_weights(self.config.loop.keep_weights)
+        if self._empty >= self.config.loop.give_up_after:
+            raise TrainingError(
+                f"{self._empty} iterations in a row had nothing to train on: no attempt succeeded",
+                hint="begin with easier tasks or a better model; what was collected is kept",
+            )
+
+    async def _publish(self, number: int) -> None:
+        if number > self._published:
+            if self.folder.weights(number).exists():
+                await self._serving.publish(self.folder.weights(number), str(number))
+            self._published = number
+            await self._say_moved()
+
+    def _is_evaluated(self, number: int) -> bool:
+        every, last = self.config.loop.evaluate_every, self.config.loop.iterations
+        return bool(every) and (number % every == 0 or number == last)
+
+    async def _evaluate(self, number: int) -> None:
+        config, out = self.config.evaluation, self.folder.evaluation(number)
+        if self.folder.is_evaluated(number) or not self.config.loop.evaluate_every or not self._test:
+            return
+        easy, medium, hard = config.budget
+        budget = {"budget_easy": easy, "budget_medium": medium, "budget_hard": hard}
+        choice = self._rollout.tasks.model_copy(update={"split": "test", "count": None, "ratio": None})
+        run = self._rollout.model_copy(
+            update={
+                "seed": config.seed,
+                "samples": config.samples,
+                "tasks": choice,
+                "attempt": self._rollout.attempt.model_copy(update=budget),
+                "collector": self._rollout.collector.model_copy(update={"straggler_share": 1.0}),
+            }
+        )
+        tasks = Sampler(self._test, SamplerConfig(split="test", seed=config.seed)).draw(
+            min(config.count or len(self._test), len(self._test))
+        )
+        summary = await self._attempt(out, run, tasks)
+        self.folder.write_evaluation(number, dict(_rates(summary)))
+        self._tell(f"evaluation after iteration {number}: {_told(_rates(summary))}")
+
+    def _finish(self, number: int, seconds: Mapping[str, float]) -> None:
+        collected = self.folder.figures(number, Stage.COLLECT)
+        row = {
+            "iteration": number,
+            "trajectories": collected["attempts"] + self._trajectories_before(number),
+            "seconds": {"collect": collected.pop("seconds"), **seconds},
+            "collect": collected,
+            "replay": self.folder.figures(number, Stage.REPLAY),
+            "update": self.folder.figures(number, Stage.UPDATE),
+        }
+        self.folder.finish(number, Stage.FINISH, row)
+        self.folder.write_metrics()
+        self._finished = number
+
+    def _trajectories_before(self, number: int) -> int:
+        if number == 1:
+            return 0
+        return int(self.folder.figures(number - 1, Stage.FINISH)["trajectories"])
+
+    # --- waiting ------------------------------------------------------------------------------------------
+
+    async def _until(self, holds: Callable[[], bool]) -> None:
+        async with self._moved:
+            await self._moved.wait_for(holds)
+
+    async def _say_moved(self) -> None:
+        async with self._moved:
+            self._moved.notify_all()
+
+
+def figures_of(run: RunReader, summary: Summary) -> dict[str, Any]:
+    """What the curves of a training show of one run: rates, lengths, blocks, unchanged screenshots.
+
+    Args:
+        run: the run, all attempts on disk.
+        summary: of it.
+    """
+    steps = unchanged = replies = tokens = rewarded = 0
+    versions: Counter[str] = Counter()
+    for trajectory in run.trajectories():
+        if not trajectory.outcome.is_rewarded:
+            continue
+        rewarded += 1
+        for step in trajectory.episode.steps:
+            steps += 1
+            unchanged += step.changed is False
+            replies += len(step.reply.text)
+            tokens += step.reply.completion_tokens
+            versions[step.reply.weight_version] += 1
+    return {
+        **_rates(summary),
+        "steps_per_trajectory": steps / rewarded if rewarded else None,
+        "unchanged_share": unchanged / steps if steps else None,
+        "reply_characters": replies / steps if steps else None,
+        "reply_tokens": tokens / steps if steps else None,
+        "weight_versions": dict(versions),
+    }
+
+
+def _rates(summary: Summary) -> dict[str, Any]:
+    held = dict(summary)
+    attempts = held["attempts"]
+    return {
+        "attempts": attempts,
+        "outcomes": held["outcomes"],
+        "success_rate": held["success_rate"],
+        "success_rate_of_planned": held["success_rate_of_planned"],
+        "success_interval": held["success_interval"],
+        "blocked_share": held["outcomes"]["blocked"] / attempts if attempts else None,
+        "steps_per_second": held["steps_per_second"],
+    }
+
+
+def _told(figures: Mapping[str, Any]) -> str:
+    rates = figures["success_rate"]
+    parts = [f"{level} {rates[level]:.1%}" for level in ("overall", *LEVELS) if rates.get(level) is not None]
+    return f"{figures['attempts']} attempts, success {', '.join(parts) or 'unknown'}"
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
+    """Put the wall time of a block into a dictionary."""
+    started = time.monotonic()
+    yield
+    seconds[name] = time.monotonic() - started

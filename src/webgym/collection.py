@@ -35,7 +35,7 @@ from webgym.llm.config import ChatConfig
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
 from webgym.offline.client import SitesClient
-from webgym.offline.web import COLLECTIONS
+from webgym.offline.web import COLLECTIONS, Split
 from webgym.rollout.attempt import AttemptConfig, Backstage, Stage
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
@@ -178,7 +178,7 @@ def all_tasks(config: RunConfig) -> list[Task]:
     return _read(config, None).tasks
 
 
-def _read(config: RunConfig, split: Literal["train", "test"] | None) -> TaskFile:
+def _read(config: RunConfig, split: Split | None) -> TaskFile:
     """A file is read whole; of the offline web only the split that is asked for is made."""
     if config.tasks.file is not None:
         return read_tasks(config.tasks.file)
@@ -514,7 +514,7 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
         yield config.server, secrets
         return
     async with AsyncExitStack() as stack:
-        choice, allowed = config.server, ()
+        choice, allowed = config.server, tuple[str, ...]()
         if config.tasks.file is None and choice.sites_url is None:
             sites = await stack.enter_async_context(serving(config.sites))
             choice = choice.model_copy(update={"sites_url": sites.url})

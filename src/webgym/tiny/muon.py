@@ -38,7 +38,7 @@ class Muon(torch.optim.Optimizer):
         super().__init__(params, held)
 
     @torch.no_grad()
-    def step(self, closure: Any = None) -> None:  # type: ignore[override]
+    def step(self, closure: Any = None) -> None:
         """One update. Matrices of one shape are made orthogonal together."""
         del closure
         for group in self.param_groups:

@@ -18,6 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -214,7 +215,7 @@ class Training:
         for number in range(1, config.iterations + 1):
             if self.folder.is_past(number, Stage.COLLECT):
                 continue
-            await self._until(lambda number=number: self._may_collect(number))
+            await self._until(partial(self._may_collect, number))
             if not self.folder.is_past(number, Stage.SAMPLE):
                 tasks = self._sampler.draw(config.tasks)
                 self.folder.write_sample(number, tasks, self._sampler.state())
@@ -249,7 +250,7 @@ class Training:
         for number in range(1, self.config.loop.iterations + 1):
             if self.folder.stage(number) is None:
                 continue
-            await self._until(lambda number=number: self.folder.is_past(number, Stage.COLLECT))
+            await self._until(partial(self.folder.is_past, number, Stage.COLLECT))
             seconds: dict[str, float] = {}
             with _timed(seconds, "replay"):
                 draw = await asyncio.to_thread(self._draw, number)
@@ -385,16 +386,15 @@ def figures_of(run: RunReader, summary: Summary) -> dict[str, Any]:
 
 
 def _rates(summary: Summary) -> dict[str, Any]:
-    held = dict(summary)
-    attempts = held["attempts"]
+    attempts, outcomes = summary["attempts"], summary["outcomes"]
     return {
         "attempts": attempts,
-        "outcomes": held["outcomes"],
-        "success_rate": held["success_rate"],
-        "success_rate_of_planned": held["success_rate_of_planned"],
-        "success_interval": held["success_interval"],
-        "blocked_share": held["outcomes"]["blocked"] / attempts if attempts else None,
-        "steps_per_second": held["steps_per_second"],
+        "outcomes": outcomes,
+        "success_rate": summary["success_rate"],
+        "success_rate_of_planned": summary["success_rate_of_planned"],
+        "success_interval": summary["success_interval"],
+        "blocked_share": outcomes["blocked"] / attempts if attempts else None,
+        "steps_per_second": summary["steps_per_second"],
     }
 
 

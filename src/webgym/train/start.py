@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import yaml
 from pydantic import ValidationError
 
 from webgym.collection import Secrets, all_tasks, services
-from webgym.core.errors import RunFolderError
+from webgym.core.errors import ConfigError, RunFolderError
 from webgym.inference.local import LocalConfig
 from webgym.rollout.files import CONFIG
+from webgym.settings import merged, read_settings
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import Show, Tell, TrainConfig, Training
@@ -67,6 +69,24 @@ async def open_training(
         if not resume:
             folder.create(config.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))
         yield training
+
+
+def read_settings_of(files: Sequence[Path]) -> TrainConfig:
+    """Settings from YAML files, each laid over those before it.
+
+    Raises:
+        ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
+    """
+    held: dict[str, Any] = {}
+    for path in files:
+        held = merged(held, read_settings(path, hint="see configs/train/ for examples"))
+    try:
+        return TrainConfig.model_validate(held)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"])
+        told = ", ".join(map(str, files)) or "no file"
+        raise ConfigError(f"{told}: {where}: {first['msg'].removeprefix('Value error, ')}") from error
 
 
 def read_config(out: Path) -> TrainConfig:

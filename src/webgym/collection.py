@@ -35,7 +35,8 @@ from webgym.llm.config import ChatConfig
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
 from webgym.offline.client import SitesClient
-from webgym.offline.web import COLLECTIONS, Split
+from webgym.offline.web import COLLECTIONS
+from webgym.offline.website import Split
 from webgym.rollout.attempt import AttemptConfig, Backstage, Stage
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig

@@ -4,7 +4,7 @@ TRAINING/
   config.yaml                everything resolved
   iterations/0001/
     tasks.jsonl              stage 1, sample: the tasks, in the order drawn
-    sampler.json             where the sampler stood afterwards
+    sampler.json             where the sampler stood afterwards, and the frontier of the success rates
     run/                     stage 2, collect: a run folder like any other, resumable
     collected.json           its figures; there once every attempt is on disk
     batch.jsonl              stage 3, replay: the steps that are trained on, by where they lie

@@ -20,14 +20,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 import msgspec
 from pydantic import Field
 
-from webgym.collection import RunConfig, Secrets, ServerChoice, collect
-from webgym.collection import resume as resume_run
+from webgym.agent.policy import Policy
+from webgym.collection import RunConfig, Secrets, ServerChoice, collect, resume
 from webgym.core.errors import ConfigError, TrainingError
+from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
 from webgym.inference.local import LocalConfig
 from webgym.rollout.blocklist import Blocklist
@@ -40,8 +41,12 @@ from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
 from webgym.train.config import LearnConfig
 from webgym.train.folder import Stage, TrainingFolder
+from webgym.train.frontier import Frontier
 from webgym.train.replay import Draw, Replay
 from webgym.train.serving import Serving
+
+Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
+Tell: TypeAlias = Callable[[str], None]
 
 
 class LoopConfig(Section):
@@ -116,8 +121,29 @@ class Learns(Protocol):
         ...
 
 
-Show = Callable[[Progress], AbstractAsyncContextManager[None]]
-Tell = Callable[[str], None]
+class Attempts(Protocol):
+    """What makes runs: :func:`make_run`."""
+
+    async def __call__(
+        self,
+        out: Path,
+        config: RunConfig,
+        tasks: Sequence[Task],
+        policy: Policy,
+        secrets: Secrets,
+        show: Show | None,
+    ) -> Summary:
+        """A run folder with all attempts in it, begun or gone on with."""
+        ...
+
+
+async def make_run(
+    out: Path, config: RunConfig, tasks: Sequence[Task], policy: Policy, secrets: Secrets, show: Show | None
+) -> Summary:
+    """Make a run, or go on with the one that is there."""
+    if (out / CONFIG).exists():
+        return await resume(out, policy=policy, server=config.server, secrets=secrets, show=show)
+    return await collect(config, out, tasks=tasks, policy=policy, secrets=secrets, show=show)
 
 
 class Training:
@@ -134,6 +160,7 @@ class Training:
         secrets: of those.
         show: shows the progress of a run.
         tell: is told, a line at a time, what a person should know.
+        attempts: makes the runs.
 
     Raises:
         ConfigError: the tasks have no training split, or training tasks give test tasks away.
@@ -152,7 +179,9 @@ class Training:
         secrets: Secrets,
         show: Show | None = None,
         tell: Tell | None = None,
+        attempts: Attempts = make_run,
     ) -> None:
+        self._attempts = attempts
         self.config = config
         self.folder = folder
         self._serving = serving
@@ -164,7 +193,12 @@ class Training:
         self._rollout = config.rollout.model_copy(update={"server": where})
         blocklist = Blocklist(config.rollout.blocklist)
         sampling = config.sampler.model_copy(update={"seed": config.seed})
-        self._sampler = Sampler(tasks, sampling, blocked=blocklist.blocked)
+        frontier = config.learn.frontier
+        self._frontier = Frontier(frontier) if frontier is not None else None
+        weigh = self._frontier.weigh if self._frontier is not None else None
+        self._sampler = Sampler(
+            tasks, sampling, blocked=blocklist.blocked, weigh=weigh, anew=weigh is not None
+        )
         self._test = [task for task in tasks if task.split == "test"]
         if self._sampler.selected.split != "train":
             raise ConfigError(
@@ -199,7 +233,12 @@ class Training:
         last = self.config.loop.iterations
         for number in range(1, last + 1):
             if self.folder.is_past(number, Stage.SAMPLE):
-                self._sampler.restore(self.folder.figures(number, Stage.SAMPLE))
+                stood = self.folder.figures(number, Stage.SAMPLE)
+                self._sampler.restore(stood["sampler"])
+                if self._frontier is not None:
+                    self._frontier.restore(stood["frontier"])
+                if self.folder.is_past(number, Stage.COLLECT):
+                    self._take_results(number)
             if self.folder.is_past(number, Stage.REPLAY):
                 self._replay.add(number, RunReader(self.folder.run(number)))
                 self._replay.use(self.folder.batch(number))
@@ -218,8 +257,11 @@ class Training:
             await self._until(partial(self._may_collect, number))
             if not self.folder.is_past(number, Stage.SAMPLE):
                 tasks = self._sampler.draw(config.tasks)
-                self.folder.write_sample(number, tasks, self._sampler.state())
+                known = self._frontier.state() if self._frontier is not None else {}
+                stands = {"sampler": self._sampler.state(), "frontier": known}
+                self.folder.write_sample(number, tasks, stands)
             await self._collect(number)
+            await asyncio.to_thread(self._take_results, number)
             await self._say_moved()
 
     def _may_collect(self, number: int) -> bool:
@@ -236,13 +278,19 @@ class Training:
         self.folder.finish(number, Stage.COLLECT, figures | {"seconds": time.monotonic() - started})
         self._tell(f"iteration {number}: {_told(figures)}")
 
+    def _take_results(self, number: int) -> None:
+        """Tell the frontier what an iteration's attempts came to."""
+        if self._frontier is None:
+            return
+        run = RunReader(self.folder.run(number))
+        self._frontier.take(
+            (run.tasks[each.episode.task_id], float(each.outcome is Outcome.SUCCESS))
+            for each in run.trajectories()
+            if each.outcome.is_rewarded
+        )
+
     async def _attempt(self, out: Path, config: RunConfig, tasks: Sequence[Task]) -> Summary:
-        """A run folder with all attempts in it, begun or gone on with."""
-        said = {"secrets": self._secrets, "show": self._show}
-        policy = self._serving.policy
-        if (out / CONFIG).exists():
-            return await resume_run(out, policy=policy, server=config.server, **said)  # type: ignore[arg-type]
-        return await collect(config, out, tasks=tasks, policy=policy, **said)  # type: ignore[arg-type]
+        return await self._attempts(out, config, tasks, self._serving.policy, self._secrets, self._show)
 
     # --- learning -----------------------------------------------------------------------------------------
 

@@ -1,0 +1,208 @@
+"""The loop's stages: each is done once, in order, and a training that stopped anywhere goes on there."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.train.making import PICTURES, task, trajectory
+
+from webgym.agent.policy import Policy
+from webgym.agent.random_policy import RandomPolicy
+from webgym.collection import RunConfig, Secrets, ServerChoice
+from webgym.core.errors import TrainingError, WebGymError
+from webgym.core.outcome import Outcome
+from webgym.core.task import Task
+from webgym.rollout.store import RunReader, RunWriter
+from webgym.rollout.summary import Summary, summarise
+from webgym.train.config import FrontierConfig, LearnConfig, ReplayConfig
+from webgym.train.folder import Stage, TrainingFolder
+from webgym.train.loop import EvaluationConfig, LoopConfig, TrainConfig, Training
+from webgym.train.objectives import make_objective
+from webgym.train.replay import Draw, Replay
+
+TASKS = [task(f"a{number}") for number in range(12)] + [task(f"b{number}", "test") for number in range(3)]
+
+
+class Killed(BaseException):
+    """The process ends here."""
+
+
+class World:
+    """What a training talks to, with a log of what was done; may be made to end before any of it."""
+
+    def __init__(self, *, kill_before: int | None = None, outcome: Outcome | None = None) -> None:
+        self.log: list[str] = []
+        self.served = "0"
+        self._kill_before = kill_before
+        self._outcome = outcome
+        self.policy: Policy = RandomPolicy()
+
+    def do(self, what: str) -> None:
+        if self._kill_before == 0:
+            raise Killed
+        if self._kill_before is not None:
+            self._kill_before -= 1
+        self.log.append(what)
+
+    async def attempts(
+        self,
+        out: Path,
+        config: RunConfig,
+        tasks: Sequence[Task],
+        policy: Policy,
+        secrets: Secrets,
+        show: object,
+    ) -> Summary:
+        name = f"{out.parent.name}/{out.name}" if out.name == "run" else out.name
+        is_there = (out / "config.yaml").exists()
+        writer = await (
+            RunWriter.reopen(out) if is_there else RunWriter.create(out, {"seed": config.seed}, list(tasks))
+        )
+        async with writer:
+            for name_of, data in PICTURES.items():
+                await writer.put_image(name_of, data)
+            for number, each in enumerate(tasks):
+                if f"{each.id}#0.0" in writer.attempts:
+                    continue
+                self.do(f"attempt {name} {each.id} by {self.served}")
+                outcome = self._outcome or (Outcome.SUCCESS, Outcome.FAILURE, Outcome.BLOCKED)[number % 3]
+                await writer.append(trajectory(0, of=each.id.removeprefix("t/"), outcome=outcome))
+        reader = RunReader(out)
+        return summarise(reader.trajectories(), list(tasks), seed=config.seed, policy="p", judge="j")
+
+    def learn(self, number: int, draw: Draw, folder: TrainingFolder) -> Mapping[str, Any]:
+        self.do(f"learn {number} from {len(draw.steps)}")
+        weights = folder.weights(number)
+        weights.mkdir(parents=True, exist_ok=True)
+        (weights / "state.json").write_text("{}")
+        return {"samples": len(draw.steps)}
+
+    async def publish(self, weights: Path, version: str) -> None:
+        self.do(f"publish {version}")
+        self.served = version
+
+    async def __aenter__(self) -> World:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        return None
+
+
+def config(**loop: Any) -> TrainConfig:
+    return TrainConfig(
+        learn=LearnConfig(model="m", replay=ReplayConfig(steps=6), frontier=FrontierConfig()),
+        loop=LoopConfig(**({"iterations": 3, "tasks": 4, "evaluate_every": 2} | loop)),
+        evaluation=EvaluationConfig(count=2),
+    )
+
+
+def training(path: Path, world: World, settings: TrainConfig, tasks: Sequence[Task] = TASKS) -> Training:
+    return Training(
+        settings,
+        TrainingFolder(path),
+        tasks,
+        serving=world,
+        learner=world,
+        replay=Replay(settings.learn.replay, make_objective(settings.learn.objective), seed=settings.seed),
+        where=ServerChoice(),
+        secrets=Secrets(),
+        attempts=world.attempts,
+    )
+
+
+def run(path: Path, world: World, settings: TrainConfig, tasks: Sequence[Task] = TASKS) -> list[Any]:
+    return asyncio.run(training(path, world, settings, tasks).run())
+
+
+def done(world: World) -> list[str]:
+    return [line for line in world.log if not line.startswith("attempt")]
+
+
+def made(path: Path) -> dict[str, Any]:
+    """What a training left, but for the time that it took."""
+    found: dict[str, Any] = {}
+    for each in sorted(path.rglob("*.jsonl")):
+        name = str(each.relative_to(path))
+        if "trajectories" in name:
+            found[name] = len(each.read_bytes().splitlines())
+        elif each.name in ("tasks.jsonl", "batch.jsonl"):
+            found[name] = each.read_bytes()
+    return found
+
+
+def test_iterations_follow_each_other_and_each_is_collected_by_the_weights_before_it(tmp_path: Path) -> None:
+    world = World()
+    rows = run(tmp_path, world, config())
+    assert done(world) == [
+        "learn 1 from 6",
+        "publish 1",
+        "learn 2 from 6",
+        "publish 2",
+        "learn 3 from 6",
+        "publish 3",
+    ]
+    for number in (1, 2, 3):
+        own = [line for line in world.log if line.startswith(f"attempt {number:04d}/run")]
+        assert len(own) == 4
+        assert all(line.endswith(f"by {number - 1}") for line in own)
+    assert [row["trajectories"] for row in rows] == [4, 8, 12]
+    folder = TrainingFolder(tmp_path)
+    assert sorted(folder.evaluations()) == [0, 2, 3]
+    assert rows[1]["evaluation"]["attempts"] == 2
+    assert all(each.id.startswith("t/a") for number in (1, 2, 3) for each in folder.tasks(number))
+
+
+@pytest.mark.parametrize("steps", [0, 1, 3, 6, 7, 8, 11, 13, 15, 18, 24, 25])
+def test_a_training_that_is_killed_anywhere_ends_as_if_it_had_not_been(tmp_path: Path, steps: int) -> None:
+    whole, killed = World(), World(kill_before=steps)
+    run(tmp_path / "whole", whole, config())
+    with suppress(Killed, BaseExceptionGroup):
+        run(tmp_path / "killed", killed, config())
+    again = World()
+    rows = run(tmp_path / "killed", again, config())
+    assert made(tmp_path / "killed") == made(tmp_path / "whole")
+    assert [row["trajectories"] for row in rows] == [4, 8, 12]
+    attempts = [line for line in (*killed.log, *again.log) if line.startswith("attempt")]
+    assert len(attempts) == len({line.split(" by ")[0] for line in attempts}) == 12 + 6, "made once each"
+
+
+def test_collection_may_run_ahead_as_far_as_staleness_says(tmp_path: Path) -> None:
+    world = World()
+    run(tmp_path, world, config(staleness=1, iterations=4, evaluate_every=0))
+    for number in range(1, 5):
+        own = [line for line in world.log if line.startswith(f"attempt {number:04d}/run")]
+        versions = {int(line.rpartition(" ")[2]) for line in own}
+        assert min(versions) >= number - 2
+
+
+def test_nothing_to_learn_from_leaves_the_weights_and_ends_with_a_line_in_the_end(tmp_path: Path) -> None:
+    world = World(outcome=Outcome.FAILURE)
+    with pytest.raises(BaseExceptionGroup) as caught:
+        run(tmp_path, world, config(iterations=9, give_up_after=2))
+    (error,) = caught.value.exceptions
+    assert isinstance(error, TrainingError)
+    assert "2 iterations in a row" in str(error)
+    assert done(world) == []
+    assert TrainingFolder(tmp_path).is_past(2, Stage.COLLECT)
+
+
+@pytest.mark.parametrize(
+    ("tasks", "told"),
+    [
+        ([task("a", None)], "split 'unsplit'"),
+        ([task("b", "test")], "no task to draw"),
+    ],
+)
+def test_without_training_tasks_nothing_starts(tmp_path: Path, tasks: list[Task], told: str) -> None:
+    with pytest.raises(WebGymError, match=told):
+        training(tmp_path, World(), config(), tasks)
+
+
+def test_only_the_newest_weights_stay(tmp_path: Path) -> None:
+    run(tmp_path, World(), config(keep_weights=1))
+    assert [path.parent.name for path in sorted(tmp_path.glob("iterations/*/weights"))] == ["0003"]

@@ -30,25 +30,26 @@ def test_it_lists_the_sources_with_the_papers_counts(capsys: pytest.CaptureFixtu
 def test_it_says_what_was_read_and_what_was_skipped(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "a.jsonl").write_text(native.as_lines(native.DEEPSHOP) + "{\n" * 3)
+    (tmp_path / "a.jsonl").write_text(native.as_lines(native.DEEPSHOP) + "{\n" * 4)
     (tmp_path / "b.jsonl").write_text(native.as_lines(native.GAIA))
     (tmp_path / "c.jsonl").write_text(native.as_lines(native.INSTA))
     assert (
-        run("--read", f"deepshop={tmp_path}", "--read", f"gaia-web={tmp_path}/b.jsonl", "--lines", "2") == 0
+        run("--read", f"deepshop={tmp_path}", "--read", f"gaia-web={tmp_path}/b.jsonl", "--lines", "3") == 0
     )
     said = capsys.readouterr().out
     for expected in (
-        "records    7",
-        "tasks      4 (the paper's 150)",
-        "skipped    3",
-        "websites   2 by registrable domain (the paper's 1)",
-        "website    4 given",
-        "flags      1 dated, 1 garbled",
+        "records    6",
+        "tasks      2 (the paper's 150)",
+        "skipped    4",
+        "websites   1 by registrable domain (the paper's 1)",
+        "website    2 given",
+        "flags      1 garbled",
         f"{tmp_path / 'a.jsonl'}, line 3: no JSON",
         "and 1 more",
-        f"{tmp_path / 'c.jsonl'}: no record of deepshop among 2",
+        f"{tmp_path / 'b.jsonl'}: no record of deepshop among 2; the first: a record of gaia-web",
+        f"{tmp_path / 'c.jsonl'}: no record of deepshop among 2; the first: a record of insta-v3",
         "website    2 inferred",
-        "flags      1 dated, 2 placeholder-website",
+        "flags      2 placeholder-website",
     ):
         assert expected in said
 

@@ -11,7 +11,7 @@ import pytest
 from tests.tasks.sources import native
 
 from webgym.tasks.sources import SOURCES, Read, read_source
-from webgym.tasks.sources.base import BAD_WEBSITE, DATED, PLACEHOLDER_WEBSITE, sites
+from webgym.tasks.sources.base import BAD_WEBSITE, DATED, OUTDATED_ANSWER, PLACEHOLDER_WEBSITE, sites
 from webgym.tasks.sources.dates import names_past
 
 TODAY = date(2026, 1, 15)
@@ -276,7 +276,9 @@ def test_a_dated_task_is_flagged_and_not_rewritten(tmp_path: Path, source: str) 
         record[next(name for name in SOURCES[source].instruction if name in record)] = said
     [task] = read(source, tmp_path / "a.jsonl", [record]).tasks
     assert task.instruction == said
-    assert DATED in task.flags
+    assert (DATED in task.flags) is not SOURCES[source].timeless, (
+        "what is asked about the past stays as it is"
+    )
     [early] = read_source(source, tmp_path / "a.jsonl", today=date(2022, 1, 1)).tasks
     assert DATED not in early.flags, "the caller says what day it is"
 
@@ -306,3 +308,70 @@ def test_a_broken_record_is_told_with_file_line_and_reason(tmp_path: Path, sourc
     assert (empty.place, empty.reason.partition(" '")[0]) == ("line 3", "no field")
     assert str(torn).startswith(f"{path}, line 2: ")
     assert found.records == len(lines) + 2
+
+
+# --- several benchmarks in one folder, and copies of one ------------------------------------------------
+
+
+def test_a_folder_of_all_benchmarks_gives_each_source_its_own_records(tmp_path: Path) -> None:
+    """Many call their instruction alike; what is another's is passed over by name."""
+    for source, records in native.RECORDS.items():
+        (tmp_path / f"{source}.jsonl").write_text(native.as_lines(records), "utf-8")
+    (tmp_path / "v1.jsonl").write_text(native.as_lines(native.INSTA_V1), "utf-8")
+    for source, records in native.RECORDS.items():
+        own = len(records) + (len(native.INSTA_V1) if source == "insta-v3" else 0)
+        found = read_source(source, tmp_path, today=TODAY)
+        assert (len(found.tasks), found.skipped) == (own, [])
+        others = {str(each.reason) for each in found.passed_over}
+        assert len(found.passed_over) == len(native.RECORDS) + (source != "insta-v3") - 1, others
+    assert any("a record of gaia-web, not of webgym" in reason for reason in others)
+
+
+@pytest.mark.parametrize(
+    ("question", "entry", "answer"),
+    [
+        ("How far is it from Bonn to Köln?", {}, "28 km"),
+        ("How far is it from Bonn to Köln on May 3, 2024?", {}, "28 km"),
+        ("How far is it from Bonn to Köln on May 3, 2026?", {}, None),
+        ("How far is it from Bonn to Köln on 2025-05-03?", {}, None),
+        ("How many days are there from 2024 to August 9, 2050?", {}, "28 km"),
+        ("How far is it from Bonn to Köln?", {"ques": "how far is it from Bonn to  Köln?"}, "28 km"),
+        ("How far is it from Bonn to Aachen?", {"ques": "How far is it from Bonn to Köln?"}, None),
+    ],
+)
+def test_an_answer_sticks_to_the_text_that_it_was_given_to(
+    tmp_path: Path, question: str, entry: dict[str, str], answer: str | None
+) -> None:
+    """Copies of WebVoyager move the dates on and keep the ids."""
+    answers = {"Map": {"answers": [{"id": 1, "type": "golden", "ans": "28 km", **entry}]}}
+    (tmp_path / "reference_answer.json").write_text(json.dumps(answers), "utf-8")
+    record = {"web_name": "Map", "id": "Map--1", "ques": question, "web": "https://map.example/"}
+    [task] = read("pae-webvoyager", tmp_path / "a.jsonl", [record]).tasks
+    assert (task.reference_answer, task.example_answer) == (answer, None)
+    assert (OUTDATED_ANSWER in task.flags) is (answer is None)
+
+
+@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "Plan a trip from Ulm to Bonn.",
+        "You plan trips. Query: Plan a trip from Ulm to Bonn.\nTravel Plan:",
+        [{"type": "text", "text": "Plan a trip from Ulm to Bonn."}],
+    ],
+)
+def test_travelplanners_chat_form_is_read(tmp_path: Path, content: object, count: int) -> None:
+    turns = [
+        {"role": "system", "content": "You plan trips."},
+        {"role": "user", "content": content},
+        {"role": "assistant", "content": "Day 1: ..."},
+    ]
+    records = [{"idx": place, "messages": turns} for place in range(count)]
+    tasks = read("travelplanner", tmp_path / "a.jsonl", records).tasks
+    assert [task.instruction for task in tasks] == ["Plan a trip from Ulm to Bonn."] * count
+
+
+def test_questions_about_the_past_are_not_dated(tmp_path: Path) -> None:
+    record = native.browsecomp("Which author of a novel of 1994 was born between 1950 and 1960?", "x")
+    [task] = read("browsecomp", tmp_path / "a.jsonl", [record]).tasks
+    assert DATED not in task.flags

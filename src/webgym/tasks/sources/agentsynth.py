@@ -53,5 +53,6 @@ SOURCE = Source(
     licence="Apache-2.0",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("action_sequence", "task"), ("thoughts_sequence", "task")),
     synthetic=True,
 )

@@ -27,8 +27,14 @@ BAD_WEBSITE = "bad-website"
 """What the record gives as a website names none; it is to be inferred."""
 GARBLED = "garbled"
 """A value beside the instruction cannot be read, and was left out."""
+OUTDATED_ANSWER = "outdated-answer"
+"""An answer that lies beside the tasks has the task's id, and was given to an older text."""
 NEEDS_FILE = "needs-file"
 """The task comes with a file that is not part of it here."""
+
+
+CHATS = frozenset({"messages"})
+"""Fields that hold a conversation in which the instruction is the user's turn."""
 
 
 class SourceTask(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -138,6 +144,9 @@ class Source:
         licence: of the data, where its publisher states one.
         instruction: names of the field that holds the instruction; a record is known by it.
         draft: what a record says.
+        marks: sets of fields that tell its records: what has all of one is its record, unless it has all of a
+            larger one of another source.
+        timeless: its questions are about the past and their answers do not change, so that none is dated.
         synthetic: the tasks were made by a model, so that near-duplicates are to be expected (paper §3).
         beside: patterns of files that belong to the tasks' file and hold no tasks themselves.
     """
@@ -148,6 +157,8 @@ class Source:
     licence: str
     instruction: tuple[str, ...]
     draft: Callable[[Fields, Beside], Draft]
+    marks: tuple[tuple[str, ...], ...] = ()
+    timeless: bool = False
     synthetic: bool = False
     beside: tuple[str, ...] = ()
 

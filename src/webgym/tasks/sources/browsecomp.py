@@ -78,4 +78,6 @@ SOURCE = Source(
     licence="MIT (code)",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("problem", "canary"),),
+    timeless=True,
 )

@@ -46,6 +46,15 @@ def names_past(text: str, today: date) -> bool:
     )
 
 
+def years(text: str) -> set[int]:
+    """The years that the text names, alone or in a date."""
+    return {
+        *(int(found["year"]) for found in _YEAR.finditer(text)),
+        *(int(found[1] or found[8]) for found in _NUMERIC.finditer(text)),
+        *(int(found["year"]) for found in _WRITTEN.finditer(text)),
+    }
+
+
 def _numeric_is_past(found: re.Match[str], today: date) -> bool:
     if found[1]:
         return _is_past(int(found[1]), int(found[3]), int(found[4]), today)

@@ -52,4 +52,5 @@ SOURCE = Source(
     licence="CC BY 4.0",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("ques", "attribute", "filter", "sort"),),
 )

@@ -35,4 +35,6 @@ SOURCE = Source(
     licence="gated",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("Final answer",), ("ques", "Level")),
+    timeless=True,
 )

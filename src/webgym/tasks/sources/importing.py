@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import date
 from fnmatch import fnmatch
 from pathlib import Path
@@ -16,6 +16,7 @@ from webgym.core.errors import TaskFileError
 from webgym.core.task import WebsiteFrom
 from webgym.tasks.sources.base import (
     BAD_WEBSITE,
+    CHATS,
     DATED,
     Draft,
     PassedOver,
@@ -39,9 +40,13 @@ _DATA = frozenset({*SUFFIXES, *COMPRESSIONS, *REFUSED})
 """Suffixes of files that may hold tasks, those included that are not read, so that they are told."""
 
 
-def read_with(source: Source, where: str | Path, today: date) -> Read:
-    """Read a source: see :func:`webgym.tasks.sources.read_source`."""
-    collected = _Collected(source, today)
+def read_with(source: Source, where: str | Path, today: date, known: Sequence[Source]) -> Read:
+    """Read a source: see :func:`webgym.tasks.sources.read_source`.
+
+    Args:
+        known: every source, so that records of another are told from this one's.
+    """
+    collected = _Collected(source, today, known)
     if str(where).startswith(HUB):
         collected.add(hub_records(str(where)), Beside(None))
     else:
@@ -65,8 +70,9 @@ def read_with(source: Source, where: str | Path, today: date) -> Read:
 class _Collected:
     """The tasks of a source as they come in, each with an id of its own."""
 
-    def __init__(self, source: Source, today: date) -> None:
+    def __init__(self, source: Source, today: date, known: Sequence[Source]) -> None:
         self._source = source
+        self._others = [other for other in known if other is not source]
         self._today = today
         self._places: dict[str, str] = {}
         self._tasks: dict[str, SourceTask] = {}
@@ -79,9 +85,24 @@ class _Collected:
         records = len(tasks) + len(self._skipped)
         return Read(self._source.name, tasks, self._skipped, records, tuple(self.passed_over))
 
+    def _refuse_anothers(self, fields: Fields) -> None:
+        """A folder may hold several benchmarks, and many call their instruction alike.
+
+        Raises:
+            Unusable: the record is marked as another source's more than as this one's.
+        """
+        own = _marked(self._source, fields)
+        for other in self._others:
+            if _marked(other, fields) > own:
+                raise Unusable(f"a record of {other.name}, not of {self._source.name}")
+
     def is_record(self, fields: Fields) -> bool:
         """Whether an object by itself is a record."""
-        return any(isinstance(fields.value(name), str) for name in self._source.instruction)
+        return any(
+            isinstance(value, str) or (name in CHATS and isinstance(value, list))
+            for name in self._source.instruction
+            for value in (fields.value(name),)
+        )
 
     def add_folder(self, folder: Path) -> None:
         """Every file of tasks in a folder and those in it. A file that gives no task is passed over whole."""
@@ -116,8 +137,9 @@ class _Collected:
                 self._skipped.append(record)
                 continue
             try:
+                self._refuse_anothers(record.fields)
                 draft = self._source.draft(record.fields, beside)
-                task = _task(self._source.name, draft, self._today)
+                task = _task(self._source, draft, self._today)
                 self._known += 1
                 task = self._told_apart(task)
             except Unusable as reason:
@@ -151,18 +173,23 @@ def _files(folder: Path) -> Iterator[Path]:
             yield path
 
 
-def _task(source: str, draft: Draft, today: date) -> SourceTask:
+def _marked(source: Source, fields: Fields) -> int:
+    """How many fields mark a record as a source's; 0 for none."""
+    return max((len(names) for names in source.marks if all(name in fields for name in names)), default=0)
+
+
+def _task(source: Source, draft: Draft, today: date) -> SourceTask:
     """A checked task. Its id is the native one, else a hash of what it says: not of its place, so that it is
     the same in another split, order or format of the source."""
     flags = list(draft.flags)
     url, website_from = _website(draft)
     if draft.website and url is None:
         flags.append(BAD_WEBSITE)
-    if any(names_past(text, today) for text in (draft.instruction, *draft.dates)):
+    if not source.timeless and any(names_past(text, today) for text in (draft.instruction, *draft.dates)):
         flags.append(DATED)
     task = SourceTask(
         id="",
-        source=source,
+        source=source.name,
         instruction=draft.instruction,
         website=url,
         website_from=website_from,
@@ -180,7 +207,7 @@ def _task(source: str, draft: Draft, today: date) -> SourceTask:
     except (ValueError, TypeError, OverflowError) as error:
         raise Unusable("a field is not UTF-8, or holds half a character or no JSON") from error
     native = " ".join((draft.native_id or "").split())
-    return replace(task, id=f"{source}/{native if 0 < len(native) <= _LONGEST_ID else _digest(task)}")
+    return replace(task, id=f"{source.name}/{native if 0 < len(native) <= _LONGEST_ID else _digest(task)}")
 
 
 def _website(draft: Draft) -> tuple[str | None, WebsiteFrom]:

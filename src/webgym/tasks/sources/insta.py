@@ -30,4 +30,5 @@ SOURCE = Source(
     licence="MIT",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("steps", "criteria"), ("instruction", "website"), ("domain", "task")),
 )

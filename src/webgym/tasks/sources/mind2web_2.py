@@ -61,5 +61,6 @@ SOURCE = Source(
     licence="MIT",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("task_description",), ("rubric_path",)),
     beside=("*_rubric.json", "taxonomy.json"),
 )

@@ -69,4 +69,5 @@ SOURCE = Source(
     licence="MIT",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("task", "evaluation"), ("task", "reference_task_length")),
 )

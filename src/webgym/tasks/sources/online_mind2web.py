@@ -24,5 +24,6 @@ SOURCE = Source(
     licence="CC BY 4.0",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("confirmed_task",),),
     beside=("human_label*.json",),
 )

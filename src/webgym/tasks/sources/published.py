@@ -44,4 +44,5 @@ SOURCE = Source(
     licence="CDLA-Permissive-2.0",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("task_name", "evaluator_reference"),),
 )

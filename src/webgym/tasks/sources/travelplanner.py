@@ -8,14 +8,16 @@ finds them on the web. ``plan`` of the JSON lines is some model's, so no example
 from __future__ import annotations
 
 import json
+import re
 
 from webgym.tasks.absent import is_absent
 from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
 from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import subdomain
-from webgym.tasks.sources.fields import Fields, texts
+from webgym.tasks.sources.fields import Fields, as_text, texts
 
 _INSTRUCTION = ("query",)
+_CHAT = "messages"
 _CONSTRAINTS = (
     ("org", "from"),
     ("dest", "to"),
@@ -27,7 +29,8 @@ _CONSTRAINTS = (
 
 
 def _draft(fields: Fields, _: Beside) -> Draft:
-    draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("idx"))
+    asked = _asked_in_chat(fields.value(_CHAT))
+    draft = Draft(asked or fields.instruction(*_INSTRUCTION), fields.native_id("idx"))
     draft.domain, draft.subdomain = subdomain("Travel & Accommodation")
     hints = [f"{word}: {value}" for name, word in _CONSTRAINTS for value in texts(fields.value(name))]
     dates = _literal(fields, "date", draft)
@@ -48,6 +51,25 @@ def _draft(fields: Fields, _: Beside) -> Draft:
     return draft
 
 
+def _asked_in_chat(messages: object) -> str | None:
+    """What the user asks for in the chat form of the training split; what frames it there is no part of it.
+
+    The assistant's turn is a plan that some model wrote, and not read.
+    """
+    said = [each for each in messages if isinstance(each, dict)] if isinstance(messages, list) else []
+    for message in said:
+        content = message.get("content")
+        if message.get("role") == "user" and isinstance(content, list):
+            content = "\n".join(texts([part.get("text") for part in content if isinstance(part, dict)]))
+        if message.get("role") == "user" and isinstance(content, str):
+            query = _FRAME.sub("", content.rpartition("Query:")[2]).strip()
+            return as_text(query, "messages") or None
+    return None
+
+
+_FRAME = re.compile(r"\n?\s*(?:Travel Plan|Plan|Output)\s*:\s*$")
+
+
 def _literal(fields: Fields, name: str, draft: Draft) -> object:
     try:
         return fields.packed(name)
@@ -61,6 +83,7 @@ SOURCE = Source(
     paper_tasks=1_225,
     paper_websites=1,
     licence="CC BY 4.0",
-    instruction=_INSTRUCTION,
+    instruction=(*_INSTRUCTION, _CHAT),
     draft=_draft,
+    marks=(("query", "plan"), ("query", "org", "dest"), ("query", "local_constraint"), (_CHAT,)),
 )

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from webgym.core.text import fold
 from webgym.tasks.absent import is_absent
-from webgym.tasks.sources.base import Draft, Source, Unusable
+from webgym.tasks.sources.base import OUTDATED_ANSWER, Draft, Source, Unusable
 from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import UNKNOWN, Place, subdomain
+from webgym.tasks.sources.dates import years
 from webgym.tasks.sources.fields import Fields, as_text
 
 ANSWERS = "reference_answer.json"
@@ -35,6 +37,8 @@ _PLACES: dict[str, Place] = {
 class _Answer(NamedTuple):
     text: str
     golden: bool
+    question: str | None
+    """That it was given to, where the file says."""
 
 
 def _answers(data: object) -> dict[str, _Answer]:
@@ -56,8 +60,20 @@ def _answers(data: object) -> dict[str, _Answer]:
             except Unusable:
                 continue
             golden = str(each.get("type")).strip().casefold() == "golden"
-            found.setdefault(f"{site}--{each.get('id')}", _Answer(text, golden))
+            asked = next((each[name] for name in _INSTRUCTION if isinstance(each.get(name), str)), None)
+            found.setdefault(f"{site}--{each.get('id')}", _Answer(text, golden, asked))
     return found
+
+
+def _answers_this(answer: _Answer, instruction: str) -> bool:
+    """Whether an answer is to this very text. Copies of the tasks move their dates on and keep their ids."""
+    if answer.question is not None:
+        return fold(answer.question) == fold(instruction)
+    return not years(instruction) & _AFTER_THE_ANSWERS
+
+
+_AFTER_THE_ANSWERS = frozenset(range(2025, 2040))
+"""The years that copies of the tasks move on to. Those far ahead are sums ("how many days until 2050")."""
 
 
 def _draft(fields: Fields, beside: Beside) -> Draft:
@@ -66,7 +82,9 @@ def _draft(fields: Fields, beside: Beside) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.website("web", "website", "url"))
     draft.domain, draft.subdomain = _PLACES.get(name or "", UNKNOWN)
     answer = (beside.load(ANSWERS, _answers) or {}).get(native_id or "")
-    if answer and answer.golden:
+    if answer and not _answers_this(answer, draft.instruction):
+        draft.flags.append(OUTDATED_ANSWER)
+    elif answer and answer.golden:
         draft.reference_answer = answer.text
     elif answer:
         draft.example_answer = answer.text
@@ -80,6 +98,7 @@ SOURCE = Source(
     licence="CC BY-NC 4.0",
     instruction=_INSTRUCTION,
     draft=_draft,
+    marks=(("web_name", "ques"),),
     synthetic=True,
     beside=(ANSWERS,),
 )

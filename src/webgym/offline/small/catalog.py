@@ -42,7 +42,7 @@ class Catalog(SmallWebsite):
 
     def fill(self) -> None:
         """Deal things into sections and give each its values."""
-        rng, stock = stream(self.seed, "catalog"), self.design.stock
+        rng = stream(self.seed, "catalog")
         self.kind = rng.choice(self.kinds)
         self.size = min(rng.randint(4, 8), capacity(self.design.layout, 1))
         dealt = self._dealt(rng.randint(3, 5 if self.kind == "word" else 6))
@@ -59,7 +59,6 @@ class Catalog(SmallWebsite):
                 Record(thing.name, self.fields(thing), frozenset({thing.color, thing.icon}), place)
                 for thing in things
             ]
-        del stock
 
     def _dealt(self, count: int) -> list[tuple[Sign, list[Sign]]]:
         rng, stock = stream(self.seed, "deal"), self.design.stock

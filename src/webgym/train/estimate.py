@@ -205,6 +205,11 @@ def shapes_of(model: str | Path) -> Shapes:
             raise ConfigError(f"cannot read the shapes of {model}: {reason}") from error
     if not hasattr(config, "vision_config") or not hasattr(config.vision_config, "depth"):
         raise ConfigError(f"{model} is not of the Qwen3-VL kind: nothing is known about its memory")
+    return shapes_from(config)
+
+
+def shapes_from(config: Any) -> Shapes:
+    """The shapes of a model of the Qwen3-VL kind, by its transformers configuration."""
     with torch.device("meta"):
         empty: Any = AutoModelForImageTextToText.from_config(config)
     text, vision = config.text_config, config.vision_config

@@ -36,6 +36,7 @@ from torch.distributed.checkpoint.state_dict import (
 )
 
 from webgym.core.errors import ConfigError, TrainingError
+from webgym.inference.model import Loaded
 from webgym.train.config import UpdateConfig
 from webgym.train.logprobs import Batch, ReplyLogProbs, collate
 from webgym.train.objectives import Objective, Tokens
@@ -85,7 +86,7 @@ class Updater:
     Args:
         config: how.
         objective: what for.
-        source: folder or hub id of the weights that learning started from.
+        source: folder or hub id of the weights that learning started from; or a model that is loaded already.
         resume: a folder that :meth:`save` wrote, to go on from; ``None`` to begin.
 
     Raises:
@@ -94,11 +95,16 @@ class Updater:
     """
 
     def __init__(
-        self, config: UpdateConfig, objective: Objective, source: str | Path, *, resume: Path | None = None
+        self,
+        config: UpdateConfig,
+        objective: Objective,
+        source: str | Path | Loaded,
+        *,
+        resume: Path | None = None,
     ) -> None:
         self.config = config
         self.objective = objective
-        self.source = source
+        self.source = source.model.name_or_path if isinstance(source, Loaded) else str(source)
         self.step = 0
         self.accelerator = Accelerator()  # processes and sharding as accelerate launch says
         if self.accelerator.distributed_type == DistributedType.DEEPSPEED:
@@ -237,7 +243,7 @@ class Updater:
         }
         optimizer = self._optimizer_state()
         if self.accelerator.is_main_process:
-            state = State(self.step, str(self.source), self.config.lora is not None)
+            state = State(self.step, self.source, self.config.lora is not None)
             save(folder, self.loaded, weights, optimizer, state)
         self.accelerator.wait_for_everyone()
 

@@ -43,12 +43,12 @@ class State(msgspec.Struct, frozen=True):
     lora: bool
 
 
-def load_trainable(config: UpdateConfig, source: str | Path, resume: Path | None) -> Loaded:
+def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Path | None) -> Loaded:
     """The model, with those parameters trainable that are to be trained.
 
     Args:
         config: all weights, or adapters; vision tower or not.
-        source: weights that learning began with.
+        source: weights that learning began with, by folder or hub id; or a model that is loaded already.
         resume: a folder to go on from, which must have been made with the same kind of weights.
 
     Raises:
@@ -60,8 +60,9 @@ def load_trainable(config: UpdateConfig, source: str | Path, resume: Path | None
             f"{resume} was trained {'without' if config.lora else 'with'} adapters",
             hint="go on with the same update.lora, or begin anew",
         )
-    all_weights = config.lora is None
-    loaded = load_model(resume if resume and all_weights else source, dtype=config.weights)
+    if resume is not None and config.lora is None:
+        source = resume
+    loaded = source if isinstance(source, Loaded) else load_model(source, dtype=config.weights)
     model = loaded.model
     if config.gradient_checkpointing:
         model.gradient_checkpointing_enable()

@@ -221,6 +221,8 @@ class Training:
         latest = self.folder.latest_weights()
         if latest is not None:
             await self._serving.publish(latest[1], str(latest[0]))
+        if self.config.loop.evaluate_every and not self._test:
+            self._tell("there are no test tasks, so nothing is evaluated")
         if self._finished == 0:
             await self._evaluate(0)
         async with asyncio.TaskGroup() as group:

@@ -101,7 +101,7 @@ def settings(model: Path) -> TrainConfig:
                 "replay": {"steps": 24, "passes": 1},
             },
             "rollout": {
-                "sites": {"collection": "small", "latency": 0, "per_family": 3},
+                "sites": {"collection": "small", "latency": 0, "per_family": 5},
                 "agent": {"prompt_format": "compact", "rounds": 0, "profile": "tiny"},
                 "collector": {"sessions": 3},
             },

@@ -8,7 +8,7 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from statistics import median
 from typing import Any, ClassVar, Literal
@@ -215,6 +215,13 @@ def test_what_is_right_for_one_part_is_not_forbidden_by_another() -> None:
     assert alone.answer.forbidden == ("a-wrong", "b-answer-0")
     assert together is not None
     assert together.answer.forbidden == ("a-wrong", "b-wrong")
+
+
+def test_what_one_part_says_is_not_forbidden_by_another() -> None:
+    says = replace(part("b", 1), says="The a-wrong costs b-answer-0.")
+    truth = write(PLACE, Assignment("x", (part("a", 1), says)))[0].truth
+    assert truth is not None
+    assert "a-wrong" not in truth.answer.forbidden
 
 
 # --- one website -----------------------------------------------------------------------------------------

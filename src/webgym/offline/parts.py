@@ -233,6 +233,7 @@ def _answer(parts: Sequence[Part], *, in_order: bool = False) -> AnswerTruth:
     if in_order:  # as a whole word of what is right only: 1 is wrong where 12 is right
         padded = [f" {option} " for option in said]
         forbidden = tuple(w for w in wrong if not any(f" {w.casefold()} " in option for option in padded))
-    else:
-        forbidden = tuple(w for w in wrong if not any(w.casefold() in option for option in said))
+    else:  # a part may also name, beside its answer, what is wrong for another
+        said |= {part.says.casefold() for part in parts}
+        forbidden = tuple(w for w in wrong if not any(w.casefold() in each for each in said))
     return AnswerTruth(required, forbidden, in_order=in_order and bool(required))

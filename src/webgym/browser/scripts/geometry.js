@@ -195,17 +195,19 @@
     let clip = clipAround(element, style);
     const { overflowX, overflowY } = style;
     const owner = element.ownerDocument;
-    if (isBox(style) && element !== owner.documentElement && element !== owner.body) {
+    const isContained = /paint|strict|content/.test(style.contain);
+    const isReached = isScrolled && (overflowY === 'auto' || overflowY === 'scroll');
+    const across = overflowX !== 'visible' || isContained;
+    const down = (overflowY !== 'visible' && !isReached) || isContained;
+    if ((across || down) && isBox(style) && element !== owner.documentElement && element !== owner.body) {
       const rect = element.getBoundingClientRect();
       const scale = element.offsetWidth ? rect.width / element.offsetWidth : 1;
       let { left, top, right, bottom } = clip;
-      const isContained = /paint|strict|content/.test(style.contain);
-      if (overflowX !== 'visible' || isContained) {
+      if (across) {
         left = Math.max(left, rect.left + element.clientLeft * scale);
         right = Math.min(right, rect.right - pixels(style.borderRightWidth) * scale);
       }
-      const isReached = isScrolled && (overflowY === 'auto' || overflowY === 'scroll');
-      if ((overflowY !== 'visible' && !isReached) || isContained) {
+      if (down) {
         top = Math.max(top, rect.top + element.clientTop * scale);
         bottom = Math.min(bottom, rect.bottom - pixels(style.borderBottomWidth) * scale);
       }

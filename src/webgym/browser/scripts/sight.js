@@ -130,7 +130,7 @@
     const parent = parentOf(element);
     let ground = null;
     if (paint && paint.alpha >= 0.99) ground = { colour: paint.colour, isSure: true };
-    else if (paint && !hasPaintedParts(element)) {
+    else if (paint) {
       const below = parent ? groundOf(parent) : { colour: canvasOf(element.ownerDocument), isSure: true };
       const isLoose = style.position === 'absolute' || style.position === 'fixed';
       const colour = below && below.colour;
@@ -221,17 +221,44 @@
   };
 
   const EDGE = 3; // CSS pixels from the ends of a piece
-  const STEP = 64; // CSS pixels between the points of a line that are tried
-  const isBare = (element, rect, map) => {
-    const width = rect.right - rect.left - 2 * EDGE;
-    const y = (rect.top + rect.bottom) / 2;
-    const count = width > 2 * EDGE ? Math.ceil(width / STEP) + 1 : 1;
-    for (let index = 0; index < count; index++) {
-      const x = count > 1 ? rect.left + EDGE + (index / (count - 1)) * width : (rect.left + rect.right) / 2;
-      const box = moved({ left: x, right: x, top: y, bottom: y }, map);
-      if (!showsAt(element, box.left, box.top, [x, y])) return false;
+  const STEP = 24; // CSS pixels between the points that are tried where something may lie over a piece
+
+  // The boxes of a root's elements that may lie over others: [element, rectangle].
+  let loose = new Map();
+  const looseIn = (root) => {
+    if (loose.has(root)) return loose.get(root);
+    const found = [];
+    for (const element of root.querySelectorAll('*')) {
+      const { position, zIndex } = getComputedStyle(element);
+      if (position === 'static' || (position === 'relative' && zIndex === 'auto')) continue;
+      const rect = element.getBoundingClientRect();
+      if (rect.width > 0 && rect.height > 0) found.push([element, rect]);
     }
-    return true;
+    loose.set(root, found);
+    return found;
+  };
+
+  // Where a piece is tried: to try a point costs the most, so one will do where nothing else lies.
+  const triedAt = (element, rect) => {
+    const roots = new Set([element.getRootNode(), element.ownerDocument]);
+    const points = [(rect.left + rect.right) / 2];
+    for (const root of roots)
+      for (const [other, box] of looseIn(root)) {
+        const [left, right] = [Math.max(rect.left, box.left), Math.min(rect.right, box.right)];
+        if (left >= right || box.top >= rect.bottom || box.bottom <= rect.top) continue;
+        if (right - left >= rect.right - rect.left || contains(other, element)) continue; // the middle tells
+        for (let x = Math.max(left, rect.left + EDGE); x < right; x += STEP) points.push(x);
+        points.push(Math.min(right, rect.right) - EDGE);
+      }
+    return points;
+  };
+
+  const isBare = (element, rect, map) => {
+    const y = (rect.top + rect.bottom) / 2;
+    return triedAt(element, rect).every((x) => {
+      const point = moved({ left: x, right: x, top: y, bottom: y }, map);
+      return showsAt(element, point.left, point.top, [x, y]);
+    });
   };
 
   // --- whether it is cut --------------------------------------------------------------------------
@@ -373,6 +400,7 @@
     grounds = new Map();
     fits = new Map();
     ellipses = new Map();
+    loose = new Map();
   };
 
   webgym.sight = { begin, read, join, isWithin, isVisible, sightOf, LEAST_ALPHA };

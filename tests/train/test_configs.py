@@ -9,7 +9,9 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+from webgym.settings import merged
 from webgym.train.config import LearnConfig
+from webgym.train.loop import TrainConfig
 from webgym.train.objectives import GroupIS, make_objective
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -31,7 +33,9 @@ def test_defaults_are_the_papers() -> None:
 
 
 def test_the_preset_of_groups_is_asyncwebrls() -> None:
-    config = LearnConfig.model_validate({"model": "m"} | read("train/group-is.yaml"))
+    whole = TrainConfig.model_validate(merged({"learn": {"model": "m"}}, read("train/group-is.yaml")))
+    config = whole.learn
+    assert whole.rollout.samples == 8
     assert make_objective(config.objective) == GroupIS()
     assert config.update.learning_rate == 5e-6
     assert config.replay.iterations == GroupIS().staleness + 1

@@ -1,0 +1,108 @@
+"""Who the tiny policy learns from: right where they are careful, wrong where they are not, never
+clairvoyant."""
+
+from __future__ import annotations
+
+import random
+
+import msgspec
+import pytest
+
+pytest.importorskip("torch")
+
+from webgym.agent.agent import Agent
+from webgym.agent.config import AgentConfig, PromptFormat
+from webgym.core.action import Answer, LeftClick
+from webgym.core.outcome import Ending
+from webgym.core.task import StepBudget, Task
+from webgym.core.trajectory import Episode
+from webgym.judge import OfflineJudge
+from webgym.offline.small.wording import small_vocabulary
+from webgym.offline.static_browser import StaticBrowser
+from webgym.offline.web import OfflineWeb
+from webgym.tiny.demonstrators import DEMONSTRATORS, Demonstrators, Habits
+from webgym.tiny.tokenizer import cell_centres, make_tokenizer
+
+WEB = OfflineWeb(7, per_family=6, collection="small")
+VIEWPORT = WEB.collection.viewport
+
+
+def some_tasks(count: int, *, parts: int = 1) -> list[Task]:
+    """Tasks that ask for an answer, from all families."""
+    tasks = [task for task in WEB.tasks() if task.truth and len(task.truth.answer.required) >= parts]
+    return random.Random(1).sample(tasks, count)
+
+
+async def attempt(task: Task, policy: Demonstrators, prompt_format: PromptFormat = "compact") -> Episode:
+    agent = Agent(policy, AgentConfig(prompt_format=prompt_format, rounds=0, profile="tiny"))
+    site = WEB.website(task.website.split("/")[2])
+    assert site is not None
+    browser, budget = StaticBrowser(site, VIEWPORT), StepBudget(12, 24, 36).for_task(task)
+    conversation = agent.begin(task, 5, budget)
+    answer = final = None
+    for _ in range(budget):
+        seen = browser.observe()
+        step = await conversation.turn(seen, b"", 0.0)
+        assert step.action is not None, step.parse_error
+        if isinstance(step.action, Answer):
+            answer = step.action.text
+            break
+        browser.act(step.action)
+        final = browser.observe()
+    return Episode(
+        f"{task.id}#0.0", task.id, 0, 0, 5, policy.name, 0.0, 1.0, tuple(conversation.steps),
+        Ending.BUDGET_SPENT if answer is None else Ending.ANSWERED,
+        final=final if answer is None else None, answer=answer, final_state=site.report(browser.state),
+    )  # fmt: skip
+
+
+async def successes(
+    tasks: list[Task], habits: dict[str, Habits], prompt_format: PromptFormat = "compact"
+) -> float:
+    judge, passed = OfflineJudge(), 0
+    for task in tasks:
+        episode = await attempt(task, Demonstrators(habits), prompt_format)
+        passed += (await judge.judge(task, episode, _no_picture)).reward == 1
+    return passed / len(tasks)
+
+
+async def _no_picture(name: str) -> bytes:
+    raise LookupError(name)
+
+
+async def test_the_careful_one_succeeds_and_the_mixture_sometimes() -> None:
+    tasks = some_tasks(40)
+    assert await successes(tasks, {"careful": Habits()}) == 1
+    assert 0.25 < await successes(tasks, dict(DEMONSTRATORS)) < 0.8
+
+
+async def test_what_was_not_written_down_is_not_answered() -> None:
+    tasks = some_tasks(30, parts=2)
+    assert await successes(tasks, {"careful": Habits()}) == 1
+    assert await successes(tasks, {"forgetful": Habits(forgets=1.0)}) < 0.25
+    assert await successes(tasks, {"careful": Habits()}, "compact_official") < 0.25
+
+
+async def test_replies_are_in_the_tiny_policys_words_and_clicks_in_its_cells() -> None:
+    tokenizer = make_tokenizer(small_vocabulary(), VIEWPORT)
+    columns, rows = map(cell_centres, VIEWPORT)
+    for task in some_tasks(25):
+        for step in (await attempt(task, Demonstrators())).steps:
+            told = "\n".join(part.text for part in step.messages[-1].content if hasattr(part, "text"))
+            for text in (told, step.reply.text):
+                ids = tokenizer(text, add_special_tokens=False)["input_ids"]
+                assert tokenizer.unk_token_id not in ids, text
+            assert tokenizer.decode(tokenizer(step.reply.text)["input_ids"]).split() == (
+                step.reply.text.replace(",", " , ").split()
+            )
+            if isinstance(step.action, LeftClick):
+                assert step.action.target.coordinate is not None
+                x, y = step.action.target.coordinate
+                assert x in columns
+                assert y in rows
+
+
+async def test_the_same_seed_makes_the_same_attempt() -> None:
+    task = some_tasks(1, parts=2)[0]
+    one, two = [await attempt(task, Demonstrators()) for _ in range(2)]
+    assert msgspec.json.encode(one.steps) == msgspec.json.encode(two.steps)

@@ -9,7 +9,7 @@ from webgym.llm.config import Sampling
 PROFILES = (
     Profile(
         name="tiny",
-        models=(r"^(webgym-)?tiny\b",),
+        models=(r"^webgym-tiny\b",),
         pictures=Multiples(factor=32, min_pixels=1024, max_pixels=393216),
         sampling=Sampling(temperature=1.0, top_p=1.0, max_tokens=64),
         request_tokens=1024,

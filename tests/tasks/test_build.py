@@ -159,6 +159,7 @@ async def killed_after(command: Command, endpoint: Endpoint, out: Path, answers:
     assert not (out / "manifest.json").exists()
 
 
+@pytest.mark.timeout(240)  # four builds one after the other
 async def test_a_build_from_all_ten_shapes_survives_being_killed_twice(tmp_path: Path) -> None:
     async with serve() as endpoint:
         command = Command(endpoint, tmp_path, count=9)

@@ -122,9 +122,7 @@ class BuildConfig(BaseModel):
     @field_validator("sources", mode="before")
     @classmethod
     def _plain_paths(cls, value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            return value
-        return {name: {"path": each} if isinstance(each, str) else each for name, each in value.items()}
+        return _with_paths({"sources": value})["sources"]
 
     @field_validator("sources")
     @classmethod
@@ -173,6 +171,15 @@ def no_model(purpose: Purpose) -> ConfigError:
     )
 
 
+def _with_paths(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The same settings, with ``path:`` written out for every source that is given as its path alone."""
+    sources = settings.get("sources")
+    if not isinstance(sources, Mapping):
+        return dict(settings)
+    whole = {name: {"path": each} if isinstance(each, str) else each for name, each in sources.items()}
+    return {**settings, "sources": whole}
+
+
 def read_config(
     path: Path | None, overrides: Mapping[str, Any], *, at_most: int | None = None
 ) -> BuildConfig:
@@ -187,7 +194,8 @@ def read_config(
         ConfigError: the file cannot be read, or a setting is missing, unknown or out of range.
     """
     held = read_settings(path, hint="see configs/task-set.yaml for an example") if path is not None else {}
-    told = merged(held, without_none(overrides))
+    # A source may stand as its path alone, over which no other key of it could be laid.
+    told = merged(_with_paths(held), _with_paths(without_none(overrides)))
     try:
         config = BuildConfig.model_validate({key: each for key, each in told.items() if each != {}})
     except ValidationError as error:

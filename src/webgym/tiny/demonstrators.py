@@ -60,7 +60,7 @@ DEMONSTRATORS: Final[Mapping[str, Habits]] = {
     "clumsy": Habits(share=2.0, picks_wrong=0.25),
     "stuck": Habits(share=1.0, clicks_dead=0.4, hasty=0.1),
 }
-"""The mixture. Together they succeed in less than half of the attempts (docs/tiny.md)."""
+"""The mixture. Together they succeed in about half of the attempts."""
 
 
 class Demonstrators:

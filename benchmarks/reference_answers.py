@@ -1,7 +1,7 @@
 """Reference answers against generated answers: how often a rule passes a wrong one, or fails a right one.
 
     .venv/bin/python benchmarks/reference_answers.py
-    .venv/bin/python benchmarks/reference_answers.py --data ../shared/data --per-reference 40 --seed 2
+    .venv/bin/python benchmarks/reference_answers.py --data ../shared/data --per-reference 4 --seed 2
 
 Wrong answers hold the reference among rivals (lists, tables, choices), deny it, date it to the past or give
 it another unit or sign; a rule that calls one the same is a false pass. Right answers hold it in plain
@@ -25,6 +25,7 @@ from webgym.core.errors import WebGymError
 from webgym.judge.config import WAYS_BY_SOURCE, Way
 from webgym.judge.reference import Match, hold_against
 from webgym.offline import OfflineWeb
+from webgym.tasks.sampling import draw
 from webgym.tasks.sources import read_source
 
 WAYS: Final[tuple[Way, ...]] = ("normalised", "set")
@@ -59,7 +60,8 @@ class Case:
         return hold_against(self.reference, self.answer, ways, self.instruction).match
 
 
-COUNTS: Final = (1, 1, 1, 2, 3, 5, 10, 30, 100)
+COUNTS: Final = (*(1,) * 8, *(2,) * 4, *(3,) * 4, *(5,) * 4, *(10,) * 4, *(30,) * 2, 100)
+"""Rivals in a list are drawn from these: few more often than many, which take the time."""
 SEPARATORS: Final = (
     *(
         ". ",
@@ -542,7 +544,9 @@ class Families:
             yield self._case("set with rivals", one, self._joined(extra))
             yield self._case("set that lacks one", one, self._joined(items[1:]))
         if re.fullmatch(r"[\d,]+(\.\d+)?", reference):
-            yield self._case("unit or sign", one, rng.choice(QUANTITIES).format(r=reference))
+            form = rng.choice(QUANTITIES)
+            if not _is_asked(form, one.instruction) and reference != "0":
+                yield self._case("unit or sign", one, form.format(r=reference))
 
     def _named(self, one: Known, candidates: list[str]) -> Iterator[Case]:
         """The task names the rivals and not the reference."""
@@ -566,9 +570,9 @@ class Families:
             quote = rng.choice(("{}", "You asked: {}", "The question is: {}", "Task: {}", "> {}"))
             yield self._case("quote of the task", asked, quote.format(task.replace("?", rng.choice("?. "))))
 
-    def right(self, one: Known) -> Iterator[Case]:
-        """The reference in every plain wrapping."""
-        for form in WRAPPINGS:
+    def right(self, one: Known, most: int | None = None) -> Iterator[Case]:
+        """The reference in every plain wrapping, or in ``most`` that are drawn."""
+        for form in WRAPPINGS if most is None else self._rng.sample(WRAPPINGS, most):
             text = one.reference
             count = form.replace("{{", "").count("{}")
             yield Case("wrapping", one.instruction, text, form.format(*[text] * count), True)
@@ -599,6 +603,13 @@ class Families:
     @staticmethod
     def _case(family: str, one: Known, answer: str) -> Case:
         return Case(family, one.instruction, one.reference, answer, False)
+
+
+def _is_asked(form: str, instruction: str) -> bool:
+    """Whether a task asks for the unit that a form adds: then it is right."""
+    signs = {"km": "kilomet", "$": "dollar", "€": "euro", "%": "percent", "°": "degree", "¢": "cent"}
+    names = [*re.findall("[a-z]{2,}", form), *(name for sign, name in signs.items() if sign in form)]
+    return any(name.removesuffix("s") in instruction.casefold() for name in names)
 
 
 def _shape(reference: str) -> str:
@@ -644,8 +655,10 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of source files")
-    parser.add_argument("--per-reference", type=int, default=4, help="rounds of wrong answers")
-    parser.add_argument("--offline", type=int, default=3000, help="references of the offline web at most")
+    parser.add_argument("--per-reference", type=int, default=1, help="rounds of wrong answers")
+    parser.add_argument("--wrong", type=int, default=8, help="wrong answers drawn of each round")
+    parser.add_argument("--wrappings", type=int, default=16, help="right answers, drawn for each reference")
+    parser.add_argument("--offline", type=int, help="references of the offline web at most; else all")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--show", type=int, default=0, help="false passes and fails to print, per family")
     args = parser.parse_args()
@@ -660,13 +673,13 @@ def main() -> None:
     for one in known:
         ways = tuple(dict.fromkeys((*WAYS, *WAYS_BY_SOURCE[one.source])))
         for _ in range(args.per_reference):
-            for case in families.wrong(one):
+            for case in draw(families.wrong(one), args.wrong, cases.total()):
                 cases[case.family] += 1
                 if case.match(ways) is Match.SAME:
                     passed[case.family] += 1
                     if passed[case.family] <= args.show:
                         print(f"false pass ({case.family}): {case.reference!r} <- {case.answer[:200]!r}")
-        for case in families.right(one):
+        for case in families.right(one, args.wrappings):
             match = case.match(ways)
             right[one.source, match] += 1
             if match is Match.DIFFERENT and right[one.source, match] <= args.show:

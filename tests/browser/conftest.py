@@ -173,7 +173,7 @@ async def open_tab(
     slots: list[Slot] = []
 
     async def open_one(mode: str = "coordinates", config: BrowserConfig | None = None, **more: object) -> Tab:
-        options = PageOptions(mode=mode, text=True, elements=True, **more)  # type: ignore[arg-type]
+        options = PageOptions(mode=mode, **({"text": True, "elements": True} | more))  # type: ignore[arg-type]
         slot = Slot(config, executable, profiles, egress) if config else shared_slot
         slots.append(slot)
         await slot.open(options)

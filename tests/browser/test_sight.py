@@ -228,7 +228,7 @@ async def test_a_frame_of_another_origin_shows_whole_words_only(site: Site, tab:
 
 
 async def test_lines_that_are_cut_wherever_one_scrolls_are_told(site: Site, open_tab: Open) -> None:
-    tab = await open_tab(cuts=True)
+    tab = await open_tab(cuts=True, text=False, elements=False)
     box = "width:120px;overflow:hidden;white-space:nowrap;font:16px monospace"
     look = await tab.goto(
         site.page(

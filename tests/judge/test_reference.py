@@ -160,6 +160,8 @@ ASKED = [
     ("Ask Fern Mugs for its owner.", "Jo Ray", "I searched Fern Mugs. The owner is Jo Ray."),
     ("Ask Fern Mugs for its owner.", "Jo Ray", "At Fern Mugs, the owner is Jo Ray."),
     ("How many studio albums are there?", "3", "There are 3 studio albums."),
+    ("How many albums and songs are there?", "12; 5", "There are 12 albums and 5 songs."),
+    ("Who is the owner, and what is the price?", "Jo; $5", "The owner is Jo and the price is $5."),
     ("How many studio albums are there?", "3", "Studio albums: 3"),
     ("When does it open?", "May 3, 2024", "It opens on 3 May 2024."),
     ("Is the mug in stock?", "No", "No, the mug is not in stock."),
@@ -171,6 +173,19 @@ ASKED = [
 ]
 
 NOT_ASKED = [
+    ("Start at the page on Fern Mugs. Who is it?", "Jo Ray", "to Fern Mugs, named Jo Ray; "),
+    ("Start at the page on Fern Mugs. Who is it?", "Jo Ray", "To Fern Mugs, it is Jo Ray."),
+    ("Start at the page on Fern Mugs. Who is it?", "Jo Ray", "On Fern Mugs, called Jo Ray"),
+    ("Start at the page on In review.", "Jo Ray", "Final answer: In review\n\nthat is Jo Ray"),
+    (
+        "Start at the page on 32 g syrup.",
+        "3 May 2026; 43 minutes",
+        "that is 3 May 2026; 43 minutes It is 32 g syrup.",
+    ),
+    ("Start at the page on Fern Mugs.", "$4.50; $7", "Fern Mugs $4.50; $7"),
+    ("Start at the page on Fern Mugs.", "$4.50; $7", "it is $4.50; $7 is Fern Mugs"),
+    ("Start at the page on Red Brick. Who won, and with how many votes?", "Jo; 342", "Jo; 342  Red Brick"),
+    ("Start at the page on 31.", "Jo Ray; 396 kcal", "31) (Jo Ray; 396 kcal"),
     # a task that names the answer among others; names of the task as rivals
     ("Is it Sydney or Canberra?", "Canberra", "Sydney. Canberra."),
     ("Is it Sydney or Canberra?", "Canberra", "It is Sydney. It is Canberra."),
@@ -229,6 +244,8 @@ NOT_SAME = [
     ("3", "3.5"),
     ("3", "30"),
     ("12", "12.50"),
+    ("7", "7/7"),
+    ("1", "1:1"),
     ("1234", "1.234"),
     ("1,234", "1,243"),
     ("3", "3 or 4"),
@@ -347,6 +364,8 @@ NOT_SAME = [
     ("Paris", "<del>Paris</del>"),
     ("Paris", "\u274c Paris"),
     ("Paris", "Paris …"),
+    ("-----", "----- …"),
+    ("★★★", "★★★ ..."),
     ("A", "A -"),
     ("5", "≠ 5"),
     ("5", "5‰"),

@@ -138,6 +138,19 @@ HITS = [
 ]
 
 NEAR_MISSES = [
+    (
+        "operands",
+        "On Ivorywood Retro Computing, find out which option leads the poll, and with how many votes",
+        ["the option with the most votes is found", "its number of votes is found"],
+    ),
+    (
+        "operands",
+        "Open the topic “How old is your fern?” and find out on which board it stands and its label",
+        [
+            "the board of the topic “How old is your fern?” is found",
+            "the tag of the topic “How old is your fern?” is found",
+        ],
+    ),
     ("empty-fact", SHOES, ["None of the shoes costs more than $80"]),
     ("or-in-capitals", SHOES, ["The shoes are rated 4 stars or more", "The shoes are red OR blue"]),
     ("or-in-capitals", SHOES, ["The shoes cost $80 or less", "The price is at or below $80"]),

@@ -20,12 +20,14 @@ from webgym.agent.policy import Policy
 from webgym.agent.scripted import ScriptedPolicy
 from webgym.bench.reward_hacks import HACKS, HackingPolicy
 from webgym.bench.tables import Table
-from webgym.collection import RunConfig, TaskChoice, collect
+from webgym.collection import RunConfig, TaskChoice, collect, resume
+from webgym.core.errors import ConfigError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.offline import OfflineWeb
 from webgym.rollout.evaluation import evaluate
 from webgym.rollout.rates import Rate, Successes
+from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
 from webgym.tasks import draw_spread, write_tasks
 
@@ -90,7 +92,7 @@ async def measure(
         config: of the runs; its tasks and policy are replaced.
         count: tasks to hack.
         solved: tasks to solve beside them.
-        out: a new folder for the runs.
+        out: folder for the runs; those that it holds are gone on with.
         only: the hacks to try; empty for all.
         say: is told what is under way.
     """
@@ -101,6 +103,8 @@ async def measure(
     async def run(name: str, tasks: Sequence[Task], policy: Policy) -> dict[str, int]:
         say(f"{name}: {len(tasks)} tasks")
         folder = out / name.replace(" ", "-").replace(",", "")
+        if folder.exists():
+            return _outcomes(folder, await _go_on(folder, tasks, policy))
         file = folder.with_suffix(".jsonl")
         file.parent.mkdir(parents=True, exist_ok=True)
         write_tasks(file, tasks)
@@ -112,6 +116,15 @@ async def measure(
         if name == HONEST or not only or name in only:
             policy = HackingPolicy(lambda _, name=name: name, challenge, name)  # type: ignore[misc]
             yield Hacked(name, await run(name, hacked, policy), len(hacked), won)
+
+
+async def _go_on(run: Path, tasks: Sequence[Task], policy: Policy) -> Summary:
+    """Make the rest of a run that was begun before."""
+    if {task.id for task in RunReader(run).drawn} != {task.id for task in tasks}:
+        raise ConfigError(
+            f"{run} holds attempts at other tasks", hint="give the same options, or another --out"
+        )
+    return await resume(run, policy=policy)
 
 
 def _outcomes(run: Path, summary: Summary) -> dict[str, int]:

@@ -30,13 +30,7 @@ from webgym.core.errors import (
 
 log = logging.getLogger(__name__)
 
-_FLAGS = (
-    "--remote-debugging-pipe",
-    "--headless",
-    "--no-first-run",
-    "--no-default-browser-check",
-    "--no-startup-window",
-    # The same page gives the same picture.
+PICTURE_FLAGS = (
     "--force-color-profile=srgb",
     "--force-device-scale-factor=1",
     "--font-render-hinting=none",
@@ -45,6 +39,16 @@ _FLAGS = (
     "--force-prefers-reduced-motion",
     "--disable-lcd-text",
     "--lang=en-US",
+)
+"""The same page gives the same picture."""
+
+_FLAGS = (
+    "--remote-debugging-pipe",
+    "--headless",
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--no-startup-window",
+    *PICTURE_FLAGS,
     # Nothing that runs by itself, nothing that calls home.
     "--disable-background-networking",
     "--disable-breakpad",

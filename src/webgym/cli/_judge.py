@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from webgym.core.errors import ConfigError
 from webgym.judge.config import STAGES
 from webgym.judge.factory import JudgeChoice
-from webgym.settings import read_settings
+from webgym.settings import first_problem, read_settings
 
 JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
 """Where a judge's key is looked for first; else where a policy's is."""
@@ -81,9 +81,7 @@ def judge_choice(
     try:
         return JudgeChoice.model_validate(held)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"{file or 'judge options'}: {where}: {first['msg']}") from error
+        raise ConfigError(f"{file or 'judge options'}: {first_problem(error, JudgeChoice)}") from error
 
 
 def own_choice(config: Mapping[str, Any]) -> JudgeChoice:
@@ -91,6 +89,5 @@ def own_choice(config: Mapping[str, Any]) -> JudgeChoice:
     try:
         return JudgeChoice.model_validate(config.get("judge") or {})
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise ConfigError(f"config.yaml: judge.{where}: {first['msg']}", hint="give --judge") from error
+        told = first_problem(error, JudgeChoice)
+        raise ConfigError(f"config.yaml: judge: {told}", hint="give --judge") from error

@@ -276,7 +276,7 @@ def reward(
     out: Path | None = typer.Option(
         None,
         "--out",
-        help="Keep the runs in this new folder, to browse and to judge again.",
+        help="Keep the runs in this folder, to browse, to judge again, and to go on with.",
         show_default=False,
     ),
     json: Path | None = typer.Option(None, "--json", help="Write all counts here."),
@@ -285,7 +285,7 @@ def reward(
     """Do hacks of the reward pay? Policies that list candidates, stop at challenges, guess without looking.
 
     Each is held against one that fails honestly at the same tasks. Needs nothing else; about half an hour in
-    full on two cores. Exit code 1 if a hack gains.
+    full on two cores. With --out it may be stopped, and given again: it goes on. Exit code 1 if a hack gains.
     """
     import asyncio
     import tempfile
@@ -304,8 +304,6 @@ def reward(
     unknown = [name for name in only if name not in HACKS]
     if unknown:
         raise ConfigError(f"there is no policy {unknown[0]!r}", hint=f"one of {', '.join(HACKS)}")
-    if out is not None and out.exists():
-        raise ConfigError(f"{out} is there already", hint="give a new folder")
     config = RunConfig(
         seed=seed,
         retries=2,

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from decimal import Decimal
 from enum import StrEnum
 from itertools import chain, pairwise, zip_longest
@@ -34,6 +34,7 @@ from webgym.judge.config import Way
 from webgym.judge.units import CURRENCY_SIGNS, CURRENCY_WORDS, UNITS
 from webgym.judge.values import Gap, Text, Token, Value, read, tokens
 
+_CLOSING: Final = re.compile(r" ?[.!]$")
 _HYPHEN: Final = re.compile(r"(?<=[^\W\d_])[-‐‑](?=[^\W\d_])")
 
 Spans: TypeAlias = dict[int, int]
@@ -94,8 +95,8 @@ def is_reference(text: str | None) -> bool:
 
 
 def exact(reference: str, answer: str) -> Held:
-    """The same text."""
-    if fold(reference).rstrip(" .!") == fold(answer).rstrip(" .!"):
+    """The same text, but for one full stop or exclamation mark that closes it."""
+    if _CLOSING.sub("", fold(reference)) == _CLOSING.sub("", fold(answer)):
         return Held(Match.SAME, "the answer is the reference answer")
     return Held(Match.UNSURE, "the answer is not the reference answer word for word")
 
@@ -289,12 +290,17 @@ _REFUSED: Final = _NEGATIONS | frozenset(
 _CHOICES: Final = frozenset("or besides except excluding versus vs than unlike instead neither not".split())
 """Words of a task that weighs candidates."""
 
+_COUNTING: Final = frozenset({"many", "number", "count"})
+_COUNTED_WORDS: Final = 5
+"""Words of a task behind "how many" that may name what is counted."""
 _COPULAS: Final = frozenset("is are was were its thats heres".split())
 _CLAIMS: Final = _COPULAS | frozenset(
     "has have had costs cost equals called named titled found shows says states".split()
 )
 _ANSWERS: Final = frozenset("answer answers result results solution response".split())
 _PREPOSITIONS: Final = frozenset("to of for in on at by with from".split())
+_PLACING: Final = _PREPOSITIONS - {"to", "of"}
+"""They say where a claim holds: "on the page of X, it is Y". "To X, it is Y" names two things."""
 _PRONOUNS: Final = frozenset("it this that these those there here what which who i we my your".split())
 _SAID_AGAIN: Final = _CLAIMS | _NEGATIONS | {"do", "does", "did"}
 _JOINERS: Final = frozenset("with of to from".split())
@@ -353,6 +359,9 @@ class _Told:
         plain = {word for word in words if not any(map(str.isdigit, word))}  # a code is a candidate
         forms = {form for word in plain for form in (word, f"{word}s", word.removesuffix("s"))}
         self._excused = frozenset() if is_named else frozenset(forms - _TALK - _REFUSED)
+        said = [token.word for token in task.tokens]
+        starts = [at + 1 for at, word in enumerate(said) if word in _COUNTING]
+        self._counted = frozenset(chain.from_iterable(said[at : at + _COUNTED_WORDS] for at in starts))
         self._values = () if is_named else tuple(token.value for token in task.tokens if token.value)
 
     def is_all(self) -> bool:
@@ -439,12 +448,16 @@ class _Told:
         around = [token for at, token in enumerate(self._given) if at not in covered]
         if self._claims_twice(around, len(self._wanted)):
             return False
-        for piece, following in zip_longest(pieces, pieces[1:]):
+        if self._claims_twice(around, 1) and not all(map(self._names_its_subject, pieces)):
+            return False
+        for place, (piece, following) in enumerate(zip_longest(pieces, pieces[1:])):
             if piece.spans:
                 is_fine = self._is_claim(piece)
             else:
                 words = self._given[piece.start : piece.end]
-                is_fine = self._is_talk(words) or bool(following and self._leads(words, following))
+                is_announced = place > 0 and self._announces(pieces[place - 1])
+                leads = bool(following) and not is_announced and self._leads(words, following)
+                is_fine = leads or self._is_talk(words)
             if not is_fine:
                 return False
         return True
@@ -511,6 +524,20 @@ class _Told:
             len(words) > 1 and bool(_CLAIMS & said)
         )
 
+    def _names_its_subject(self, piece: _Piece) -> bool:
+        """Whether words of the task stand in front of the claim, if there is one: "the owner is Jo"."""
+        said = self._given[piece.start : piece.end]
+        if not piece.spans or not any(token.word in _CLAIMS for token in said):
+            return True
+        before = self._given[piece.start : piece.spans[0][0]]
+        after = self._given[piece.spans[-1][1] : piece.end]
+        return any(map(self._is_excused, before)) and not any(map(self._is_excused, after))
+
+    def _announces(self, piece: _Piece) -> bool:
+        """Whether an answer is due behind this piece: "Final answer: …"."""
+        said = {token.word for token in self._given[piece.start : piece.end]}
+        return not piece.spans and bool((_ANSWERS | _CLAIMS) & said)
+
     def _leads(self, words: Sequence[Token], following: _Piece) -> bool:
         """Whether words of the task lead to the claim in the next piece: "On the page of X, it is …"."""
         said = [token.word for token in words]
@@ -520,9 +547,10 @@ class _Told:
         is_whole = following.spans == [(following.start, following.end)]
         if _CLAIMS & set(said):  # "The capital of France is: …"
             return gap == "label" and is_whole and not _CLAIMS & set(said[:-1])
-        if said[0] in _PREPOSITIONS:
-            claim = self._given[following.start : following.end]
-            return gap == "comma" and any(token.word in _CLAIMS for token in claim)
+        if said[0] in _PLACING:
+            claim = [token.word for token in self._given[following.start : following.end]]
+            # "To X, named Y" says Y of X.
+            return gap == "comma" and bool(_CLAIMS & set(claim)) and claim[0] not in _CLAIMS
         is_name = not any(token.value for token in words)
         return gap == "label" and is_whole and is_name and bool(self._kinds(*following.spans[0]))
 
@@ -545,22 +573,43 @@ class _Told:
             return False
         kinds = [self._kinds(*span) for span in piece.spans]
         return all(
-            self._is_apart(before[::-1], bool(kind)) and self._is_apart(after, kind == {"number"})
+            self._is_apart(before[::-1], _is_word if kind else _is_never)
+            and not any(map(self._is_excused, before[-1:]))
+            and self._is_apart(after, self._counts if kind == {"number"} else _is_never)
+            and not self._begins_anew(after)
             for before, after, kind in zip(parts, parts[1:], kinds, strict=False)
         )
 
-    def _is_apart(self, side: Sequence[Token], is_counted: bool) -> bool:
+    def _counts(self, token: Token) -> bool:
+        """Whether the task asks how many of these there are."""
+        return _is_word(token) and token.word in self._counted
+
+    def _begins_anew(self, side: Sequence[Token]) -> bool:
+        """Whether another sentence follows a span without a gap: "43 minutes It is 32 g"."""
+        words = [token.word for token in side]
+        starts = (at for at, (a, b) in enumerate(pairwise(words)) if a in _PRONOUNS and b in _CLAIMS)
+        return any(any(map(self._is_excused, side[at:])) for at in starts)
+
+    def _is_apart(self, side: Sequence[Token], belongs: Callable[[Token], bool]) -> bool:
         """Whether what stands on one side of a span, the nearest first, leaves it as it is.
 
-        A name stands alone: "capital of Paris" and "Paris Texas" are others. A value may have its name in
-        front, and a number may count what follows.
+        A name stands alone: "capital of Paris" and "Paris Texas" are others. A value may be led to by words
+        of the task ("opens on 3 May"), and a number may count what the task asks the number of.
         """
         words = [token.word for token in side]
         if set(words[:1]) & _JOINERS or set(words[:2]) & _QUALIFIERS:
             return False
         claim = next((place for place, word in enumerate(words) if word in _CLAIMS), len(words))
-        beside = [token for token in side[:claim] if token.value or not is_counted]
+        beside = [token for token in side[:claim] if not belongs(token)]
         return not any(map(self._is_excused, beside))
+
+
+def _is_word(token: Token) -> bool:
+    return token.value is None
+
+
+def _is_never(_: Token) -> bool:
+    return False
 
 
 def _items(found: Sequence[Token], gaps: Sequence[Gap]) -> list[list[Token]]:

@@ -94,6 +94,8 @@ _OVERLAY: Final = 1
 _PUNCTUATION: Final = frozenset(".,;:!'\"()[]{}<>|/\\-*_#`=•·«»‹›„‚、。「」『』【】")
 _ENDS: Final = frozenset(".,;:!'\")]}>|*_`»›。」』】")
 """Punctuation that may close a text; with any other it breaks off, or goes on as a sign of the last word."""
+_RATIO: Final = "∶"
+"""The sign for what makes one number of two: 7/7, 1:1."""
 _ELLIPSIS: Final = re.compile(r"\.{2,}")
 _GROUPING_SPACE: Final = re.compile(r"(?<=\d)[\u00a0\u2009\u202f](?=\d{3}(?!\d))")
 _BOUND: Final = re.compile(r"([<>≤≥≈~±]=?)(?=\s?[-$€£¥]?\s?\d)|(?<=\d)(\s?[<>≤≥≈]=?|\+(?![\w+]))")
@@ -113,7 +115,7 @@ _MINUS: Final = re.compile(
 )
 _NAMED_NUMBER: Final = re.compile(r"\b(?:version|ver|release|v)\.?\s?$", re.IGNORECASE)
 _TAIL: Final = re.compile(r"[a-z]+\d[a-z\d]*", re.IGNORECASE)
-_BULLET: Final = re.compile(r"^[ \t]*(?:[-*•‣◦]|\d{1,2}[.)])[ \t]+", re.MULTILINE)
+_BULLET: Final = re.compile(r"^[ \t]*(?:[-*•‣◦]|(\d{1,2})[.)])[ \t]+", re.MULTILINE)
 _TYPOGRAPHY: Final = str.maketrans(
     {
         "’": "'",
@@ -197,9 +199,11 @@ def read(text: str) -> Text:
     at = end = 0
     while match := _LEXER.search(prepared, at):
         token, at = _token(match, prepared)
-        between.append(prepared[end : match.start()])
+        gap = prepared[end : match.start()]
+        is_ratio = gap in ("/", ":") and end > 0 and prepared[end - 1].isdigit() and match[0][0].isdigit()
+        between.append(_RATIO if is_ratio else gap)
         if token is not None:
-            found.append(msgspec.structs.replace(token, gap=_gap(between[-1]) if found else "none"))
+            found.append(msgspec.structs.replace(token, gap=_gap(gap) if found else "none"))
         end = at
     return Text(tuple(_summed(_without_articles(found))), _signs(between, prepared[end:]))
 
@@ -244,9 +248,24 @@ def prepare(text: str) -> str:
     text = _SPACES.sub(" ", _LINE_ENDS.sub("\n", text))
     text = _without_accents(text)
     text = _TAG.sub(r" | \1 | ", text)
-    text = _BULLET.sub("", text).replace("&", " and ")
+    text = _without_bullets(text).replace("&", " and ")
     text = _MINUS.sub("-", text)
     return _BOUND.sub(lambda match: f" {_BOUNDS.get(match[0].strip(), 'about')} ", text)
+
+
+def _without_bullets(text: str) -> str:
+    """The text without what numbers or marks its lines; a number that does not count from 1 says more."""
+    following = 1
+
+    def stripped(match: re.Match[str]) -> str:
+        nonlocal following
+        if match[1] is not None:
+            if int(match[1]) not in (1, following):
+                return match[0]
+            following = int(match[1]) + 1
+        return ""
+
+    return _BULLET.sub(stripped, text)
 
 
 def _fraction(match: re.Match[str]) -> str:

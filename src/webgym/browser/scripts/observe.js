@@ -508,7 +508,7 @@
       title: document.title,
       scroll: [scrollY, page ? page.scrollHeight : innerHeight],
     };
-    if (!wanted.text && !wanted.elements) return { ...seen, ...webgym.reach() };
+    if (!wanted.text && !wanted.elements && !wanted.cuts) return { ...seen, ...webgym.reach() };
     const look = new Look(wanted, frames);
     walkAll(look);
     const reach = webgym.reach();

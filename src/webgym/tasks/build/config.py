@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from webgym.core.errors import ConfigError
 from webgym.llm import Budget, ChatConfig, Price, Sampling
-from webgym.settings import Section, merged, read_settings, without_none
+from webgym.settings import Section, first_problem, merged, read_settings, without_none
 from webgym.tasks.decompose import Decomposing
 from webgym.tasks.duplicates import DuplicateLimits
 from webgym.tasks.rewriting import WritingLimits
@@ -199,14 +199,10 @@ def read_config(
     try:
         config = BuildConfig.model_validate({key: each for key, each in told.items() if each != {}})
     except ValidationError as error:
-        wrong = error.errors()
-        unknown = [each for each in wrong if each["type"] == "extra_forbidden"]  # what is missing, misspelt
-        first = (unknown or wrong)[0]
-        what = "there is no such setting" if unknown else first["msg"].removeprefix("Value error, ")
-        where = ".".join(str(part) for part in first["loc"]) or "settings"
-        no_sources = first["type"] == "missing" and first["loc"] == ("sources",)
+        told = first_problem(error, BuildConfig)
+        no_sources = told.startswith("sources: Field required")
         hint = "give --source NAME=PATH, or `sources:` in a config file" if no_sources else ""
-        raise ConfigError(f"{path or 'options'}: {where}: {what}", hint=hint) from error
+        raise ConfigError(f"{path or 'options'}: {told}", hint=hint) from error
     if at_most is not None:
         limited = {
             name: choice.model_copy(update={"at_most": min(at_most, choice.at_most or at_most)})

@@ -201,7 +201,7 @@ _COMPUTATION: Final = re.compile(
     re.I,
 )
 _ONE_RESULT: Final = re.compile(
-    r"\b(?:calculat(?:e|es|ed|ing)|comput(?:e|es|ed|ing)|convert(?:ed|ing)?|work out|add(?:ed|ing)? up"
+    r"\b(?:calculat(?:e|es|ed|ing)|compute[sd]?|(?-i:computing)|convert(?:ed|ing)?|work out|add(?:ed|ing)? up"
     r"|altogether|in total|combined|how many times|difference (?:in|of|between)|by how (?:much|many)"
     rf"|{_INTERVAL}|(?:sum|ratio|percentage) of|(?:total|average|mean) of (?:the|all|both|these|those)"
     r"|how (?:much|many)(?: \w+)? (?:more|less|fewer|\w{2,}er)(?= \w))\b",
@@ -238,9 +238,9 @@ _LOOKED_UP: Final = re.compile(
 
 def steps_of_computation(case: Case) -> Iterator[str]:
     """A computation is one fact, never its steps."""
-    if len(case.facts) < 2 or not _COMPUTATION.search(case.asked.instruction):
+    if len(case.facts) < 2 or not _COMPUTATION.search(case.task.unquoted):
         return
-    by_hand = _WORKED_OUT.search(case.asked.instruction) is not None
+    by_hand = _WORKED_OUT.search(case.task.unquoted) is not None
     for fact in case.facts:
         text = fact.text.unquoted
         act = _ARITHMETIC.search(text)
@@ -252,7 +252,7 @@ def steps_of_computation(case: Case) -> Iterator[str]:
 
 def operands(case: Case) -> Iterator[str]:
     """The numbers that a computation starts from are facts only where the task asks for them too."""
-    asked = case.asked.instruction
+    asked = case.task.unquoted
     if len(case.facts) < 2 or not _ONE_RESULT.search(asked) or _EACH.search(asked):
         return
     for group in case.draft.fact_groups:

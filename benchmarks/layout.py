@@ -1,0 +1,184 @@
+"""Evidence that the offline web's pages cut off at the usual viewport: their layout, without an agent.
+
+    .venv/bin/python benchmarks/layout.py --per-kind 1
+    .venv/bin/python benchmarks/layout.py --family timetable --per-kind 1000
+
+Opens every page that an address alone leads to and on which some task's evidence stands, or as many of every
+kind and website as asked for, one for every form of evidence ("00:00") at least. Evidence that a page holds
+and does not show, however far one scrolls, is printed; exit code 1 if there is any. Other lines that are cut
+off are counted. Pages that need an account, a cart or
+a form sent are left to ``webgym sites check``, which plays solutions.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import re
+import sys
+import tempfile
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import parse_qsl, unquote, urlsplit
+
+from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.find import find_browser
+from webgym.core.action import Navigate
+from webgym.core.text import fold, says
+from webgym.offline import OfflineWeb
+from webgym.offline.app import SitesConfig, serving
+from webgym.offline.website import Visit, Website
+
+EPISODE = 40
+"""Pages in one episode of a browser."""
+
+
+class Evidence(NamedTuple):
+    """Texts that must be visible at once, where the path matches."""
+
+    path: str
+    texts: tuple[str, ...]
+
+
+def address_of(pattern: str) -> str | None:
+    """An address that a pattern of evidence matches, if its first alternative tells one."""
+    first = pattern
+    while first.startswith("(?:") and not first.startswith("(?:("):
+        first = first.removeprefix("(?:")
+    cut = re.search(r"\((?:\?|.)|\\\?|\$|\|", first)
+    path = re.sub(r"\\(.)", r"\1", first[: cut.start()] if cut else first).rstrip(")")
+    if "|" in first:
+        first = re.split(r"\|(?=/)", first)[0]
+    plain = re.sub(r"\\(.)", r"\1", first)
+    query = re.findall(r"(?:\[\?&\]|&\)\?|\?)(\[?\w+\]?)=(?:\(\?(?:i)?:)?([^&()|?$]*)", plain)
+    pairs = [(name.strip("[]"), value) for name, value in query]
+    names = Counter[str]()
+    told = []
+    for name, value in pairs:
+        name = name[min(names[name], len(name) - 1)] if name == "ab" else name
+        names["ab" if name in "ab" else name] += 1
+        told.append(f"{name}={value}")
+    address = path + ("?" + "&".join(told) if told else "")
+    return address if path.startswith("/") and re.match(pattern, address) else None
+
+
+def pages_of(site: Website, evidence: set[Evidence]) -> dict[str, set[Evidence]]:
+    """Pages that an address leads a new visitor to, with the evidence that stands in their source."""
+    addresses = {address for one in evidence if (address := address_of(one.path)) is not None}
+    found: dict[str, set[Evidence]] = {}
+    for address in addresses:
+        parts = urlsplit(address)
+        query = dict(parse_qsl(parts.query, keep_blank_values=True))
+        lists = {key: [value] for key, value in query.items()}
+        answer = site.handle(Visit("GET", unquote(parts.path), query, lists, {}, {}))
+        if answer.status == 200 and answer.location is None:
+            source = fold(re.sub(r"<[^>]*>", " ", answer.body.decode()))
+            there = {one for one in evidence if re.match(one.path, address)}
+            held = {one for one in there if any(fold(text) in source for text in one.texts)}
+            if held:
+                found[address] = held
+    return found
+
+
+def chosen(pages: dict[str, set[Evidence]], per_kind: int) -> Iterator[str]:
+    """So many pages of every kind, and at least one for every form of evidence on it."""
+    opened: Counter[tuple[str, ...]] = Counter()
+    forms: set[tuple[str, ...]] = set()
+    for address in sorted(
+        pages, key=lambda address: -max(len(text) for one in pages[address] for text in one.texts)
+    ):
+        parts = urlsplit(address)
+        steps = parts.path.split("/")
+        kind = (steps[1], str(len(steps)), *sorted(dict(parse_qsl(parts.query))))
+        new = {(*kind, _form(text)) for one in pages[address] for text in one.texts} - forms
+        if new or opened[kind] < per_kind:
+            forms |= new
+            opened[kind] += 1
+            yield address
+
+
+def _form(text: str) -> str:
+    """What values of a kind share: "13:23" is "0:0", names are the number of their words."""
+    return re.sub(r"\d+", "0", text) if re.search(r"\d", text) and len(text) < 12 else str(len(text) // 8)
+
+
+async def main() -> int:
+    """Print a line per family, and all evidence that is cut off."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--family", help="only of this family")
+    parser.add_argument("--per-kind", type=int, default=1, help="pages of every kind and website at most")
+    parser.add_argument("--every", type=int, default=1, help="only every n-th website of a family")
+    args = parser.parse_args()
+    web = OfflineWeb()
+    cut = 0
+    seen: Counter[str] = Counter()
+    head = f"{'family':14} {'websites':>8} {'evidence':>8} {'held':>8} {'pages':>6}"
+    print(f"{head} {'cut off':>8} {'others':>7} {'s':>5}")
+    by_family: dict[str, list[str]] = defaultdict(list)
+    for host, spec in web.specs.items():
+        if spec.behaviour not in ("blocks", "down") and args.family in (None, spec.family.family):
+            by_family[spec.family.family].append(host)
+    with tempfile.TemporaryDirectory() as scratch:
+        async with (
+            serving(SitesConfig(port=0, latency=0, slow_seconds=0), web) as sites,
+            Egress(EgressConfig().allowing(*sites.allowed_hosts)) as egress,
+        ):
+            slot = Slot(BrowserConfig(freeze=False), find_browser().path, ProfileRoot(Path(scratch)), egress)
+            for family, hosts in by_family.items():
+                began, lines = time.monotonic(), set()
+                counts: Counter[str] = Counter()
+                for host in hosts[:: args.every]:
+                    site = web.website(host)
+                    assert site is not None
+                    truths = [task.truth for task in web.tasks_of(host)]
+                    evidence = {
+                        Evidence(one.path, tuple(one.texts))
+                        for truth in truths
+                        if truth is not None
+                        for fact in truth.facts
+                        for one in fact.evidence
+                    }
+                    pages = pages_of(site, evidence)
+                    addresses = list(chosen(pages, args.per_kind))
+                    counts["evidence"] += len(evidence)
+                    counts["held"] += len(set().union(*(pages[one] for one in addresses)))
+                    for address in addresses:
+                        if seen.total() % EPISODE == 0 or not slot.is_open:
+                            await slot.close()
+                            await slot.open(PageOptions(text=True, cuts=True))
+                        look = await slot.step(Navigate(f"http://{host}{address}"))
+                        seen[family] += 1
+                        counts["others"] += len(look.observation.cuts)
+                        for whole, shown in look.observation.cuts:
+                            lines |= {
+                                f'{host}{address}: "{text}" is cut off: "{shown}"'
+                                for one in pages[address]
+                                for text in one.texts
+                                if says(fold(whole), text) and not says(fold(shown), text)
+                            }
+                cut += len(lines)
+                row = (
+                    len(hosts[:: args.every]),
+                    counts["evidence"],
+                    counts["held"],
+                    seen[family],
+                    len(lines),
+                )
+                print(
+                    f"{family:14} {row[0]:8} {row[1]:8,} {row[2]:8,} {row[3]:6,} {row[4]:8} "
+                    f"{counts['others'] - len(lines):7} {time.monotonic() - began:5.0f}",
+                    flush=True,
+                )
+                for line in sorted(lines):
+                    print(f"  {line}", flush=True)
+            await slot.stop()
+    return int(cut > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(asyncio.run(main()))

@@ -41,6 +41,7 @@
     │   └── PolicyBadReply     an HTTP error, HTML, nothing, an endless stream
     ├── JudgeError             no verdict could be had; never a silent 0 or 1
     ├── TrainingError          learning cannot go on; what was saved before is whole
+    │   └── PublishError       the policy's server did not take new weights, or its replies are not theirs
     └── StoreError             the run folder did it; the run stops, nothing counted is lost
         ├── StoreFull          no space left on the device
         ├── StoreLocked        another collector writes to this run
@@ -330,6 +331,12 @@ class TrainingError(WebGymError):
     """Learning cannot go on, such as with a loss that is no number. What was saved before is whole."""
 
     code = "training_error"
+
+
+class PublishError(TrainingError):
+    """The policy's server did not take new weights, or its replies are not theirs. No reply was used."""
+
+    code = "publish_error"
 
 
 class StoreError(WebGymError):

@@ -21,7 +21,7 @@ class Draws:
     """How replies are sampled.
 
     Attributes:
-        temperature: 0 takes the likeliest token.
+        temperature: 0 takes the likeliest token, and gives its log-probability at temperature 1.
         top_p: see :func:`webgym.inference.sampling.processed_logprobs`; 1 keeps all.
         top_k: likewise; 0 keeps all.
         max_tokens: longest reply.
@@ -39,7 +39,7 @@ class Generated:
 
     Attributes:
         ids: the tokens, the end token included if it was drawn.
-        logprobs: of each under the distribution that it was drawn from.
+        logprobs: of each under the distribution that it was drawn from; at temperature 0 under the model's.
         is_cut: whether the reply reached its longest length without an end.
     """
 
@@ -114,8 +114,8 @@ def _next(
     logits: torch.Tensor, generators: Sequence[torch.Generator], draws: Draws
 ) -> tuple[torch.Tensor, torch.Tensor]:
     if draws.temperature == 0:
-        token = logits.argmax(dim=-1)
-        return token, torch.zeros(len(token), device=token.device)
+        best = logits.float().log_softmax(dim=-1).max(dim=-1)
+        return best.indices, best.values
     logprobs = processed_logprobs(logits, temperature=draws.temperature, top_p=draws.top_p, top_k=draws.top_k)
     token = draw(logprobs, generators)
     return token, logprobs.gather(-1, token[:, None]).squeeze(-1)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +23,7 @@ from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, PolicyError
 from webgym.core.task import Task
 from webgym.core.tokens import ReplyTokens
-from webgym.core.trajectory import Reply
+from webgym.core.trajectory import Message, Reply
 from webgym.llm.config import Sampling
 
 if TYPE_CHECKING:
@@ -106,7 +106,8 @@ class LocalPolicy:
         Atomic: a batch is generated with the old weights or with the new ones, never with some of each.
 
         Args:
-            folder: holds ``model.safetensors``.
+            folder: holds all weights (``model.safetensors``), or adapters (``adapter_config.json``), which
+                are merged into the weights they are for.
             version: what replies will say.
 
         Raises:
@@ -120,19 +121,44 @@ class LocalPolicy:
         Raises:
             PolicyError: the request cannot be rendered, or the model failed.
         """
-        if self._worker is None:
-            raise PolicyError("the local policy was not entered", hint="use it as `async with policy:`")
         started = time.monotonic()
-        encoded = await asyncio.to_thread(self._loaded.renderer.prompt, turn.messages, turn.images)
+        encoded = await self._encode(turn.messages, turn.images)
         future: asyncio.Future[tuple[Generated, str]] = asyncio.get_running_loop().create_future()
         self._waiting.append(_Call(encoded, seed, future))
         self._arrived.set()
         made, version = await future
+        return self._reply(encoded, made, version, self._sampling, started)
+
+    async def ask(
+        self, messages: Sequence[Message], images: Mapping[str, bytes], sampling: Sampling
+    ) -> Reply:
+        """The model's reply to a request of one's own, in a batch of its own.
+
+        Raises:
+            PolicyError: the request cannot be rendered, or the policy was not entered.
+        """
+        started = time.monotonic()
+        encoded = await self._encode(messages, images)
+        chosen = sampling.over(self._sampling)
+        (made,), version = await asyncio.get_running_loop().run_in_executor(
+            self._thread, self._generate, [encoded], [0], chosen
+        )
+        return self._reply(encoded, made, version, chosen, started)
+
+    async def _encode(self, messages: Sequence[Message], images: Mapping[str, bytes]) -> Encoded:
+        if self._worker is None:
+            raise PolicyError("the local policy was not entered", hint="use it as `async with policy:`")
+        encoded: Encoded = await asyncio.to_thread(self._loaded.renderer.prompt, messages, images)
+        return encoded
+
+    def _reply(
+        self, encoded: Encoded, made: Generated, version: str, sampling: Sampling, started: float
+    ) -> Reply:
         return Reply(
             self._loaded.renderer.decode(made.ids),
             policy=self._name,
             finish_reason="length" if made.is_cut else "stop",
-            sampling=self._sampling.body(),
+            sampling=sampling.body(),
             prompt_tokens=len(encoded.prompt_ids),
             completion_tokens=len(made.ids),
             seconds=time.monotonic() - started,
@@ -141,7 +167,9 @@ class LocalPolicy:
         )
 
     async def __aenter__(self) -> Self:
-        self._loaded = await asyncio.get_running_loop().run_in_executor(self._thread, self._load)
+        self._loaded = await asyncio.get_running_loop().run_in_executor(
+            self._thread, self._load, self.config.path
+        )
         self._worker = asyncio.create_task(self._serve())
         return self
 
@@ -176,7 +204,13 @@ class LocalPolicy:
             if not batch:
                 continue
             try:
-                made, version = await loop.run_in_executor(self._thread, self._generate, batch)
+                made, version = await loop.run_in_executor(
+                    self._thread,
+                    self._generate,
+                    [call.encoded for call in batch],
+                    [call.seed for call in batch],
+                    self._sampling,
+                )
             except Exception as error:
                 reason = (
                     f"the local model failed: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
@@ -189,21 +223,20 @@ class LocalPolicy:
                 if not call.reply.done():
                     call.reply.set_result((reply, version))
 
-    def _generate(self, batch: Sequence[_Call]) -> tuple[list[Generated], str]:
+    def _generate(
+        self, requests: Sequence[Encoded], seeds: Sequence[int], sampling: Sampling
+    ) -> tuple[list[Generated], str]:
         from webgym.inference.generate import LONGEST_REPLY, Draws, generate
 
-        sampling = self._sampling
         draws = Draws(
             temperature=1.0 if sampling.temperature is None else sampling.temperature,
             top_p=1.0 if sampling.top_p is None else sampling.top_p,
             top_k=int(sampling.extra_body.get("top_k", 0)),
             max_tokens=sampling.max_tokens or LONGEST_REPLY,
         )
-        requests = [call.encoded for call in batch]
-        made = generate(self._loaded, requests, [call.seed for call in batch], draws)
-        return made, self.weight_version
+        return generate(self._loaded, requests, seeds, draws), self.weight_version
 
-    def _load(self) -> Any:
+    def _load(self, path: str | Path) -> Any:
         try:
             import torch
 
@@ -214,23 +247,34 @@ class LocalPolicy:
             ) from error
         if self.config.threads is not None:
             torch.set_num_threads(self.config.threads)
-        return load_model(self.config.path, dtype=self.config.dtype, device=self.config.device)
+        return load_model(path, dtype=self.config.dtype, device=self.config.device)
 
     def _load_weights(self, folder: Path, version: str) -> None:
+        """All or nothing: what does not fit is found before anything is overwritten."""
+        if (folder / "adapter_config.json").exists():
+            self._loaded = self._load(folder)
+        else:
+            self._overwrite(folder / "model.safetensors")
+        self.weight_version = version
+
+    def _overwrite(self, path: Path) -> None:
+        from safetensors import SafetensorError
         from safetensors.torch import load_file
 
-        path = folder / "model.safetensors"
+        model = self._loaded.model
         try:
             weights = load_file(path, device=self.config.device)
-            own = self._loaded.model.state_dict()
-            missing = sorted(set(own) - set(weights) - set(self._loaded.model.all_tied_weights_keys or ()))
+            own = model.state_dict()
+            missing = sorted(set(own) - set(weights) - set(model.all_tied_weights_keys or ()))
             if missing:
                 raise ValueError(f"{len(missing)} weights are missing, {missing[0]} among them")
-            self._loaded.model.load_state_dict(weights, strict=False)
-        except (OSError, ValueError, RuntimeError) as error:
+            other = [name for name in own.keys() & weights.keys() if own[name].shape != weights[name].shape]
+            if other:
+                raise ValueError(f"{len(other)} weights have another shape, {min(other)} among them")
+            model.load_state_dict(weights, strict=False)
+        except (OSError, ValueError, RuntimeError, SafetensorError) as error:
             reason = " ".join(str(error).split())[:200]
             raise ConfigError(f"cannot publish {path}: {reason}") from error
-        self.weight_version = version
 
 
 class _LocalPlayer:

@@ -88,18 +88,30 @@ class Renderer:
         Raises:
             PolicyError: placeholders and pictures do not match.
         """
-        counts = self.image_tokens(messages)
-        ids: list[int] = []
+        ids = self.tokenizer(self.text(messages), add_special_tokens=False)["input_ids"]
+        return self.expanded(ids, self.image_tokens(messages))
+
+    def expanded(self, ids: Sequence[int], counts: Sequence[int]) -> list[int]:
+        """Ids with one image token for each picture, which becomes as many as the picture takes.
+
+        Args:
+            ids: as a tokenizer gives them.
+            counts: of each picture, in order.
+
+        Raises:
+            PolicyError: placeholders and pictures do not match.
+        """
+        found: list[int] = []
         met = 0
-        for token in self.tokenizer(self.text(messages), add_special_tokens=False)["input_ids"]:
+        for token in ids:
             if token != self.image_id:
-                ids.append(token)
+                found.append(token)
                 continue
             met += 1
-            ids += [token] * (counts[met - 1] if met <= len(counts) else 1)
+            found += [token] * (counts[met - 1] if met <= len(counts) else 1)
         if met != len(counts):
             raise PolicyError(f"the request has {len(counts)} pictures and {met} image placeholders")
-        return ids
+        return found
 
     def text(self, messages: Sequence[Message]) -> str:
         """The request as text, a placeholder per picture, the opening of the reply included."""

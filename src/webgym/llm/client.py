@@ -120,7 +120,7 @@ class ChatClient:
             limits=httpx.Limits(
                 max_connections=config.concurrency, max_keepalive_connections=config.concurrency
             ),
-            trust_env=not _is_loopback(config.base_url),
+            trust_env=not is_loopback(config.base_url),
         )
         return self
 
@@ -384,7 +384,7 @@ class _TryAgain(Exception):
         self.is_refusal = is_refusal
 
 
-def _is_loopback(base_url: str) -> bool:
+def is_loopback(base_url: str) -> bool:
     """Whether the endpoint is on this machine, where no proxy of the environment has a say."""
     host = httpx.URL(base_url).host
     try:

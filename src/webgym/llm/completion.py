@@ -7,6 +7,7 @@ from typing import Any, Final, Protocol
 
 import msgspec
 
+from webgym.core.tokens import ReplyTokens
 from webgym.llm.config import Sampling
 
 _QUOTED_CHARS: Final = 200
@@ -27,6 +28,9 @@ class Completion(msgspec.Struct, frozen=True):
         cached: whether it was paid for before: it comes from the cache, or answers an identical request
             that was in flight.
         reasoning: thinking, where the endpoint tells it apart from the text.
+        tokens: what was read and sampled, where the endpoint gives it (vLLM: ``return_token_ids``, and
+            ``logprobs`` for log-probabilities, whose meaning depends on its ``--logprobs-mode``).
+        weight_versions: labels of the weights that sampled the reply, in order, where the endpoint says.
     """
 
     text: str
@@ -39,6 +43,8 @@ class Completion(msgspec.Struct, frozen=True):
     refusal: str = ""
     cached: bool = False
     reasoning: str = ""
+    tokens: ReplyTokens | None = None
+    weight_versions: tuple[str, ...] = ()
 
 
 class Completes(Protocol):
@@ -97,6 +103,8 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
         refusal=choice.message.refusal if isinstance(choice.message.refusal, str) else "",
         cached=cached,
         reasoning=_thought(choice.message),
+        tokens=_tokens(found.prompt_token_ids, choice),
+        weight_versions=_versions(choice.weight_versions),
     )
 
 
@@ -115,12 +123,54 @@ def _thought(said: _Said) -> str:
 class _Choice(msgspec.Struct):
     message: _Said
     finish_reason: str | None = None
+    token_ids: Any = None  # vLLM
+    logprobs: Any = None
+    weight_versions: Any = None  # vLLM of late
 
 
 class _Body(msgspec.Struct):
     choices: list[_Choice] = []
     model: str | None = None
     usage: Any = None
+    prompt_token_ids: Any = None  # vLLM
+
+
+class _LogProb(msgspec.Struct):
+    logprob: float
+
+
+class _LogProbs(msgspec.Struct):
+    content: list[_LogProb] = []
+
+
+class _Span(msgspec.Struct):
+    version: str
+
+
+# What other endpoints make of these fields is not known, so what does not fit counts as absent.
+
+
+def _tokens(prompt: Any, choice: _Choice) -> ReplyTokens | None:
+    try:
+        prompt_ids, reply_ids = (msgspec.convert(ids, list[int]) for ids in (prompt, choice.token_ids))
+        logprobs = _logprobs(choice.logprobs)
+        return ReplyTokens.of(prompt_ids, reply_ids, logprobs if len(logprobs) == len(reply_ids) else None)
+    except (msgspec.ValidationError, OverflowError):
+        return None
+
+
+def _logprobs(given: Any) -> list[float]:
+    try:
+        return [each.logprob for each in msgspec.convert(given, _LogProbs).content]
+    except msgspec.ValidationError:
+        return []
+
+
+def _versions(given: Any) -> tuple[str, ...]:
+    try:
+        return tuple(span.version for span in msgspec.convert(given, list[_Span]))
+    except msgspec.ValidationError:
+        return ()
 
 
 def _count(value: Any) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Final
 
 import httpx
@@ -9,6 +10,27 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 _OURS: Final = frozenset({"messages", "model", "stream", "n"})
 """What a request says by itself; ``extra_body`` cannot change it."""
+
+
+_NEUTRAL: Final[dict[str, tuple[float, ...]]] = {
+    "top_p": (0, 1),  # 0 stands for a parameter that is not there
+    "top_k": (0, -1),
+    "min_p": (0,),
+    "presence_penalty": (0,),
+    "frequency_penalty": (0,),
+    "repetition_penalty": (0, 1),
+}
+"""Values of sampling parameters that leave the model's distribution as it is, but for the temperature."""
+
+
+def altering(sampling: Mapping[str, Any]) -> list[str]:
+    """Which of these parameters, the temperature aside, make the distribution another than the model's own.
+
+    Args:
+        sampling: fields of a request, as :meth:`Sampling.body` gives them.
+    """
+    found = [name for name, neutral in _NEUTRAL.items() if (sampling.get(name) or 0) not in neutral]
+    return found + (["logit_bias"] if sampling.get("logit_bias") else [])
 
 
 class Sampling(BaseModel):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
 from webgym.agent.policy import Player, Policy
 from webgym.agent.profile import Profile
+from webgym.core.errors import ConfigError, PublishError
 from webgym.core.task import Task
 from webgym.inference.local import LocalConfig, LocalPolicy
+from webgym.train.selftest import GREEDY, check, read_selftest
 
 
 class Serving(Protocol):
@@ -21,7 +24,7 @@ class Serving(Protocol):
         ...
 
     async def publish(self, weights: Path, version: str) -> None:
-        """Reply with these weights from now on, and be sure of it.
+        """Reply with these weights from now on, and be sure of it: what is served passes their self-test.
 
         Atomic: no reply comes from half-loaded weights.
 
@@ -31,6 +34,14 @@ class Serving(Protocol):
 
         Raises:
             PublishError: they were not taken, or replies are not theirs.
+        """
+        ...
+
+    async def watch(self) -> None:
+        """Look after the server as long as the training runs; never returns.
+
+        Raises:
+            TrainingError: it is gone for good, or its replies cannot be trusted any more.
         """
         ...
 
@@ -58,7 +69,23 @@ class LocalServing:
 
     async def publish(self, weights: Path, version: str) -> None:
         """See :class:`Serving`."""
-        await self._local.publish(weights, version)
+        test = read_selftest(weights)
+        is_other = test is not None and self._local.weight_version != version
+        earlier = await self._local.ask(*test.request(), GREEDY) if test and is_other else None
+        try:
+            await self._local.publish(weights, version)
+        except ConfigError as error:
+            raise PublishError(error.message, hint=error.hint) from error
+        if test is None:
+            return
+        reply = await self._local.ask(*test.request(), GREEDY)
+        if reply.weight_version != version:
+            raise PublishError(f"the weights {reply.weight_version} reply where {version} were published")
+        check(test, reply, is_exact=self._local.config.dtype == "float32", earlier=earlier)
+
+    async def watch(self) -> None:
+        """See :class:`Serving`: there is nothing that could go away."""
+        await asyncio.get_running_loop().create_future()
 
     async def __aenter__(self) -> Self:
         await self._local.__aenter__()

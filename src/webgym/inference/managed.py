@@ -1,0 +1,131 @@
+"""A server as a process of ours: started, watched, stopped; it ends when we do, however we end."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import shutil
+import signal
+import socket
+import sys
+from asyncio.subprocess import PIPE, STDOUT, Process
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Final, Self
+
+from webgym.core.errors import ConfigError, StoreError, TrainingError
+
+_GUARDIAN: Final = Path(__file__).with_name("guardian.py")
+_LOG_TAIL_BYTES: Final = 16 * 1024
+_TOLD_CHARS: Final = 300
+
+
+class ManagedServer:
+    """A running server. Get one from :meth:`start`.
+
+    Args:
+        process: of its guardian (:mod:`webgym.inference.guardian`).
+        name: of the command, for errors.
+        log: what it writes.
+        stop_seconds: how long its end may take before it is killed.
+    """
+
+    def __init__(self, process: Process, name: str, log: Path, stop_seconds: float) -> None:
+        self._process = process
+        self._name = name
+        self._log = log
+        self._stop_seconds = stop_seconds
+
+    @classmethod
+    async def start(
+        cls, command: Sequence[str], env: Mapping[str, str], log: Path, *, stop_seconds: float = 30.0
+    ) -> Self:
+        """Start a server. It comes up later, or does not.
+
+        Args:
+            command: its program and arguments; they are seen by everybody on the machine.
+            env: laid over our environment.
+            log: is appended to.
+            stop_seconds: how long its end may take before it is killed.
+
+        Raises:
+            ConfigError: there is no such program.
+            StoreError: the log cannot be written.
+        """
+        program = shutil.which(command[0])
+        if program is None:
+            raise ConfigError(
+                f"there is no command {command[0]}",
+                hint="install vLLM (pip install vllm), or name a running server: vllm.base_url",
+            )
+        try:
+            output = log.open("ab")
+        except OSError as error:
+            raise StoreError(f"cannot write {log}: {error.strerror}") from error
+        with output:
+            process = await asyncio.create_subprocess_exec(
+                *(sys.executable, "-I", str(_GUARDIAN), str(stop_seconds), program, *command[1:]),
+                stdin=PIPE,
+                stdout=output,
+                stderr=STDOUT,
+                env={**os.environ, **env},
+                start_new_session=True,  # Ctrl-C is for us to hear, and to pass on in order
+            )
+        return cls(process, command[0], log, stop_seconds)
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether it has not ended."""
+        return self._process.returncode is None
+
+    async def wait(self) -> None:
+        """Until it has ended."""
+        await self._process.wait()
+
+    async def stop(self) -> None:
+        """End it, and every process that it started."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        try:
+            async with asyncio.timeout(self._stop_seconds + 5):
+                await self._process.wait()
+        except TimeoutError:
+            pass
+        finally:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self._process.pid, signal.SIGKILL)
+            await self._process.wait()
+
+    def failure(self, what: str) -> TrainingError:
+        """An error that says what happened, and how the log ends."""
+        return TrainingError(f"{self._name} {what}; its log ends: {self._told()}", hint=f"read {self._log}")
+
+    def _told(self) -> str:
+        """The last line that names an error, or else the last."""
+        try:
+            with self._log.open("rb") as file:
+                file.seek(max(0, file.seek(0, os.SEEK_END) - _LOG_TAIL_BYTES))
+                lines = [line.strip() for line in file.read().decode(errors="replace").splitlines()]
+        except OSError:
+            lines = []
+        lines = [line for line in lines if line] or ["(nothing)"]
+        return next((line for line in reversed(lines) if "rror" in line), lines[-1])[-_TOLD_CHARS:]
+
+
+def free_port(host: str, port: int | None) -> int:
+    """A port that nobody listens at: the one that is given, or any.
+
+    Raises:
+        ConfigError: the one that is given is taken.
+    """
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port or 0))
+        except OSError as error:
+            raise ConfigError(
+                f"cannot listen at {host}:{port}: {error.strerror}",
+                hint="set vllm.port to a free one, or leave it out",
+            ) from error
+        return int(probe.getsockname()[1])

@@ -1,0 +1,44 @@
+"""The other processes of a training on several GPUs (``accelerate launch``): they only learn.
+
+The first process does everything, and learns with them: what an iteration trains on is on disk before it
+learns, so the others wait for that file, and learn from the same steps in the same order.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+from typing import Final
+
+from webgym.train.folder import Stage, TrainingFolder
+from webgym.train.learner import Learner
+from webgym.train.loop import TrainConfig
+from webgym.train.objectives import make_objective
+
+_POLL_SECONDS: Final = 0.5
+
+
+def is_follower() -> bool:
+    """Whether this process was launched beside a first one, which runs the training."""
+    return int(os.environ.get("RANK") or 0) > 0
+
+
+def follow(config: TrainConfig, out: Path) -> None:
+    """Learn with the first process until its last iteration. If that one fails, the launcher ends this one.
+
+    Args:
+        config: of the training.
+        out: its folder, which all processes see.
+
+    Raises:
+        TrainingError: as in the first process.
+    """
+    folder, objective = TrainingFolder(out), make_objective(config.learn.objective)
+    learner = Learner(config.learn, objective)
+    for number in range(1, config.loop.iterations + 1):
+        while not folder.is_past(number, Stage.REPLAY):
+            time.sleep(_POLL_SECONDS)
+        draw = folder.draw(number)
+        if draw.steps and not folder.is_past(number, Stage.UPDATE):
+            learner.learn(number, draw, folder)

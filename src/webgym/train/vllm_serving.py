@@ -1,0 +1,367 @@
+"""A vLLM server that replies while a policy learns, ours or somebody else's, and the three ways to update it.
+
+lora      a new adapter is loaded under a name of its own, tested, and asked for from then on; the old one is
+          unloaded once its last reply is there. Nobody waits, and a failure changes nothing.
+in_place  requests are held and drained, the server is paused and reads all weights from a folder that it can
+          see too, then it is tested. If it fails half-way, the old weights are put back or nothing replies.
+restart   requests are held and drained, our server is stopped and started again on the new weights.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import secrets
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self
+
+from pydantic import SecretStr
+
+from webgym.agent.openai_policy import OpenAIPolicy
+from webgym.agent.policy import Policy
+from webgym.agent.profile import Profile
+from webgym.agent.profiles import choose_profile
+from webgym.core.errors import ConfigError, LLMError, PolicyError, PublishError, TrainingError
+from webgym.core.trajectory import Reply
+from webgym.inference.managed import ManagedServer, free_port
+from webgym.inference.vllm import EXPLICIT, Served, VllmApi, VllmConfig, VllmPolicy, Way
+from webgym.train.config import LoraConfig
+from webgym.train.selftest import GREEDY, check, read_selftest
+
+log = logging.getLogger(__name__)
+
+LOG: Final = "vllm.log"
+_POLL_SECONDS: Final = 0.5
+_BASE: Final = "webgym-base"
+"""Name of the first weights at a server of ours; later ones are called after their version."""
+
+
+class VllmServing:
+    """See :class:`webgym.train.serving.Serving`.
+
+    Args:
+        config: of the server.
+        model: that learning starts from, folder or hub id.
+        logs: folder for what the server writes.
+        lora: of the learner, if it trains adapters.
+        profile: of the model's family; by default the one that its name leads to.
+        newest: weights and version that a training goes on with, so that a server is started with them.
+    """
+
+    def __init__(
+        self,
+        config: VllmConfig,
+        model: str,
+        logs: Path,
+        *,
+        lora: LoraConfig | None = None,
+        profile: Profile | None = None,
+        newest: tuple[Path, str] | None = None,
+    ) -> None:
+        self._config = config
+        self._first = model
+        self._is_ours = config.base_url is None
+        self._log = logs / LOG
+        self._lora = lora
+        self._profile = profile or choose_profile(None, Path(model).name)
+        self._way = _way(config, has_adapters=lora is not None)
+        self._newest = (newest[0].resolve(), newest[1]) if newest else None
+        self._vllm = VllmPolicy(Path(model).name)
+        self.policy: Policy = self._vllm
+        self._api: VllmApi | None = None
+        self._server: ManagedServer | None = None
+        self._weights: Path | None = None  # those that are served; None for the first
+        self._earlier: Reply | None = None  # to the self-test's request, before the weights change
+        self._restarts = 0
+        self._busy = asyncio.Lock()
+
+    # --- from outside -------------------------------------------------------------------------------------
+
+    async def publish(self, weights: Path, version: str) -> None:
+        """See :class:`webgym.train.serving.Serving`."""
+        weights = await asyncio.to_thread(weights.resolve)  # as the server finds it, from wherever it runs
+        async with self._busy:
+            if self._server is not None and not self._server.is_alive:
+                await self._revive()
+            served = self._vllm.served
+            with _as_publish_error(version):
+                if served is not None and (served.version, self._weights) == (version, weights):
+                    await self._test(served, weights)
+                else:
+                    await self._change(served, weights, version)
+            self._weights, self._restarts = weights, 0
+
+    async def watch(self) -> None:
+        """See :class:`webgym.train.serving.Serving`."""
+        while True:
+            waits: set[asyncio.Task[Any]] = {asyncio.create_task(self._vllm.distrusted.wait())}
+            if self._server is not None:
+                waits.add(asyncio.create_task(self._server.wait()))
+            try:
+                await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+            finally:
+                for each in waits:
+                    each.cancel()
+            if self._vllm.distrusted.is_set():
+                raise TrainingError(
+                    f"the policy's model changes under us: {self._vllm.why}",
+                    hint="nothing of that was kept: keep others off the server, then webgym train --resume",
+                )
+            async with self._busy:
+                if self._server is not None and not self._server.is_alive:
+                    await self._revive()
+
+    async def __aenter__(self) -> Self:
+        try:
+            if self._is_ours:
+                self._log.parent.mkdir(parents=True, exist_ok=True)
+                first = self._newest if self._way == "restart" else None
+                await self._start(*(first or (None, "0")))
+            else:
+                await self._connect()
+        except BaseException:
+            await self._close()
+            raise
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        await self._close()
+
+    async def _close(self) -> None:
+        if self._vllm.served is not None:
+            await self._vllm.served.policy.__aexit__(None, None, None)
+        if self._api is not None:
+            await self._api.close()
+        if self._server is not None:
+            await self._server.stop()
+
+    # --- a server of ours ---------------------------------------------------------------------------------
+
+    async def _start(self, weights: Path | None, version: str) -> None:
+        """Start a server and wait until it replies. Nobody is let through to it before this returns.
+
+        Args:
+            weights: that it serves; ``None`` for those that learning starts from.
+            version: of them.
+        """
+        config, way = self._config, self._way
+        await self._stop()
+        port, key = free_port("127.0.0.1", config.port), SecretStr(secrets.token_hex(16))
+        name = _BASE if weights is None or way == "lora" else f"webgym-{version}"
+        model = (config.model or self._first) if weights is None or way == "lora" else str(weights)
+        command = config.command(model, name, port, way, self._lora.rank if self._lora else 0)
+        self._server = await ManagedServer.start(command, config.environment(key, way), self._log)
+        self._api = VllmApi(f"http://127.0.0.1:{port}/v1", key, config.update_seconds)
+        await self._until_up(self._server, self._api)
+        self._weights = weights
+        if weights is not None and way == "lora":
+            await self._hot_load(weights, version)
+            return
+        if way == "in_place":
+            await self._api.label(version)
+        await self._switch(await self._tested(name, version, weights))
+
+    async def _until_up(self, server: ManagedServer, api: VllmApi) -> None:
+        deadline = time.monotonic() + self._config.start_seconds
+        while not await api.is_up():
+            if not server.is_alive:
+                raise server.failure("ended before it was up")
+            if time.monotonic() > deadline:
+                raise server.failure(f"was not up after {self._config.start_seconds:g} s")
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(server.wait(), _POLL_SECONDS)
+
+    async def _stop(self) -> None:
+        if self._api is not None:
+            await self._api.close()
+        if self._server is not None:
+            await self._server.stop()
+
+    async def _revive(self) -> None:
+        """Start a server again that ended by itself, with the weights that it served."""
+        assert self._server is not None
+        self._vllm.hold()
+        version = self._vllm.served.version if self._vllm.served else "0"
+        self._restarts += 1
+        if self._restarts > self._config.restarts:
+            raise self._server.failure(f"ended, and was started again {self._config.restarts} times")
+        log.warning("%s", self._server.failure("ended; it is started again").message)
+        with _as_publish_error(version):
+            await self._start(self._weights, version)
+
+    # --- somebody else's ----------------------------------------------------------------------------------
+
+    async def _connect(self) -> None:
+        config = self._config
+        assert config.base_url is not None
+        key = SecretStr(os.environ.get(config.api_key_env, "").strip())
+        self._api = api = VllmApi(config.base_url, key, config.update_seconds)
+        try:
+            names = await api.models()
+            missing = [path for path in _NEEDED[self._way] if not await api.offers(path)]
+        except LLMError as error:
+            raise ConfigError(error.message, hint="is vLLM running there, and the key right?") from error
+        if missing:
+            raise ConfigError(
+                f"the server {config.base_url} does not offer {missing[0]}, so it takes no new weights",
+                hint=f"start it with {_FLAGS[self._way]}, or let webgym start one: leave vllm.base_url out",
+            )
+        name = config.model or (names[0] if len(names) == 1 else None)
+        if name not in names:
+            raise ConfigError(
+                f"the server {config.base_url} has the models {', '.join(names) or '(none)'}",
+                hint="set vllm.model to the one that learning starts from",
+            )
+        if self._way == "in_place" and await api.offers("/weight_info"):
+            label = await api.weight_version()
+            if self._newest is None and label not in ("", "default", "0"):
+                raise ConfigError(
+                    f"the server {config.base_url} has other weights than learning starts from: {label!r}",
+                    hint="start it anew, or go on with the training they are of: webgym train --resume",
+                )
+            await api.label("0")
+        await self._switch(await self._tested(name, "0", None))
+
+    # --- new weights --------------------------------------------------------------------------------------
+
+    async def _change(self, served: Served | None, weights: Path, version: str) -> None:
+        test = read_selftest(weights)
+        if test is not None and served is not None:
+            self._earlier = await served.policy.ask(*test.request(), GREEDY)
+        try:
+            await (self._hot_load if self._way == "lora" else self._drained)(weights, version)
+        finally:
+            self._earlier = None
+
+    async def _hot_load(self, weights: Path, version: str) -> None:
+        assert self._api is not None
+        name = f"webgym-{version}-{secrets.token_hex(3)}"  # never one that was used before
+        await self._api.load_adapter(name, str(weights))
+        try:
+            served = await self._tested(name, version, weights)
+        except BaseException:
+            with contextlib.suppress(LLMError):
+                await self._api.unload_adapter(name)
+            raise
+        before = await self._switch(served)
+        if before is not None and before.is_adapter:
+            with contextlib.suppress(LLMError):  # gone already, after a restart
+                await self._api.unload_adapter(before.model)
+
+    async def _drained(self, weights: Path, version: str) -> None:
+        """Hold requests, wait for those in flight, change the weights, test them, let requests through."""
+        assert self._api is not None
+        await self._vllm.close()
+        if self._way == "restart":
+            await self._start(weights, version)
+            return
+        before = self._vllm.served
+        assert before is not None
+        try:
+            await self._api.update_weights(str(weights), version)
+            served = await self._tested(before.model, version, weights)
+        except (LLMError, PolicyError, PublishError):
+            await self._put_back(before)
+            raise
+        await self._switch(served)
+
+    async def _put_back(self, before: Served) -> None:
+        """The weights of before an update that failed. If that fails too, the server stays paused."""
+        assert self._api is not None
+        with contextlib.suppress(LLMError, PolicyError, PublishError):
+            self._earlier = None
+            await self._api.update_weights(str(self._weights or self._first), before.version)
+            if self._weights is not None:
+                await self._test(before, self._weights)
+            self._vllm.switch(before)
+
+    async def _tested(self, name: str, version: str, weights: Path | None) -> Served:
+        """What the server has under a name, once it has passed the test of these weights."""
+        assert self._api is not None
+        chat = self._config.chat(self._api.base_url, name)
+        sampling = chat.sampling.over(self._profile.sampling).over(EXPLICIT)
+        policy = OpenAIPolicy(
+            chat.model_copy(update={"sampling": sampling}),
+            self._profile,
+            api_key=self._api.key,
+            processed_logprobs=self._is_ours,
+        )
+        is_labelled = self._way == "in_place" and await self._api.offers("/weight_info")
+        is_adapter = self._way == "lora" and weights is not None
+        served = Served(self._api, name, version, await policy.__aenter__(), is_labelled, is_adapter)
+        try:
+            if weights is not None:
+                await self._test(served, weights)
+        except BaseException:
+            await policy.__aexit__(None, None, None)
+            raise
+        return served
+
+    async def _switch(self, served: Served) -> Served | None:
+        """Let requests through to these weights; what was served before, with no request in flight."""
+        before = self._vllm.switch(served)
+        if before is not None:
+            await before.idle.wait()
+            await before.policy.__aexit__(None, None, None)
+        return before
+
+    async def _test(self, served: Served, weights: Path) -> None:
+        test = read_selftest(weights)
+        if test is None:
+            return
+        reply = await served.checked(await served.policy.ask(*test.request(), GREEDY))
+        check(test, reply, is_exact=False, earlier=self._earlier)
+
+
+_NEEDED: Final[dict[Way, tuple[str, ...]]] = {
+    "lora": ("/v1/load_lora_adapter", "/v1/unload_lora_adapter"),
+    "in_place": ("/pause", "/resume", "/collective_rpc"),
+    "restart": (),
+}
+_FLAGS: Final[dict[Way, str]] = {
+    "lora": "VLLM_ALLOW_RUNTIME_LORA_UPDATING=True and --enable-lora --max-loras 2",
+    "in_place": "VLLM_SERVER_DEV_MODE=1",
+    "restart": "",
+}
+
+
+def _way(config: VllmConfig, *, has_adapters: bool) -> Way:
+    """How weights are published.
+
+    Raises:
+        ConfigError: it does not fit what is trained, or whose the server is.
+    """
+    if config.publish == "auto":
+        return "lora" if has_adapters else "restart" if config.base_url is None else "in_place"
+    if (config.publish == "lora") != has_adapters:
+        raise ConfigError(
+            f"vllm.publish is {config.publish!r}, and the learner trains "
+            f"{'adapters' if has_adapters else 'all weights'}",
+            hint="set learn.update.lora for adapters, or leave vllm.publish out",
+        )
+    if config.publish == "restart" and config.base_url is not None:
+        raise ConfigError(
+            "a server that is not ours cannot be restarted", hint="leave vllm.publish or vllm.base_url out"
+        )
+    return config.publish
+
+
+@contextlib.contextmanager
+def _as_publish_error(version: str) -> Iterator[None]:
+    """Whatever the server does wrong, as one line that says what was being done."""
+    try:
+        yield
+    except (LLMError, PolicyError) as error:
+        raise PublishError(
+            f"cannot publish the weights {version}: {error.message}", hint=error.hint
+        ) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -134,3 +135,21 @@ def test_merging_changes_neither_side() -> None:
     assert merged(held, over) == {"a": {"b": None, "c": 2}, "d": 3, "e": {"f": 4}}
     assert (held["a"], over["a"]) == ({"b": 1, "c": 2}, {"b": None})
     assert without_none({"a": {"b": None}, "c": {"d": 0}, "e": None}) == {"c": {"d": 0}}
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        ({"attempt": {"budget_esy": 10}}, "did you mean attempt.budget_easy?"),
+        ({"polcy": {"name": "random"}}, "polcy: there is no such setting; did you mean policy?"),
+        ({"tasks": {"budget_easy": 10}}, "did you mean attempt.budget_easy?"),
+        ({"tasks": {"zzz": 1}}, "tasks.zzz: there is no such setting"),
+        ({"policy": {"chat": {"base_url": "http://127.0.0.1:1", "modle": "m"}}}, "mean policy.chat.model?"),
+        ({"samples": 0}, "samples: Input should be greater than or equal to 1"),
+    ],
+)
+def test_a_misspelt_key_is_told_with_the_nearest_right_one(
+    tmp_path: Path, settings: dict[str, Any], told: str
+) -> None:
+    with pytest.raises(ConfigError, match=re.escape(told)):
+        _run.settings([written(tmp_path / "run.yaml", settings)], {})

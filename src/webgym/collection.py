@@ -37,7 +37,8 @@ from webgym.offline.app import SitesConfig, serving
 from webgym.offline.client import SitesClient
 from webgym.offline.web import COLLECTIONS
 from webgym.offline.website import Split
-from webgym.rollout.attempt import AttemptConfig, Backstage, Stage
+from webgym.rehearsal import Rehearsal
+from webgym.rollout.attempt import AttemptConfig, Backstage, Browsers, Stage
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
 from webgym.rollout.plan import Plan
@@ -46,6 +47,7 @@ from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
 from webgym.rollout.unjudged import judge_again
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
+from webgym.settings import first_problem
 from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.sampling import Sampler, SamplerConfig
@@ -98,6 +100,12 @@ class ServerChoice(_Settings):
 
     sites_url: str | None = None
     """Where the offline web is served; without one it is served here, if the tasks are its."""
+
+    rehearsed: bool = False
+    """Without browsers (:mod:`webgym.rehearsal`); for the small websites, and for studies alone."""
+
+    pictures: Path = Path("runs/pictures")
+    """Folder for the pages that are drawn where there are no browsers."""
 
 
 class RunConfig(_Settings):
@@ -356,9 +364,7 @@ def read_config(reader: RunReader) -> tuple[RunConfig, str]:
     try:
         return RunConfig.model_validate(held), run_id
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise RunFolderError(f"{reader.path}/config.yaml: {where}: {first['msg']}") from error
+        raise RunFolderError(f"{reader.path}/config.yaml: {first_problem(error, RunConfig)}") from error
 
 
 @dataclass(frozen=True)
@@ -366,7 +372,7 @@ class _Company:
     """Everything that a run talks to."""
 
     backstage: Backstage | None
-    client: BrowserClient
+    client: Browsers
     agent: Agent
     judge: Judge
 
@@ -381,11 +387,32 @@ async def _company(
     )
     async with (
         open_judge(config.judge) as judge,
-        _sites(config, secrets, tasks) as (backstage, allowed),
-        _browsers(config, secrets, allowed, tell) as client,
+        _places(config, secrets, tasks, tell) as (backstage, client),
         Agent(policy, config.agent, profile) as agent,
     ):
         yield _Company(backstage, client, agent, judge)
+
+
+@asynccontextmanager
+async def _places(
+    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], tell: Tell | None
+) -> AsyncIterator[tuple[Backstage | None, Browsers]]:
+    """Websites and browsers, or what stands in for both."""
+    if config.server.rehearsed:
+        if config.sites.collection != "small" or config.tasks.file is not None:
+            raise ConfigError(
+                "only attempts at the small websites can be made without browsers",
+                hint="set sites.collection to small, or server.rehearsed to false",
+            )
+        web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family, collection="small")
+        async with Rehearsal(web, config.server.pictures) as rehearsal:
+            yield rehearsal, rehearsal
+        return
+    async with (
+        _sites(config, secrets, tasks) as (backstage, allowed),
+        _browsers(config, secrets, allowed, tell) as client,
+    ):
+        yield backstage, client
 
 
 async def _carry_out(
@@ -511,7 +538,7 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
         What :func:`collect` needs to use them: ``config.server`` and its secrets. Services that run elsewhere
         already are passed on as they are.
     """
-    if config.server.url is not None:
+    if config.server.url is not None or config.server.rehearsed:
         yield config.server, secrets
         return
     async with AsyncExitStack() as stack:

@@ -7,14 +7,17 @@ of models is best sampled with (:meth:`webgym.llm.config.Sampling.over`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from webgym.core.errors import ConfigError
+
+Settings = TypeVar("Settings", bound=BaseModel)
 
 
 class Section(BaseModel):
@@ -74,6 +77,74 @@ def read_settings(path: Path, hint: str) -> dict[str, Any]:
     if not isinstance(held, dict):
         raise ConfigError(f"{path} holds no settings", hint=hint)
     return held
+
+
+def settings_of(model: type[Settings], files: Sequence[Path], hint: str) -> Settings:
+    """Settings from YAML files, each laid over those before it.
+
+    Args:
+        model: what they are.
+        files: may be none, for the defaults.
+        hint: where an example is.
+
+    Raises:
+        ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
+    """
+    held: dict[str, Any] = {}
+    for path in files:
+        held = merged(held, read_settings(path, hint))
+    try:
+        return model.model_validate(held)
+    except ValidationError as error:
+        told = ", ".join(map(str, files)) or "no file"
+        raise ConfigError(f"{told}: {first_problem(error, model)}") from error
+
+
+def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
+    """What is wrong with settings, in one line; of a key that there is not, the nearest one that there is.
+
+    A key that there is not comes before one that is missing: it is often the same one, misspelt.
+
+    Args:
+        error: of their validation.
+        model: what they were to be.
+    """
+    problems = error.errors()
+    found = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
+    where = ".".join(map(str, found["loc"]))
+    if found["type"] != "extra_forbidden":
+        message = found["msg"].removeprefix("Value error, ")
+        return f"{where}: {message}" if where else message
+    nearest = _nearest(where, sorted(set(_keys(model))))
+    return f"{where}: there is no such setting" + (f"; did you mean {nearest}?" if nearest else "")
+
+
+def _nearest(key: str, keys: list[str]) -> str | None:
+    """A key of the same section that is spelt alike, else one of another section that is called the same."""
+    section, _, name = key.rpartition(".")
+    beside = [each for each in keys if each.rpartition(".")[0] == section]
+    close = get_close_matches(name, [each.rpartition(".")[2] for each in beside], n=1)
+    if close:
+        return f"{section}.{close[0]}" if section else close[0]
+    named = [each for each in keys if each.rpartition(".")[2] == name]
+    return min(named, key=len) if named else None
+
+
+def _keys(model: type[BaseModel], section: str = "") -> Iterator[str]:
+    """The keys of settings and of their sections, with dots."""
+    for name, field in model.model_fields.items():
+        key = f"{section}.{name}" if section else name
+        yield key
+        for inner in _models(field.annotation):
+            yield from _keys(inner, key)
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The sections that a value of this type may be."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models(part)
 
 
 def _set_in(value: Any) -> Any:

@@ -9,10 +9,15 @@ import pytest
 import yaml
 from pydantic import ValidationError
 
+from webgym.inference.vllm import VllmConfig
 from webgym.settings import merged
 from webgym.train.config import LearnConfig
+from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.objectives import GroupIS, make_objective
+from webgym.train.serving import LocalServing
+from webgym.train.start import make_serving
+from webgym.train.vllm_serving import VllmServing
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -39,6 +44,33 @@ def test_the_preset_of_groups_is_asyncwebrls() -> None:
     assert make_objective(config.objective) == GroupIS()
     assert config.update.learning_rate == 5e-6
     assert config.replay.iterations == GroupIS().staleness + 1
+
+
+def test_a_vllm_server_is_laid_over_a_preset_and_replies_in_place_of_the_model_in_this_process() -> None:
+    preset = read("train/qwen3-vl-8b.yaml")
+    whole = TrainConfig.model_validate(merged(preset, read("train/vllm.yaml")))
+    assert whole.local is None
+    assert whole.vllm is not None
+    assert whole.vllm.sampling.extra_body == preset["local"]["sampling"]["extra_body"] == {"top_k": 2}
+    assert isinstance(make_serving(whole, TrainingFolder(Path("nowhere"))), VllmServing)
+    assert isinstance(
+        make_serving(TrainConfig.model_validate(preset), TrainingFolder(Path("x"))), LocalServing
+    )
+    with pytest.raises(ValidationError, match="either local or vllm replies, not both"):
+        TrainConfig.model_validate(merged(preset, {"vllm": {}}))
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"base_url": "gpu-host:8000"}, "must start with http"),
+        ({"extra_args": ["--port=1"]}, "extra_args must not set --port"),
+        ({"tensor_parallel": 2}, "tensor_parallel"),
+    ],
+)
+def test_a_vllm_setting_that_cannot_hold_is_named(settings: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValidationError, match=said):
+        VllmConfig.model_validate(settings)
 
 
 @pytest.mark.parametrize("name", ["ddp", "fsdp2"])

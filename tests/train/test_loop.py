@@ -14,7 +14,7 @@ from tests.train.making import PICTURES, task, trajectory
 from webgym.agent.policy import Policy
 from webgym.agent.random_policy import RandomPolicy
 from webgym.collection import RunConfig, Secrets, ServerChoice
-from webgym.core.errors import TrainingError, WebGymError
+from webgym.core.errors import PublishError, TrainingError, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.rollout.store import RunReader, RunWriter
@@ -35,7 +35,15 @@ class Killed(BaseException):
 class World:
     """What a training talks to, with a log of what was done; may be made to end before any of it."""
 
-    def __init__(self, *, kill_before: int | None = None, outcome: Outcome | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        kill_before: int | None = None,
+        outcome: Outcome | None = None,
+        refuses: str = "",
+    ) -> None:
+        self._refuses = refuses
+        self.failed = asyncio.Event()
         self.log: list[str] = []
         self.served = "0"
         self._kill_before = kill_before
@@ -80,11 +88,17 @@ class World:
         weights = folder.weights(number)
         weights.mkdir(parents=True, exist_ok=True)
         (weights / "state.json").write_text("{}")
-        return {"samples": len(draw.steps)}
+        return {"samples": len(draw.steps), "loss": 1.0}
 
     async def publish(self, weights: Path, version: str) -> None:
+        if version == self._refuses:
+            raise PublishError("the served model does not pass its self-test")
         self.do(f"publish {version}")
         self.served = version
+
+    async def watch(self) -> None:
+        await self.failed.wait()
+        raise TrainingError("the policy's model changes under us")
 
     async def __aenter__(self) -> World:
         return self
@@ -189,6 +203,36 @@ def test_nothing_to_learn_from_leaves_the_weights_and_ends_with_a_line_in_the_en
     assert "2 iterations in a row" in str(error)
     assert done(world) == []
     assert TrainingFolder(tmp_path).is_past(2, Stage.COLLECT)
+
+
+@pytest.mark.parametrize("keep", [1, 2])
+def test_weights_that_are_not_taken_end_the_training_and_are_published_when_it_goes_on(
+    tmp_path: Path, keep: int
+) -> None:
+    world = World(refuses="2")
+    with pytest.raises(BaseExceptionGroup) as caught:
+        run(tmp_path, world, config(keep_weights=keep))
+    (error,) = caught.value.exceptions
+    assert isinstance(error, PublishError)
+    assert world.served == "1"
+    assert TrainingFolder(tmp_path).weights(1).exists(), "they are served, and may be needed again"
+    again = World()
+    rows = run(tmp_path, again, config(keep_weights=keep))
+    assert done(again)[0] == "publish 2"
+    assert [row["trajectories"] for row in rows] == [4, 8, 12]
+
+
+def test_a_server_that_fails_ends_the_training(tmp_path: Path) -> None:
+    class Failing(World):
+        async def attempts(self, *given: Any) -> Summary:
+            self.failed.set()
+            await asyncio.sleep(60)
+            raise AssertionError
+
+    with pytest.raises(BaseExceptionGroup) as caught:
+        run(tmp_path, Failing(), config())
+    (error,) = caught.value.exceptions
+    assert "changes under us" in str(error)
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,10 @@ from tests.train.making import Made, step, task, trajectory
 from webgym.core.action import Answer
 from webgym.core.errors import ConfigError
 from webgym.core.outcome import Outcome
-from webgym.core.trajectory import Trajectory
+from webgym.core.trajectory import Reply, Trajectory
 from webgym.train.config import ReplayConfig
 from webgym.train.objectives import FilteredBC, GroupIS
-from webgym.train.replay import Replay, StepRef
+from webgym.train.replay import Draw, Replay, StepRef
 
 SUCCESS, FAILURE = Outcome.SUCCESS, Outcome.FAILURE
 
@@ -206,3 +206,71 @@ def test_an_objective_bounds_how_stale_a_step_may_be() -> None:
     for number in range(3):
         made.add(number, Made(group("a", 1, 0)))
     assert {iteration for iteration, _, _ in drawn(made)} == {1, 2}
+
+
+# --- staleness ---------------------------------------------------------------------------------------------
+
+
+def made_by(*versions: str) -> Made:
+    """One group of two attempts, whose steps were made by these weights."""
+    won, lost = trajectory(0, changed=[True] * len(versions)), trajectory(1, outcome=FAILURE)
+    steps = [
+        msgspec.structs.replace(each, reply=Reply("click", "p", weight_version=version))
+        for each, version in zip(won.episode.steps, (*versions, versions[-1]), strict=True)
+    ]
+    episode = msgspec.structs.replace(won.episode, steps=tuple(steps))
+    return Made([msgspec.structs.replace(won, episode=episode), lost])
+
+
+def of_winner(draw: Draw) -> list[int]:
+    return [ref.index for ref in draw.steps if ref.attempt_id == "t/a#0.0"]
+
+
+def test_staleness_is_that_of_the_weights_that_made_each_step() -> None:
+    """Collected while weights changed: the iteration is the newest, two of its steps are too old."""
+    made = replay(GroupIS(staleness=1))
+    for version in ("1", "2", "3"):
+        made.publish(version)
+    made.add(4, made_by("1", "2", "3", "no such"))
+
+    draw = made.draw()
+
+    assert of_winner(draw) == [1, 2]
+    assert draw.stale == 3, "the first, the one of nobody knows whom, and the answer after it"
+    assert draw.by_staleness == {0: 1, 1: 1}
+    assert [ref.version for ref in draw.steps if ref.attempt_id == "t/a#0.0"] == ["2", "3"]
+
+
+def test_iterations_without_an_update_make_nothing_stale() -> None:
+    made = replay(GroupIS(staleness=0))
+    made.publish("3")  # 1 and 2 had nothing to learn from
+    made.publish("7")
+    made.add(8, made_by("3", "7"))
+    assert of_winner(made.draw()) == [1, 2]
+
+
+def test_what_does_not_say_its_weights_is_as_old_as_its_iteration() -> None:
+    made = replay(GroupIS(staleness=1), iterations=4)
+    for iteration in (1, 2, 3):
+        made.add(iteration, Made([trajectory(0), trajectory(1, outcome=FAILURE)]))
+    assert {ref.iteration for ref in made.draw().steps} == {2, 3}
+
+
+def test_the_papers_objective_bears_any_staleness() -> None:
+    made = replay(FilteredBC())
+    made.publish("1")
+    made.publish("2")
+    made.add(3, made_by("0", "0", "2"))
+    draw = made.draw()
+    assert (len(draw.steps), draw.stale) == (4, 0)
+    assert draw.by_staleness == {0: 2, 2: 2}
+
+
+@pytest.mark.parametrize("objective", [FilteredBC(), GroupIS()])
+def test_what_was_not_rewarded_is_trained_on_by_no_objective(objective: FilteredBC | GroupIS) -> None:
+    """Not even as a failure: a fault is no evidence against what was done."""
+    made = replay(objective)
+    made.add(0, Made([trajectory(number, outcome=each) for number, each in enumerate(Outcome)]))
+    trained = {attempt for _, attempt, _ in drawn(made)}
+    rewarded = {f"t/a#{number}.0" for number, each in enumerate(Outcome) if each.is_rewarded}
+    assert trained <= rewarded

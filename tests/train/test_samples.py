@@ -57,6 +57,19 @@ def test_a_prompt_with_another_number_of_image_tokens_is_dropped(instruct: Rende
         assert dropped(instruct, stored(instruct, "click", prompt_ids=other)) == "image_tokens"
 
 
+def test_ids_that_were_told_before_expansion_are_expanded_where_the_count_proves_it(
+    instruct: Renderer,
+) -> None:
+    ids = instruct.prompt_ids(request())
+    told = [each for place, each in enumerate(ids) if each != instruct.image_id or ids[place - 1] != each]
+    assert len(told) == len(ids) - 1
+    found = made(instruct, stored(instruct, "click", prompt_ids=told, prompt_tokens=len(ids)))
+    assert found.prompt_ids.tolist() == ids
+    for count in (0, len(told), len(ids) + 1):
+        reply = stored(instruct, "click", prompt_ids=told, prompt_tokens=count)
+        assert dropped(instruct, reply) == "image_tokens"
+
+
 def test_pictures_whose_tokens_are_right_in_sum_but_not_one_by_one_are_dropped(instruct: Renderer) -> None:
     two = (*request(0), Message("assistant", (TextPart("x"),)), *request(1, width=96)[1:])
     ids = instruct.prompt_ids(two)

@@ -3,52 +3,74 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
+import math
 from collections.abc import Mapping
+from contextvars import ContextVar
+from itertools import cycle, zip_longest
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 import pytest
-from pydantic import SecretStr
 from safetensors.torch import load_file
 
 from webgym.agent.policy import Player, Policy, Turn
-from webgym.collection import Secrets, all_tasks, services
-from webgym.core.errors import PolicyError
+from webgym.collection import Secrets, ServerChoice, all_tasks, services
+from webgym.core.errors import BrowserCrashed, JudgeError, PolicyError
+from webgym.core.outcome import Outcome
 from webgym.core.task import Task
-from webgym.core.trajectory import Reply
+from webgym.core.trajectory import Episode, Reply
+from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
+from webgym.rollout.attempt import Attempt
 from webgym.rollout.store import RunReader
+from webgym.server import Session
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.model import TinyConfig, make_model, save_model
-from webgym.train.folder import Stage, TrainingFolder
+from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
+from webgym.train.trackers import numbers_in
 
 pytestmark = pytest.mark.browser
 
 
-class Faulty:
-    """The demonstrators behind an endpoint that fails at three of ten attempts, once each."""
+FAULT: ContextVar[str] = ContextVar("fault", default="")
+"""What goes wrong in the attempt that is being made."""
+
+RECORDED = """
+    trajectories collect/attempts collect/outcomes/success collect/success_rate/overall
+    collect/success_rate_of_planned/overall collect/success_interval/overall/low
+    collect/success_interval_of_planned/overall/high collect/steps collect/steps_per_trajectory
+    collect/unchanged_share collect/reply_characters collect/reply_tokens collect/blocked_share
+    replay/drawn replay/counts/unrewarded replay/counts/left_out replay/counts/unchanged replay/used_up
+    replay/stale update/samples update/optimizer_steps update/loss update/grad_norm update/learning_rate
+    update/tokens_per_second
+    seconds/collect seconds/replay seconds/update seconds/publish seconds/evaluate
+    evaluation/success_rate/overall evaluation/success_interval/overall/high
+""".split()
+"""Numbers that every iteration leaves in metrics.jsonl."""
+
+OUTCOMES = {
+    "policy": Outcome.POLICY_ERROR,
+    "browser": Outcome.ENVIRONMENT_ERROR,
+    "judge": Outcome.JUDGE_ERROR,
+}
+
+
+class Breakable:
+    """The demonstrators behind an endpoint that fails where it is to."""
 
     wants_elements = True
 
-    def __init__(self, share: float) -> None:
+    def __init__(self) -> None:
         self._policy = Demonstrators()
-        self._share = share
-        self._failed: set[str] = set()
         self.name = self._policy.name
 
     def begin(self, task: Task, seed: int) -> Player:
-        name = f"{task.id}/{seed}"
-        chance = int(hashlib.sha256(name.encode()).hexdigest()[:4], 16) / 0xFFFF
-        if chance < self._share and name not in self._failed:
-            self._failed.add(name)
-            return _Fails()
-        return self._policy.begin(task, seed)
+        return _Player(self._policy.begin(task, seed))
 
     async def __aenter__(self) -> Self:
         return self
@@ -62,9 +84,52 @@ class Faulty:
         return None
 
 
-class _Fails:
+class _Player:
+    def __init__(self, player: Player) -> None:
+        self._player = player
+
     async def reply(self, turn: Turn) -> Reply:
-        raise PolicyError("injected")
+        if FAULT.get() == "policy" and turn.index:
+            raise PolicyError("injected")
+        return await self._player.reply(turn)
+
+
+class _Breaks:
+    """A browser session that is gone after its first step."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._steps = 0
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._session, name)
+
+    async def step(self, action: Any) -> Any:
+        self._steps += 1
+        if self._steps > 1:
+            raise BrowserCrashed("injected")
+        return await self._session.step(action)
+
+
+def inject(faults: Mapping[str, str], patch: pytest.MonkeyPatch) -> None:
+    """Let these attempts go wrong, each in its way."""
+    run, judge = Attempt.run, OfflineJudge.judge
+
+    async def broken_run(self: Attempt, session: Session) -> None:
+        fault = faults.get(self.planned.attempt_id, "")
+        before = FAULT.set(fault)
+        try:
+            await run(self, cast(Session, _Breaks(session)) if fault == "browser" else session)
+        finally:
+            FAULT.reset(before)
+
+    async def broken_judge(self: OfflineJudge, task: Task, episode: Episode, pictures: Any) -> Any:
+        if faults.get(episode.attempt_id) == "judge":
+            raise JudgeError("injected")
+        return await judge(self, task, episode, pictures)
+
+    patch.setattr(Attempt, "run", broken_run)
+    patch.setattr(OfflineJudge, "judge", broken_judge)
 
 
 class Serving:
@@ -77,6 +142,9 @@ class Serving:
     async def publish(self, weights: Path, version: str) -> None:
         assert (weights / "model.safetensors").exists()
         self.published.append(version)
+
+    async def watch(self) -> None:
+        await asyncio.get_running_loop().create_future()
 
     async def __aenter__(self) -> Self:
         return self
@@ -111,54 +179,87 @@ def settings(model: Path) -> TrainConfig:
     )
 
 
-async def train(out: Path, config: TrainConfig, policy: Policy) -> tuple[list[dict[str, Any]], Serving]:
-    objective, serving, folder = make_objective(config.learn.objective), Serving(policy), TrainingFolder(out)
-    async with services(config.rollout, Secrets()) as (where, secrets):
-        assert isinstance(secrets.server_token, SecretStr)
-        folder.create(config.model_dump(mode="json"))
-        training = Training(
-            config,
-            folder,
-            all_tasks(config.rollout),
-            serving=serving,
-            learner=Learner(config.learn, objective),
-            replay=Replay(config.learn.replay, objective),
-            where=where,
-            secrets=secrets,
-        )
-        return await training.run(), serving
+async def train(
+    out: Path, config: TrainConfig, where: ServerChoice, secrets: Secrets
+) -> tuple[list[dict[str, Any]], Serving]:
+    objective, serving = make_objective(config.learn.objective), Serving(Breakable())
+    folder = TrainingFolder(out)
+    folder.create(config.model_dump(mode="json"))
+    training = Training(
+        config,
+        folder,
+        all_tasks(config.rollout),
+        serving=serving,
+        learner=Learner(config.learn, objective),
+        replay=Replay(config.learn.replay, objective),
+        where=where,
+        secrets=secrets,
+    )
+    return await training.run(), serving
 
 
-def rewards(run: Path) -> Mapping[tuple[str, int], str]:
-    """How every sample ended, whatever went wrong on the way."""
-    trajectories = RunReader(run).trajectories()
-    return {
-        (each.episode.task_id, each.episode.sample): str(each.outcome)
-        for each in trajectories
-        if each.outcome.is_rewarded
-    }
+def outcomes(folder: TrainingFolder) -> dict[str, Outcome]:
+    """How every attempt of the first iteration ended."""
+    return {each.episode.attempt_id: each.outcome for each in RunReader(folder.run(1)).trajectories()}
 
 
-def test_an_iteration_learns_from_successes_alone_and_faults_change_no_reward(
-    tmp_path: Path, model: Path
+def rewards(found: Mapping[str, Outcome]) -> dict[str, Outcome]:
+    """How every sample was rewarded, whatever went wrong on the way."""
+    return {name.rpartition(".")[0]: each for name, each in found.items() if each.is_rewarded}
+
+
+def to_break(found: Mapping[str, Outcome]) -> dict[str, str]:
+    """30 % of the attempts, successes and failures by turns, and the three faults by turns."""
+    won = sorted(name for name, outcome in found.items() if outcome is Outcome.SUCCESS)
+    lost = sorted(name for name, outcome in found.items() if outcome is not Outcome.SUCCESS)
+    by_turns = [name for pair in zip_longest(won, lost) for name in pair if name]
+    count = math.ceil(0.3 * len(found))
+    return dict(zip(by_turns[:count], cycle(OUTCOMES), strict=False))
+
+
+def test_an_iteration_learns_from_successes_alone_and_faults_never_become_gradients(
+    tmp_path: Path, model: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config = settings(model)
-    rows, serving = asyncio.run(train(tmp_path / "clean", config, Demonstrators()))
-    folder = TrainingFolder(tmp_path / "clean")
-    (row,) = rows
+    clean, faulty = TrainingFolder(tmp_path / "clean"), TrainingFolder(tmp_path / "faulty")
+    faults: dict[str, str] = {}
+
+    async def both() -> Any:
+        async with services(config.rollout, Secrets()) as reached:
+            first = await train(clean.path, config, *reached)
+            faults.update(to_break(outcomes(clean)))
+            inject(faults, monkeypatch)
+            loop = config.loop.model_copy(update={"evaluate_every": 0})
+            again = config.model_copy(update={"loop": loop})
+            return *first, *await train(faulty.path, again, *reached)
+
+    (row,), serving, (faulty_row,), _ = asyncio.run(both())
+
+    assert set(RECORDED) <= dict(numbers_in(row)).keys()
+    assert set(row["collect"]["success_rate"]) == {"overall", "easy", "medium", "hard"}
     assert row["update"]["samples"] == row["replay"]["drawn"] > 0
     assert row["update"]["dropped"] == {}
     assert serving.published == ["1"]
     assert row["evaluation"]["attempts"] == 2
-    outcomes = {each.episode.attempt_id: each.outcome for each in RunReader(folder.run(1)).trajectories()}
-    assert {outcomes[ref.attempt_id] for ref in folder.batch(1)} == {"success"}
-    assert all(task.split == "train" for task in folder.tasks(1))
-    before, after = (load_file(path / "model.safetensors") for path in (model, folder.weights(1)))
+    found = outcomes(clean)
+    assert {found[ref.attempt_id] for ref in clean.batch(1)} == {Outcome.SUCCESS}
+    assert all(task.split == "train" for task in clean.tasks(1))
+    before, after = (load_file(path / "model.safetensors") for path in (model, clean.weights(1)))
     assert any((before[name] != after[name]).any() for name in before)
 
-    faulty_rows, _ = asyncio.run(train(tmp_path / "faulty", config, Faulty(0.3)))
-    faulty = TrainingFolder(tmp_path / "faulty")
-    collected = faulty.figures(1, Stage.COLLECT)
-    assert collected["outcomes"]["policy_error"] > 0
-    assert rewards(faulty.run(1)) == rewards(folder.run(1))
-    assert faulty_rows[0]["collect"]["success_rate"] == row["collect"]["success_rate"]
+    with_faults = outcomes(faulty)
+    assert set(faults.values()) == set(OUTCOMES)
+    assert {found[name] is Outcome.SUCCESS for name in faults} == {True, False}
+    # What went wrong has no reward, neither 0 nor 1; browser and policy get another try.
+    assert {name: with_faults[name] for name in faults} == {n: OUTCOMES[kind] for n, kind in faults.items()}
+    unjudged = {name.rpartition(".")[0] for name, kind in faults.items() if kind == "judge"}
+    expected = {name: each for name, each in rewards(found).items() if name not in unjudged}
+    assert rewards(with_faults) == expected
+    won = sum(each is Outcome.SUCCESS for each in expected.values())
+    assert faulty_row["collect"]["success_rate"]["overall"] == won / len(expected)
+    # No step of a faulty attempt is trained on, and all others that would have been are.
+    trained = {ref.attempt_id for ref in faulty.batch(1)}
+    assert trained.isdisjoint(faults)
+    assert {with_faults[name] for name in trained} == {Outcome.SUCCESS}
+    counts = faulty_row["replay"]["counts"]
+    assert (counts["unrewarded"], counts["kept"]) == (len(faults), won)

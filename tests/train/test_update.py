@@ -12,14 +12,16 @@ import torch
 from safetensors.torch import load_file
 from tests.inference.tiny import tiny_renderer, write_tiny_model
 from tests.train.making import Made, sample, stored, trajectory
-from tests.train.updating import run_case, run_cases_together, samples, updater
+from tests.train.updating import learn_first, learning, run_case, run_cases_together, samples, updater
 
 from webgym.core.errors import ConfigError, StoreError, TrainingError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Reply
 from webgym.inference.model import load_model
 from webgym.train.config import ReplayConfig, UpdateConfig
+from webgym.train.folder import TrainingFolder
 from webgym.train.logprobs import ReplyLogProbs, collate
+from webgym.train.loop import TrainConfig
 from webgym.train.objectives import FilteredBC
 from webgym.train.replay import Replay
 from webgym.train.samples import SampleMaker
@@ -131,6 +133,9 @@ def test_two_processes_give_the_update_of_one(model: Path, tmp_path: Path) -> No
     for case in cases:
         run_case(case, model, tmp_path / "one" / case)
         assert_same(model, tmp_path / "one" / case, tmp_path / "two" / case)
+    learn_first(TrainConfig(learn=learning(model)), tmp_path / "alone")
+    alone, together = (TrainingFolder(tmp_path / each).weights(1) for each in ("alone", "two/training"))
+    assert_same(model, alone, together)
 
 
 @pytest.mark.parametrize("lora", [None, {"rank": 4, "alpha": 8}])
@@ -159,6 +164,14 @@ def test_adapters_leave_the_weights_alone_and_load_as_a_model(model: Path, tmp_p
     assert not (tmp_path / "new" / "model.safetensors").exists()
     assert all("lora" in name and "visual" not in name for name in weights(tmp_path / "new"))
     assert likelihood(tmp_path / "new") > likelihood(model) + 0.01
+
+
+def test_saved_weights_have_what_a_servers_processor_reads(tmp_path: Path) -> None:
+    source = write_tiny_model(tmp_path / "source")
+    (source / "video_preprocessor_config.json").write_text('{"video_processor_type": "any"}')
+    updater(source).save(tmp_path / "saved")
+    copied = tmp_path / "saved" / "video_preprocessor_config.json"
+    assert copied.read_text() == (source / copied.name).read_text()
 
 
 def test_a_frozen_vision_tower_stays_as_it_was(model: Path, tmp_path: Path) -> None:

@@ -7,10 +7,16 @@ from pathlib import Path
 from typing import Any
 
 from tests.inference.tiny import tiny_renderer
-from tests.train.making import sample
+from tests.train.making import Made, sample, trajectory
 
-from webgym.train.config import UpdateConfig
+from webgym.core.trajectory import Reply
+from webgym.train.config import LearnConfig, UpdateConfig
+from webgym.train.folder import Stage, TrainingFolder
+from webgym.train.follow import follow
+from webgym.train.learner import Learner
+from webgym.train.loop import LoopConfig, TrainConfig
 from webgym.train.objectives import FilteredBC, GroupIS, Objective
+from webgym.train.replay import Replay
 from webgym.train.samples import Sample
 from webgym.train.update import Updater, UpdateReport
 
@@ -61,3 +67,25 @@ def run_cases_together(rank: int, port: int, source: Path, folder: Path, names: 
     os.environ.update({name: str(value) for name, value in (where | own).items()})
     for name in names:
         run_case(name, source, folder / name)
+    training = TrainConfig(learn=learning(source), loop=LoopConfig(iterations=1))
+    if rank == 0:
+        learn_first(training, folder / "training")
+    else:
+        follow(training, folder / "training")
+
+
+def learning(source: Path) -> LearnConfig:
+    update = {"precision": "fp32", "learning_rate": 1e-2, "warmup_steps": 1, "micro_batch": 2, "batch": 4}
+    return LearnConfig.model_validate({"model": str(source), "update": update, "replay": {"passes": 1}})
+
+
+def learn_first(config: TrainConfig, path: Path) -> None:
+    """The first iteration of a training whose trajectories are there already."""
+    folder, objective = TrainingFolder(path), FilteredBC()
+    replay = Replay(config.learn.replay, objective)
+    run = Made([trajectory(number, reply=Reply(text, "p")) for number, text in enumerate(REPLIES[:2])])
+    folder.iteration(1).mkdir(parents=True)
+    replay.add(1, run.write(folder.run(1)))
+    folder.write_batch(1, replay.draw())
+    told = Learner(config.learn, objective).learn(1, folder.draw(1), folder)
+    folder.finish(1, Stage.UPDATE, told)

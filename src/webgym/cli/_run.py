@@ -19,7 +19,7 @@ from webgym.collection import RunConfig, Secrets
 from webgym.core.errors import ConfigError
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
-from webgym.settings import merged, read_settings, without_none
+from webgym.settings import first_problem, merged, read_settings, without_none
 
 T = TypeVar("T")
 
@@ -120,10 +120,8 @@ def settings(
     try:
         return RunConfig.model_validate(held)
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
         told = ", ".join(map(str, files)) or "options"
-        raise ConfigError(f"{told}: {where}: {first['msg'].removeprefix('Value error, ')}") from error
+        raise ConfigError(f"{told}: {first_problem(error, RunConfig)}") from error
 
 
 def show_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManager[None]]:

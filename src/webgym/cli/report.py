@@ -1,4 +1,4 @@
-"""``webgym report``: write the report of a run."""
+"""``webgym report``: write the report of a run or of a training."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from webgym.report import ReportConfig, write_report
+from webgym.report import ReportConfig, is_training, write_report, write_training_report
 
 _DEFAULTS = ReportConfig()
 
 
 def command(
-    run: Annotated[Path, typer.Argument(help="The run folder.")],
+    run: Annotated[Path, typer.Argument(help="The folder of a run or of a training.")],
     width: Annotated[
         int, typer.Option(help="Width of embedded screenshots, pixels.", min=64)
     ] = _DEFAULTS.image_width,
@@ -33,5 +33,6 @@ def command(
         def show(what: str, done: int, total: int) -> None:
             bars.update(bar, description=what, completed=done, total=total)
 
-        path = write_report(run, config=config, progress=show)
+        write = write_training_report if is_training(run) else write_report
+        path = write(run, config=config, progress=show)
     typer.echo(path)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
 from webgym.cli import _options as options
+
+if TYPE_CHECKING:
+    from webgym.train.loop import TrainConfig
 
 
 def command(
@@ -18,7 +22,7 @@ def command(
         None, "--resume", help="Folder to go on with, as it was started.", show_default=False
     ),
     explain: bool = typer.Option(
-        False, "--explain", help="Say what an update takes (memory, tokens, time), and do nothing."
+        False, "--explain", help="Say what is trained on and what an update takes, and do nothing."
     ),
     gpus: str = typer.Option(
         "8xh100", "--gpus", help="For --explain: how many of which, such as 8xh100, 4xa100, 1xh200."
@@ -32,19 +36,22 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
+    from webgym.cli._training import carry_out
     from webgym.core.errors import ConfigError, UsageError
 
     try:
         import torch  # noqa: F401
     except ImportError as error:
         raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
-    from webgym.train.start import open_training, read_config, read_settings_of
+    from webgym.train.follow import follow, is_follower
+    from webgym.train.start import read_config, read_settings_of
 
     console = Console()
     files = list(config or ())
     if explain:
         settings = read_config(resume) if resume else read_settings_of(files)
-        _explain(settings.learn, gpus, console)
+        for line in _explained(settings, gpus):
+            console.print(line, highlight=False, soft_wrap=True)
         return
     if (out is None) == (resume is None) or bool(files) != bool(out):
         hint = "webgym train CONFIG --out FOLDER makes one, webgym train --resume FOLDER goes on with it"
@@ -52,32 +59,36 @@ def command(
     folder = out or resume
     assert folder is not None
     settings = read_config(folder) if resume else read_settings_of(files)
-    secrets = _run.secrets(token_file)
-    show, tell = _run.show_on(console), _run.tell_on(console)
-
-    async def train() -> None:
-        async with open_training(
-            settings, folder, resume=resume is not None, secrets=secrets, show=show, tell=tell
-        ) as training:
-            await training.run()
-
-    _run.run(train)
-    console.print(f"\ntraining {folder}", highlight=False, soft_wrap=True)
+    if is_follower():
+        follow(settings, folder)
+        return
+    carry_out(settings, folder, resume=resume is not None, secrets=_run.secrets(token_file), console=console)
 
 
-def _explain(learn: object, gpus: str, console: object) -> None:
-    from rich.console import Console
-
+def _explained(settings: TrainConfig, gpus: str) -> list[str]:
+    """What a training by these settings does, and what an update takes."""
     from webgym.core.errors import UsageError
-    from webgym.train.config import LearnConfig
     from webgym.train.estimate import KNOWN_GPUS, estimate
 
-    assert isinstance(learn, LearnConfig)
-    assert isinstance(console, Console)
     count, _, kind = gpus.lower().rpartition("x")
     if kind not in KNOWN_GPUS or not (count or "1").isdecimal():
         raise UsageError(
             f"there are no GPUs {gpus!r}", hint=f"such as 8xh100; kinds: {', '.join(KNOWN_GPUS)}"
         )
-    known = KNOWN_GPUS[kind].model_copy(update={"count": int(count or 1)})
-    console.print(str(estimate(learn, known)), highlight=False)
+    sampler, attempt = settings.sampler, settings.rollout.attempt
+    learn, update = settings.learn, settings.learn.update
+    ratio = ", ".join(f"{share:g} {level}" for level, share in (sampler.ratio or {}).items() if share)
+    drawn = ratio or "uniform"
+    if sampler.without_share:
+        drawn += f", without {sampler.without_share:.0%} of the subdomains"
+    steps = f"{attempt.budget_easy}, {attempt.budget_medium}, {attempt.budget_hard} steps in training"
+    tested = ", ".join(map(str, settings.evaluation.budget))
+    penalty = "dropped" if learn.replay.repetition_penalty else "trained on"
+    return [
+        f"tasks      {settings.loop.tasks:,} per iteration of split {sampler.split}, {drawn}",
+        f"attempts   {steps}, {tested} in evaluation (easy, medium, hard); "
+        f"prompt format {settings.rollout.agent.prompt_format}",
+        f"learning   {learn.objective.name}, rate {update.learning_rate:g}, batch {update.batch}, "
+        f"{learn.replay.steps:,} steps x {learn.replay.passes}; steps that changed nothing are {penalty}",
+        *estimate(learn, KNOWN_GPUS[kind].model_copy(update={"count": int(count or 1)})).lines(),
+    ]

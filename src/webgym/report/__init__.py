@@ -5,6 +5,7 @@ live.py        the same pages over a run that may still be written
 labelling.py   the page where people label its trajectories
 taskset.py     the pages of a task set; task_content.py, what they show
 serving.py     how both are served
+training.py    the report of a training; curves.py, what it draws
 content.py     trajectories as the pages need them
 overview.py    the figures and charts of a run, as HTML
 charts.py      inline SVG
@@ -13,6 +14,7 @@ template.py    the page around it all: templates/ and static/
 """
 
 from webgym.report.config import ReportConfig
+from webgym.report.training import is_training, write_training_report
 from webgym.report.write import write_report
 
-__all__ = ["ReportConfig", "write_report"]
+__all__ = ["ReportConfig", "is_training", "write_report", "write_training_report"]

@@ -22,6 +22,9 @@ class ReportConfig(BaseModel):
     image_budget_bytes: int = Field(default=48 * 2**20, ge=0)
     """How much of the file pictures may take. Those beyond it are linked to in the run folder."""
 
+    pairs: int = Field(default=8, ge=0)
+    """Tasks that the report of a training shows before and after it, step by step."""
+
     threads: int = Field(default_factory=lambda: len(os.sched_getaffinity(0)), ge=1)
     """Pictures made smaller at the same time."""
 

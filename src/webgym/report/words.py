@@ -40,6 +40,11 @@ def percent(share: float | None) -> str:
     return "–" if share is None else f"{share * 100:.1f}%"
 
 
+def points(difference: float | None) -> str:
+    """A difference of shares, in percentage points; a dash for none."""
+    return "–" if difference is None else f"{difference * 100:+.1f} points".replace("-", "−")
+
+
 def milliseconds(value: float | None) -> str:
     """A short time with its unit; a dash for none."""
     if value is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -27,12 +27,12 @@ class ReportProgress(Protocol):
         ...
 
 
-def _quiet(what: str, done: int, total: int) -> None:
+def quiet(what: str, done: int, total: int) -> None:
     """For those who do not ask."""
 
 
 def write_report(
-    run_path: Path, *, config: ReportConfig | None = None, progress: ReportProgress = _quiet
+    run_path: Path, *, config: ReportConfig | None = None, progress: ReportProgress = quiet
 ) -> Path:
     """Write the report of a run, which may still be going on. Blocks.
 
@@ -52,12 +52,20 @@ def write_report(
         StoreFull: there is no space.
     """
     reader = RunReader(run_path, skip_corrupt=True)
-    target = run_path / REPORT
+    return write_parts(run_path / REPORT, _parts(reader, config or ReportConfig(), progress))
+
+
+def write_parts(target: Path, parts: Iterable[str]) -> Path:
+    """Write a document as its parts come, whole or not at all.
+
+    Raises:
+        StoreFull: there is no space.
+    """
     torn = target.with_name(f".{target.name}.{uuid.uuid4().hex}{TORN}")
     with disk_errors("writing the report"):
         try:
             with torn.open("w", encoding="utf-8") as file:
-                for part in _parts(reader, config or ReportConfig(), progress):
+                for part in parts:
                     file.write(part)
                 file.flush()
                 os.fsync(file.fileno())

@@ -12,7 +12,7 @@ import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.agent.agent import Agent
-from webgym.core.action import Answer, Navigate
+from webgym.core.action import Answer, BrowserAction, Navigate
 from webgym.core.errors import NavigationFailed, StoreError, WebGymError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, ending_of
@@ -21,7 +21,40 @@ from webgym.core.trajectory import Episode, Failure, Step
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress, State
 from webgym.rollout.store import RunWriter
-from webgym.server import BrowserClient, Cookie, Session, SessionOptions, View
+from webgym.server import Cookie, SessionOptions, View
+
+
+class BrowserSession(Protocol):
+    """An open session: :class:`webgym.server.Session`, or one that stands in for it."""
+
+    @property
+    def id(self) -> str:
+        """Its name, for the record."""
+        ...
+
+    async def step(self, action: BrowserAction | None = None) -> View:
+        """Carry an action out and look.
+
+        Raises:
+            WebGymError: the browser, the page or the server is at fault.
+        """
+        ...
+
+    async def close(self) -> None:
+        """Give it back."""
+        ...
+
+
+class Browsers(Protocol):
+    """Where sessions come from: :class:`webgym.server.BrowserClient`, or what stands in for it."""
+
+    async def open(self, options: SessionOptions | None = None) -> BrowserSession:
+        """A session.
+
+        Raises:
+            WebGymError: there is none to be had.
+        """
+        ...
 
 
 class Backstage(Protocol):
@@ -90,7 +123,7 @@ class Stage:
         seed: of the run.
     """
 
-    client: BrowserClient
+    client: Browsers
     agent: Agent
     store: RunWriter
     config: AttemptConfig
@@ -150,7 +183,7 @@ class Attempt:
             at = asyncio.get_running_loop().time() + after
             self._clock.reschedule(min(at, self._clock.when() or at))
 
-    async def run(self, session: Session) -> None:
+    async def run(self, session: BrowserSession) -> None:
         """Make the attempt; its end, good or bad, is data.
 
         Raises:
@@ -175,7 +208,7 @@ class Attempt:
             self._seconds = time.monotonic() - self._started
         await self._look_backstage()
 
-    async def _play(self, session: Session) -> Ending:
+    async def _play(self, session: BrowserSession) -> Ending:
         stage, task = self._stage, self.planned.task
         budget = stage.config.budget.for_task(task)
         conversation = stage.agent.begin(task, self._seed, budget)
@@ -198,7 +231,7 @@ class Attempt:
         self._final = view.observation
         return Ending.BUDGET_SPENT
 
-    async def _arrive(self, session: Session, website: str) -> View:
+    async def _arrive(self, session: BrowserSession, website: str) -> View:
         """The start page. A website that cannot be opened at all is the environment's failure."""
         url = website if "://" in website else f"https://{website}"
         refused = ""

@@ -19,11 +19,10 @@ from webgym.core.errors import (
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.judge.base import Judge, Pictures
-from webgym.rollout.attempt import Attempt, Stage
+from webgym.rollout.attempt import Attempt, BrowserSession, Stage
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.judging import Found, find
 from webgym.rollout.plan import Plan, Planned
-from webgym.server import Session
 
 
 class CollectorConfig(BaseModel):
@@ -128,7 +127,7 @@ class Collector:
             await self._free_judges.acquire()
             group.create_task(self._conclude(plan, planned, attempt.episode()))
 
-    async def _make(self, attempt: Attempt, session: Session) -> None:
+    async def _make(self, attempt: Attempt, session: BrowserSession) -> None:
         self._running.add(attempt)
         try:
             if self._is_late:
@@ -138,7 +137,7 @@ class Collector:
             self._running.discard(attempt)
             await session.close()
 
-    async def _open(self, attempt: Attempt) -> Session:
+    async def _open(self, attempt: Attempt) -> BrowserSession:
         """A browser session; a server that is away for a moment is waited for."""
         config, progress = self._config, self._stage.progress
         deadline = time.monotonic() + config.server_patience_seconds
@@ -191,7 +190,7 @@ class Collector:
         if self._failed_in_a_row >= self._config.give_up_after and episode.failure is not None:
             raise _MACHINERY[code](
                 f"{self._failed_in_a_row} attempts in a row failed: {episode.failure.message}",
-                hint="what was collected is kept; mend the cause, then go on with webgym rollout --resume",
+                hint="what was collected is kept; mend the cause, then go on with --resume",
             )
 
     async def _end_stragglers(self, plan: Plan) -> None:

@@ -24,6 +24,9 @@ METRICS = "metrics.jsonl"
 SUMMARY = "summary.json"
 VERDICTS = "verdicts"
 REPORT = "report.html"
+ITERATIONS = "iterations"
+EVALUATIONS = "evaluations"
+"""Of a training folder (webgym.train.folder): its iterations, and its evaluations, which are runs."""
 LOCK = ".lock"
 TORN = ".tmp"
 """Suffix of a file that is being written and does not count yet."""
@@ -64,7 +67,7 @@ def disk_errors(doing: str) -> Iterator[None]:
         if error.errno in _FULL:
             raise StoreFull(
                 f"no space left while {doing}",
-                hint="nothing counted is lost: free some space, then go on with webgym rollout --resume",
+                hint="nothing counted is lost: free some space, then go on with --resume",
             ) from error
         raise StoreError(f"cannot go on {doing}: {error}") from error
 

@@ -59,7 +59,7 @@ def line(progress: Progress) -> str:
     )
 
 
-def panel(progress: Progress) -> RenderableType:
+def panel(progress: Progress, title: str = "webgym") -> RenderableType:
     """The progress as a panel."""
     head = Table.grid(padding=(0, 2), expand=True)
     head.add_column(ratio=1)
@@ -88,7 +88,7 @@ def panel(progress: Progress) -> RenderableType:
     last = Table.grid(padding=(0, 2))
     for outcome, task_id, steps in progress.last:
         last.add_row(Text(outcome, style=COLORS[outcome]), Text(f"{steps} steps", style="dim"), task_id)
-    return Panel(Group(head, figures, states, outcomes, last), title="webgym", title_align="left")
+    return Panel(Group(head, figures, states, outcomes, last), title=title, title_align="left")
 
 
 @asynccontextmanager

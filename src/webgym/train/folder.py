@@ -13,14 +13,16 @@ TRAINING/
     update.json              what the update did; without weights if there was nothing to train on
     metrics.json             stage 5: everything above in one line, with the time that each stage took
   evaluations/0000/          run folders on the test split; 0000 is before the first iteration
-  metrics.jsonl, summary.json, report.html    made from the above
+  metrics.jsonl, tensorboard/, report.html    made from the above
 """
 
 from __future__ import annotations
 
 import json
+import os
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -29,7 +31,16 @@ import msgspec
 
 from webgym.core.errors import RunFolderError
 from webgym.core.task import Task
-from webgym.rollout.files import CONFIG, METRICS, TORN, disk_errors, write_whole
+from webgym.rollout.files import (
+    CONFIG,
+    EVALUATIONS,
+    ITERATIONS,
+    METRICS,
+    TORN,
+    disk_errors,
+    take_lock,
+    write_whole,
+)
 from webgym.train.replay import Draw, StepRef
 
 
@@ -65,7 +76,7 @@ class TrainingFolder:
 
     def iteration(self, number: int) -> Path:
         """The folder of an iteration, from 1."""
-        return self.path / "iterations" / f"{number:04d}"
+        return self.path / ITERATIONS / f"{number:04d}"
 
     def run(self, number: int) -> Path:
         """The run folder of an iteration."""
@@ -77,7 +88,7 @@ class TrainingFolder:
 
     def evaluation(self, number: int) -> Path:
         """The run folder of the evaluation after an iteration; 0 is before the first."""
-        return self.path / "evaluations" / f"{number:04d}"
+        return self.path / EVALUATIONS / f"{number:04d}"
 
     def is_evaluated(self, number: int) -> bool:
         """Whether an evaluation is on disk, whole."""
@@ -94,17 +105,28 @@ class TrainingFolder:
 
     def latest_weights(self) -> tuple[int, Path] | None:
         """The newest weights, and the iteration that made them; ``None`` before the first update."""
-        found = sorted(self.path.glob("iterations/*/weights/state.json"))
+        found = sorted(self.path.glob(f"{ITERATIONS}/*/weights/state.json"))
         made = [path for path in found if (path.parent.parent / _DONE[Stage.UPDATE]).exists()]
         return (int(made[-1].parent.parent.name), made[-1].parent) if made else None
 
     def prune_weights(self, keep: int) -> None:
         """Delete all but the newest weights."""
-        found = sorted(self.path.glob("iterations/*/weights"))
+        found = sorted(self.path.glob(f"{ITERATIONS}/*/weights"))
         for path in found[: max(0, len(found) - keep)]:
             shutil.rmtree(path, ignore_errors=True)
 
     # --- what stages write and read ---------------------------------------------------------------------
+
+    def refuse_used(self) -> None:
+        """Raises:
+        RunFolderError: there is something already, but what a start that failed left.
+        """
+        with disk_errors(f"reading {self.path}"):
+            entries = list(self.path.iterdir()) if self.path.exists() else []
+        if any(not entry.name.endswith((TORN, ".log")) for entry in entries):
+            raise RunFolderError(
+                f"{self.path} is not empty", hint="go on with --resume, or choose another folder"
+            )
 
     def create(self, config: Mapping[str, Any]) -> None:
         """Make the folder.
@@ -114,14 +136,25 @@ class TrainingFolder:
         """
         import yaml
 
+        self.refuse_used()
         with disk_errors(f"making {self.path}"):
             self.path.mkdir(parents=True, exist_ok=True)
-            if any(entry for entry in self.path.iterdir() if not entry.name.endswith(TORN)):
-                raise RunFolderError(
-                    f"{self.path} is not empty", hint="go on with --resume, or choose another folder"
-                )
             text = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
             write_whole(self.path / CONFIG, text.encode())
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Keep the folder, which is there, for this process.
+
+        Raises:
+            StoreLocked: another process trains in it.
+        """
+        with disk_errors(f"opening {self.path}"):
+            held = take_lock(self.path)
+        try:
+            yield
+        finally:
+            os.close(held)
 
     def write_sample(self, number: int, tasks: Sequence[Task], sampler: Mapping[str, Any]) -> None:
         """Stage 1."""
@@ -139,6 +172,12 @@ class TrainingFolder:
         _write_lines(self._made(number) / "batch.jsonl", draw.steps)
         told = msgspec.to_builtins(msgspec.structs.replace(draw, steps=()), str_keys=True)
         self.write(number, _DONE[Stage.REPLAY], {"drawn": len(draw.steps), **told})
+
+    def draw(self, number: int) -> Draw:
+        """What stage 3 wrote."""
+        told = self.figures(number, Stage.REPLAY)
+        told.pop("drawn")
+        return msgspec.convert(told | {"steps": self.batch(number)}, Draw, strict=False)
 
     def batch(self, number: int) -> list[StepRef]:
         """What stage 3 drew."""
@@ -166,14 +205,14 @@ class TrainingFolder:
 
     def evaluations(self) -> dict[int, dict[str, Any]]:
         """All evaluations by the iteration that they follow."""
-        found = sorted(self.path.glob("evaluations/*.json"))
+        found = sorted(self.path.glob(f"{EVALUATIONS}/*.json"))
         return {int(path.stem): json.loads(path.read_bytes()) for path in found}
 
     def write_metrics(self) -> list[dict[str, Any]]:
         """``metrics.jsonl``: one line per finished iteration, with the evaluation after it."""
         evaluations = self.evaluations()
         rows = []
-        for path in sorted(self.path.glob(f"iterations/*/{_DONE[Stage.FINISH]}")):
+        for path in sorted(self.path.glob(f"{ITERATIONS}/*/{_DONE[Stage.FINISH]}")):
             row = json.loads(path.read_bytes())
             rows.append(row | {"evaluation": evaluations.get(row["iteration"])})
         with disk_errors("writing metrics"):
@@ -182,7 +221,8 @@ class TrainingFolder:
 
     def _made(self, number: int) -> Path:
         folder = self.iteration(number)
-        folder.mkdir(parents=True, exist_ok=True)
+        with disk_errors(f"making {folder}"):
+            folder.mkdir(parents=True, exist_ok=True)
         return folder
 
 

@@ -78,9 +78,11 @@ def samples_of(draw: Draw, folder: TrainingFolder, maker: SampleMaker) -> list[S
     samples: list[Sample] = []
     for iteration, wanted in sorted(by_run.items()):
         reader = RunReader(folder.run(iteration))
-        steps: list[tuple[Step, float]] = []
+        steps: list[tuple[StepRef, Step]] = []
         for trajectory in reader.trajectories():
             refs = wanted.get(trajectory.episode.attempt_id, ())
-            steps += [(trajectory.episode.steps[ref.index], ref.advantage) for ref in refs]
-        samples += maker.make(steps, reader.image)
+            steps += [(ref, trajectory.episode.steps[ref.index]) for ref in refs]
+        # As drawn, in whatever order attempts ended: the same draw gives the same update.
+        steps.sort(key=lambda each: each[0])
+        samples += maker.make([(step, ref.advantage) for ref, step in steps], reader.image)
     return samples

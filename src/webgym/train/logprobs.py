@@ -115,12 +115,18 @@ class ReplyLogProbs(nn.Module):
         self._chunk = chunk
         self._no_split_modules = getattr(policy, "_no_split_modules", None)  # what FSDP wraps, layer by layer
 
-    def forward(self, batch: Batch) -> torch.Tensor:
-        """(reply tokens), float32, with gradients where they are enabled."""
-        with torch.autocast(batch.input_ids.device.type, torch.bfloat16, enabled=self._bf16):
-            return self._forward(batch)
+    def forward(self, batch: Batch, *, ranked: bool = False) -> torch.Tensor:
+        """(reply tokens), float32, with gradients where they are enabled.
 
-    def _forward(self, batch: Batch) -> torch.Tensor:
+        Args:
+            batch: of samples.
+            ranked: give the two likeliest tokens in place of each reply token instead: (reply tokens, 2, 2),
+                their log-probabilities and their ids.
+        """
+        with torch.autocast(batch.input_ids.device.type, torch.bfloat16, enabled=self._bf16):
+            return self._forward(batch, ranked=ranked)
+
+    def _forward(self, batch: Batch, *, ranked: bool) -> torch.Tensor:
         model: Any = self.policy
         model = model.get_base_model() if hasattr(model, "get_base_model") else model
         hidden = model.model(
@@ -132,6 +138,9 @@ class ReplyLogProbs(nn.Module):
             use_cache=False,
         ).last_hidden_state[batch.rows, batch.columns]
         head = model.get_output_embeddings()
+        if ranked:
+            best = head(hidden).float().log_softmax(-1).topk(2)
+            return torch.stack([best.values, best.indices.float()], dim=1)
         pieces = zip(
             *(each.split(self._chunk) for each in (hidden, batch.targets, batch.temperature)), strict=True
         )

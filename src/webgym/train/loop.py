@@ -15,22 +15,21 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
-import msgspec
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from webgym.agent.policy import Policy
 from webgym.collection import RunConfig, Secrets, ServerChoice, collect, resume
 from webgym.core.errors import ConfigError, TrainingError
 from webgym.core.outcome import Outcome
-from webgym.core.task import LEVELS, Task
+from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
+from webgym.inference.vllm import VllmConfig
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.files import CONFIG
 from webgym.rollout.progress import Progress
@@ -40,13 +39,17 @@ from webgym.settings import Section
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
 from webgym.train.config import LearnConfig
+from webgym.train.figures import figures_of, rates_of, told_iteration, told_success
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.frontier import Frontier
+from webgym.train.progress import TrainingProgress
 from webgym.train.replay import Draw, Replay
 from webgym.train.serving import Serving
+from webgym.train.trackers import TrackerName
 
 Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
 Tell: TypeAlias = Callable[[str], None]
+Track: TypeAlias = Callable[[Mapping[str, Any]], None]
 
 
 class LoopConfig(Section):
@@ -109,8 +112,23 @@ class TrainConfig(Section):
     evaluation: EvaluationConfig = EvaluationConfig()
     """What is evaluated on."""
 
+    trackers: tuple[TrackerName, ...] = ("tensorboard",)
+    """Who gets the figures of each iteration beside ``metrics.jsonl``: ``tensorboard``, ``wandb``."""
+
+    project: str = "webgym"
+    """In Weights & Biases."""
+
     local: LocalConfig | None = None
     """The model in this process that collects; by default :attr:`LearnConfig.model` as it is."""
+
+    vllm: VllmConfig | None = None
+    """A vLLM server in place of that: started here, or running already."""
+
+    @model_validator(mode="after")
+    def _replies_once(self) -> TrainConfig:
+        if self.local is not None and self.vllm is not None:
+            raise ValueError("either local or vllm replies, not both")
+        return self
 
 
 class Learns(Protocol):
@@ -162,6 +180,9 @@ class Training:
         tell: is told, a line at a time, what a person should know.
         attempts: makes the runs.
 
+    Attributes:
+        progress: how far it is.
+
     Raises:
         ConfigError: the tasks have no training split, or training tasks give test tasks away.
     """
@@ -190,6 +211,7 @@ class Training:
         self._secrets = secrets
         self._show = show
         self._tell = tell or (lambda _line: None)
+        self._track: Track = lambda _row: None
         self._rollout = config.rollout.model_copy(update={"server": where})
         blocklist = Blocklist(config.rollout.blocklist)
         sampling = config.sampler.model_copy(update={"seed": config.seed})
@@ -206,10 +228,22 @@ class Training:
                 hint="give a task set with a train split: webgym tasks split makes one",
             )
         refuse_leaks(self._sampler.selected.tasks, self._test)
+        self.progress = TrainingProgress(config.loop.iterations)
         self._moved = asyncio.Condition()
         self._published = 0
         self._finished = 0
         self._empty = 0
+
+    def use(self, where: ServerChoice, secrets: Secrets, track: Track) -> None:
+        """Use what was started after the training was made.
+
+        Args:
+            where: browsers and websites.
+            secrets: of those.
+            track: is given each finished iteration's row of ``metrics.jsonl``.
+        """
+        self._rollout = self.config.rollout.model_copy(update={"server": where})
+        self._secrets, self._track = secrets, track
 
     async def run(self) -> list[dict[str, Any]]:
         """Run what is left; one row of figures per iteration when this returns.
@@ -218,20 +252,29 @@ class Training:
             ExceptionGroup: of the first error that training cannot go on with.
         """
         self._recall()
+        async with asyncio.TaskGroup() as group:
+            watch = group.create_task(self._serving.watch())
+            await self._begin()
+            work = {group.create_task(self._collect_all()), group.create_task(self._learn_all())}
+            await asyncio.wait(work)
+            watch.cancel()
+        return self.folder.write_metrics()
+
+    async def _begin(self) -> None:
         latest = self.folder.latest_weights()
         if latest is not None:
             await self._serving.publish(latest[1], str(latest[0]))
         if self.config.loop.evaluate_every and not self._test:
             self._tell("there are no test tasks, so nothing is evaluated")
         if self._finished == 0:
-            await self._evaluate(0)
-        async with asyncio.TaskGroup() as group:
-            group.create_task(self._collect_all())
-            group.create_task(self._learn_all())
-        return self.folder.write_metrics()
+            with self.progress.stage(0, "evaluate"):
+                await self._evaluate(0)
+        self.progress.begin(self._finished)
 
     def _recall(self) -> None:
         """What finished iterations left: the sampler's place, the replay's steps, how far everything is."""
+        if evaluated := self.folder.evaluations():
+            self.progress.evaluated = told_success(evaluated[max(evaluated)])
         last = self.config.loop.iterations
         for number in range(1, last + 1):
             if self.folder.is_past(number, Stage.SAMPLE):
@@ -246,6 +289,8 @@ class Training:
                 self._replay.use(self.folder.batch(number))
             if self.folder.is_past(number, Stage.UPDATE):
                 self._published = number
+                if self.folder.figures(number, Stage.UPDATE):
+                    self._replay.publish(str(number))
             if self.folder.stage(number) is None:
                 self._finished = number
 
@@ -275,10 +320,11 @@ class Training:
     async def _collect(self, number: int) -> None:
         started = time.monotonic()
         config = self._rollout.model_copy(update={"seed": self.config.seed * 10_007 + number})
-        summary = await self._attempt(self.folder.run(number), config, self.folder.tasks(number))
-        figures = await asyncio.to_thread(figures_of, RunReader(self.folder.run(number)), summary)
-        self.folder.finish(number, Stage.COLLECT, figures | {"seconds": time.monotonic() - started})
-        self._tell(f"iteration {number}: {_told(figures)}")
+        with self.progress.stage(number, "collect"):
+            summary = await self._attempt(self.folder.run(number), config, self.folder.tasks(number))
+            figures = await asyncio.to_thread(figures_of, RunReader(self.folder.run(number)), summary)
+            self.folder.finish(number, Stage.COLLECT, figures | {"seconds": time.monotonic() - started})
+        self.progress.collected = told_success(figures)
 
     def _take_results(self, number: int) -> None:
         """Tell the frontier what an iteration's attempts came to."""
@@ -302,23 +348,29 @@ class Training:
                 continue
             await self._until(partial(self.folder.is_past, number, Stage.COLLECT))
             seconds: dict[str, float] = {}
-            with _timed(seconds, "replay"):
+            with self._timed(number, "replay", seconds):
                 draw = await asyncio.to_thread(self._draw, number)
-            with _timed(seconds, "update"):
+            with self._timed(number, "update", seconds):
                 await self._update(number, draw)
-            with _timed(seconds, "publish"):
+            with self._timed(number, "publish", seconds):
                 await self._publish(number)
-            with _timed(seconds, "evaluate"):
+            with self._timed(number, "evaluate", seconds):
                 if self._is_evaluated(number):
                     await self._evaluate(number)
             self._finish(number, seconds)
             await self._say_moved()
 
+    @contextmanager
+    def _timed(self, number: int, stage: str, seconds: dict[str, float]) -> Iterator[None]:
+        """A stage of learning: whoever watches sees it, and its wall time is kept."""
+        started = time.monotonic()
+        with self.progress.stage(number, stage):
+            yield
+        seconds[stage] = time.monotonic() - started
+
     def _draw(self, number: int) -> Draw:
         if self.folder.is_past(number, Stage.REPLAY):
-            told = self.folder.figures(number, Stage.REPLAY)
-            told.pop("drawn")
-            return msgspec.convert(told | {"steps": self.folder.batch(number)}, Draw, strict=False)
+            return self.folder.draw(number)
         self._replay.add(number, RunReader(self.folder.run(number)))
         draw = self._replay.draw()
         self.folder.write_batch(number, draw)
@@ -335,7 +387,6 @@ class Training:
             self._empty += 1
             self._tell(f"iteration {number}: there is nothing to train on yet; the weights stay as they are")
         self.folder.finish(number, Stage.UPDATE, told)
-        self.folder.prune_weights(self.config.loop.keep_weights)
         if self._empty >= self.config.loop.give_up_after:
             raise TrainingError(
                 f"{self._empty} iterations in a row had nothing to train on: no attempt succeeded",
@@ -344,10 +395,13 @@ class Training:
 
     async def _publish(self, number: int) -> None:
         if number > self._published:
-            if self.folder.weights(number).exists():
+            if self.folder.figures(number, Stage.UPDATE):
                 await self._serving.publish(self.folder.weights(number), str(number))
+                self._replay.publish(str(number))
             self._published = number
             await self._say_moved()
+        # Not before: until then the weights that are served may be needed again.
+        self.folder.prune_weights(self.config.loop.keep_weights)
 
     def _is_evaluated(self, number: int) -> bool:
         every, last = self.config.loop.evaluate_every, self.config.loop.iterations
@@ -373,8 +427,10 @@ class Training:
             min(config.count or len(self._test), len(self._test))
         )
         summary = await self._attempt(out, run, tasks)
-        self.folder.write_evaluation(number, dict(_rates(summary)))
-        self._tell(f"evaluation after iteration {number}: {_told(_rates(summary))}")
+        found = rates_of(summary)
+        self.folder.write_evaluation(number, found)
+        self.progress.evaluated = told_success(found)
+        self._tell(f"evaluation after iteration {number}: {told_success(found)}")
 
     def _finish(self, number: int, seconds: Mapping[str, float]) -> None:
         collected = self.folder.figures(number, Stage.COLLECT)
@@ -387,8 +443,11 @@ class Training:
             "update": self.folder.figures(number, Stage.UPDATE),
         }
         self.folder.finish(number, Stage.FINISH, row)
-        self.folder.write_metrics()
+        newest = self.folder.write_metrics()[-1]
         self._finished = number
+        self.progress.finish()
+        self._tell(told_iteration(newest, self.progress))
+        self._track(newest)
 
     def _trajectories_before(self, number: int) -> int:
         if number == 1:
@@ -404,59 +463,3 @@ class Training:
     async def _say_moved(self) -> None:
         async with self._moved:
             self._moved.notify_all()
-
-
-def figures_of(run: RunReader, summary: Summary) -> dict[str, Any]:
-    """What the curves of a training show of one run: rates, lengths, blocks, unchanged screenshots.
-
-    Args:
-        run: the run, all attempts on disk.
-        summary: of it.
-    """
-    steps = unchanged = replies = tokens = rewarded = 0
-    versions: Counter[str] = Counter()
-    for trajectory in run.trajectories():
-        if not trajectory.outcome.is_rewarded:
-            continue
-        rewarded += 1
-        for step in trajectory.episode.steps:
-            steps += 1
-            unchanged += step.changed is False
-            replies += len(step.reply.text)
-            tokens += step.reply.completion_tokens
-            versions[step.reply.weight_version] += 1
-    return {
-        **_rates(summary),
-        "steps_per_trajectory": steps / rewarded if rewarded else None,
-        "unchanged_share": unchanged / steps if steps else None,
-        "reply_characters": replies / steps if steps else None,
-        "reply_tokens": tokens / steps if steps else None,
-        "weight_versions": dict(versions),
-    }
-
-
-def _rates(summary: Summary) -> dict[str, Any]:
-    attempts, outcomes = summary["attempts"], summary["outcomes"]
-    return {
-        "attempts": attempts,
-        "outcomes": outcomes,
-        "success_rate": summary["success_rate"],
-        "success_rate_of_planned": summary["success_rate_of_planned"],
-        "success_interval": summary["success_interval"],
-        "blocked_share": outcomes["blocked"] / attempts if attempts else None,
-        "steps_per_second": summary["steps_per_second"],
-    }
-
-
-def _told(figures: Mapping[str, Any]) -> str:
-    rates = figures["success_rate"]
-    parts = [f"{level} {rates[level]:.1%}" for level in ("overall", *LEVELS) if rates.get(level) is not None]
-    return f"{figures['attempts']} attempts, success {', '.join(parts) or 'unknown'}"
-
-
-@contextmanager
-def _timed(seconds: dict[str, float], name: str) -> Iterator[None]:
-    """Put the wall time of a block into a dictionary."""
-    started = time.monotonic()
-    yield
-    seconds[name] = time.monotonic() - started

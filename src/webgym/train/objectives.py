@@ -24,6 +24,7 @@ import torch
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from webgym.core.errors import ConfigError
+from webgym.settings import first_problem
 from webgym.train.config import ObjectiveConfig
 
 
@@ -77,7 +78,7 @@ class Objective(Protocol):
 
     @property
     def max_age(self) -> int | None:
-        """How many iterations old a trajectory may be; ``None`` leaves it to the replay."""
+        """How many updates older than the newest weights those may be that made a step; ``None`` for any."""
         ...
 
     def advantages(self, attempts: Iterable[Attempt]) -> Mapping[str, float]:
@@ -144,7 +145,7 @@ class GroupIS(_Options):
     """The constant that advantages are divided by."""
 
     staleness: int = Field(default=2, ge=0)
-    """How many iterations old a trajectory may be."""
+    """How many updates older than the newest weights those may be that made a step."""
 
     @property
     def max_age(self) -> int | None:
@@ -195,12 +196,11 @@ def make_objective(config: ObjectiveConfig) -> Objective:
     Raises:
         ConfigError: there is none of this name, or it does not take these options.
     """
-    maker = OBJECTIVES.get(config.name) or _imported(config.name)
+    maker: Any = OBJECTIVES.get(config.name) or _imported(config.name)
     try:
         made = maker(**config.options)
     except (ValidationError, TypeError) as error:
-        reason = error.errors()[0] if isinstance(error, ValidationError) else None
-        said = f"{'.'.join(map(str, reason['loc']))}: {reason['msg']}" if reason else str(error)
+        said = first_problem(error, maker) if isinstance(error, ValidationError) else str(error)
         raise ConfigError(f"the objective {config.name} does not take its options: {said}") from error
     if not isinstance(made, Objective):
         raise ConfigError(

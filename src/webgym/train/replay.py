@@ -12,8 +12,10 @@ Rules, in this order:
    unless its advantage is negative. A reply that held no action changes nothing, so it falls under this rule;
    the answer, after which nobody looked, does not;
 4. a step that was used often enough is left out;
-5. iterations older than the last k are forgotten;
-6. of the rest, so many are drawn without replacement, each next one in proportion to its weight
+5. where the objective bounds staleness, a step is left out if the weights that its reply names are by more
+   updates older than the newest ones, or were never published;
+6. iterations older than the last k are forgotten;
+7. of the rest, so many are drawn without replacement, each next one in proportion to its weight
 
        w(a) = ((k - a) / k) ** p        a: age in iterations, newest 0;  k = 4;  p = 2
 
@@ -62,12 +64,14 @@ class StepRef(msgspec.Struct, frozen=True, order=True):
         attempt_id: of its trajectory.
         index: in its trajectory, from 0.
         advantage: what the objective gave its trajectory.
+        version: of the weights that made it, as its reply says; empty if it does not.
     """
 
     iteration: int
     attempt_id: str
     index: int
     advantage: float = 1.0
+    version: str = ""
 
 
 class Counts(msgspec.Struct, frozen=True):
@@ -102,6 +106,8 @@ class Draw(msgspec.Struct, frozen=True):
         counts: of the newest iteration.
         pool: steps that could be drawn, over all iterations.
         used_up: steps that rule 4 left out, over all iterations.
+        stale: steps that rule 5 left out, over all iterations.
+        by_staleness: how many were drawn of weights so many updates old, where replies say.
         by_age: how many were drawn of each age.
     """
 
@@ -110,6 +116,8 @@ class Draw(msgspec.Struct, frozen=True):
     pool: int
     used_up: int
     by_age: dict[int, int]
+    stale: int = 0
+    by_staleness: dict[int, int] = {}
 
 
 def refuse_test_tasks(task: Task) -> None:
@@ -149,6 +157,7 @@ class Replay:
         self._pool: dict[int, list[StepRef]] = {}
         self._counts: dict[int, Counts] = {}
         self._uses: Counter[tuple[int, str, int]] = Counter()
+        self._versions = {"0": 0}  # of weights, to how many updates went before
 
     @property
     def span(self) -> int:
@@ -171,6 +180,7 @@ class Replay:
         trajectories = 0
         rewarded: list[Attempt] = []
         steps: dict[str, tuple[int, list[int]]] = {}  # how many, and which of them changed nothing
+        versions: dict[str, list[str]] = {}
         for trajectory in run.trajectories():
             trajectories += 1
             episode = trajectory.episode
@@ -180,9 +190,10 @@ class Replay:
                 rewarded.append(Attempt(episode.attempt_id, episode.task_id, reward))
                 idle = [step.index for step in episode.steps if _is_idle(step)]
                 steps[episode.attempt_id] = (len(episode.steps), idle)
+                versions[episode.attempt_id] = [step.reply.weight_version for step in episode.steps]
         advantages = self._objective.advantages(rewarded)
         refs = [
-            StepRef(iteration, attempt, index, advantage)
+            StepRef(iteration, attempt, index, advantage, versions[attempt][index])
             for attempt, advantage in advantages.items()
             for index in range(steps[attempt][0])
             if advantage < 0 or not self._config.repetition_penalty or index not in steps[attempt][1]
@@ -212,7 +223,8 @@ class Replay:
         """
         newest = max(self._pool)
         pool = [ref for iteration in sorted(self._pool) for ref in self._pool[iteration]]
-        left = [ref for ref in pool if self._may_be_used(ref)]
+        unused = [ref for ref in pool if self._may_be_used(ref)]
+        left = [ref for ref in unused if self._is_fresh(ref, newest)]
         ages = np.array([newest - ref.iteration for ref in left])
         weights = ((self.span - ages) / self.span) ** self._config.recency
         # Exponential keys over weights: the smallest keys are a weighted draw without replacement.
@@ -224,9 +236,19 @@ class Replay:
             steps=tuple(chosen),
             counts=self._counts[newest],
             pool=len(left),
-            used_up=len(pool) - len(left),
+            used_up=len(pool) - len(unused),
+            stale=len(unused) - len(left),
+            by_staleness=dict(
+                sorted(
+                    Counter(self._staleness(ref) for ref in chosen if ref.version in self._versions).items()
+                )
+            ),
             by_age=dict(sorted(Counter(newest - ref.iteration for ref in chosen).items())),
         )
+
+    def publish(self, version: str) -> None:
+        """Count an update: what replies from now on is this version, and all others are one update older."""
+        self._versions.setdefault(version, len(self._versions))
 
     def use(self, steps: Iterable[StepRef]) -> None:
         """Count steps as drawn: what :meth:`draw` does, and what a resumed run does with earlier draws."""
@@ -237,6 +259,17 @@ class Replay:
         most = self._config.max_uses
         uses = self._uses[ref.iteration, ref.attempt_id, ref.index]
         return most is None or uses + self._config.passes <= most
+
+    def _is_fresh(self, ref: StepRef, newest: int) -> bool:
+        most = self._objective.max_age
+        if most is None:
+            return True
+        if not ref.version:  # an endpoint that does not say: as old as its iteration
+            return newest - ref.iteration <= most
+        return ref.version in self._versions and self._staleness(ref) <= most
+
+    def _staleness(self, ref: StepRef) -> int:
+        return len(self._versions) - 1 - self._versions[ref.version]
 
 
 def _is_idle(step: Step) -> bool:

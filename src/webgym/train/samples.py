@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from typing import Final, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import torch
 
@@ -26,6 +26,7 @@ from webgym.core.errors import PolicyError
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Message, Reply, Step
 from webgym.inference.rendering import THINK_END, THINK_START, Pixels, Renderer, pictures_of
+from webgym.llm.config import altering
 
 DropReason: TypeAlias = Literal[
     "no_request",  # a placeholder in a text, so that text and pictures do not match
@@ -38,16 +39,6 @@ DropReason: TypeAlias = Literal[
     "no_logprobs",  # the objective needs what the endpoint did not give
     "altered_sampling",  # top-k, a penalty, ...: log-probabilities that are not the model's own
 ]
-
-_NEUTRAL: Final[dict[str, tuple[float, ...]]] = {
-    "top_p": (0, 1),  # 0 stands for a parameter that is not there
-    "top_k": (0, -1),
-    "min_p": (0,),
-    "presence_penalty": (0,),
-    "frequency_penalty": (0,),
-    "repetition_penalty": (0, 1),
-}
-"""Values of sampling parameters that leave the model's distribution as it is, but for the temperature."""
 
 
 class Dropped(Exception):
@@ -161,11 +152,15 @@ class SampleMaker:
         )
 
     def _stored_prompt(self, step: Step, tokens: ReplyTokens) -> list[int]:
-        ids = tokens.prompt_ids
+        ids, expected = tokens.prompt_ids, self._renderer.image_tokens(step.messages)
         runs = [len(list(run)) for is_image, run in groupby(self._renderer.image_mask(ids)) if is_image]
-        if runs != self._renderer.image_tokens(step.messages):
-            raise Dropped("image_tokens")
-        return ids
+        if runs == expected:
+            return ids
+        if runs == [1] * len(expected):  # told before the expansion of images; the count says what was read
+            expanded = self._renderer.expanded(ids, expected)
+            if step.reply.prompt_tokens == len(expanded):
+                return expanded
+        raise Dropped("image_tokens")
 
     def _rendered_prompt(self, step: Step) -> list[int]:
         try:
@@ -243,7 +238,5 @@ def temperature_of(reply: Reply) -> float:
 def _check_logprobs(reply: Reply) -> None:
     if reply.tokens is None or reply.tokens.logprobs is None:
         raise Dropped("no_logprobs")
-    sampling = reply.sampling
-    altered = [name for name, neutral in _NEUTRAL.items() if (sampling.get(name) or 0) not in neutral]
-    if altered or sampling.get("temperature") == 0 or sampling.get("logit_bias"):
+    if altering(reply.sampling) or reply.sampling.get("temperature") == 0:
         raise Dropped("altered_sampling")

@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
 
 import yaml
 from pydantic import ValidationError
 
-from webgym.collection import Secrets, all_tasks, services
-from webgym.core.errors import ConfigError, RunFolderError
+from webgym.agent.profiles import choose_profile
+from webgym.collection import Secrets, all_tasks, resolved, services
+from webgym.core.errors import RunFolderError
 from webgym.inference.local import LocalConfig
+from webgym.inference.model import load_renderer
+from webgym.judge.factory import refuse_unjudgeable
 from webgym.rollout.files import CONFIG
-from webgym.settings import merged, read_settings
+from webgym.settings import first_problem, settings_of
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import Show, Tell, TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
-from webgym.train.serving import LocalServing
+from webgym.train.serving import LocalServing, Serving
+from webgym.train.trackers import tracking
+from webgym.train.vllm_serving import VllmServing
 
 
 @asynccontextmanager
@@ -47,28 +52,58 @@ async def open_training(
         WebGymError: it cannot start.
     """
     folder = TrainingFolder(out)
+    if not resume:
+        folder.refuse_used()
     tasks = all_tasks(config.rollout)
     objective = make_objective(config.learn.objective)
-    serving = LocalServing(config.local or LocalConfig(path=config.learn.model))
-    async with (
-        serving,
-        services(config.rollout, secrets or Secrets()) as (where, tokens),
-    ):
-        training = Training(
-            config,
-            folder,
-            tasks,
-            serving=serving,
-            learner=Learner(config.learn, objective),
-            replay=Replay(config.learn.replay, objective, seed=config.seed),
-            where=where,
-            secrets=tokens,
-            show=show,
-            tell=tell,
-        )
+    serving = make_serving(config, folder)
+    # As config.yaml holds it, for when it is resumed: what follows from unset settings must not change then.
+    config = config.model_copy(update={"rollout": resolved(config.rollout, serving.policy, tell)})
+    # Whatever can be wrong with settings, tasks and models is found before browsers start.
+    training = Training(
+        config,
+        folder,
+        tasks,
+        serving=serving,
+        learner=Learner(config.learn, objective),
+        replay=Replay(config.learn.replay, objective, seed=config.seed),
+        where=config.rollout.server,
+        secrets=secrets or Secrets(),
+        show=show,
+        tell=tell,
+    )
+    await asyncio.to_thread(load_renderer, config.learn.model)
+    refuse_unjudgeable(config.rollout.judge, tasks)
+    async with serving, services(config.rollout, secrets or Secrets()) as (where, tokens):
         if not resume:
             folder.create(config.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))
-        yield training
+        with (
+            folder.locked(),
+            tracking(config.trackers, folder.path, config.project, folder.write_metrics()) as track,
+        ):
+            training.use(where, tokens, track)
+            yield training
+
+
+def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:
+    """Who replies, as the settings say; not started yet.
+
+    Raises:
+        ConfigError: the settings do not fit each other.
+    """
+    model = config.learn.model
+    if config.vllm is None:
+        local = config.local or LocalConfig(path=model)
+        return LocalServing(local, choose_profile(config.rollout.agent.profile, Path(local.path).name))
+    latest = folder.latest_weights()
+    return VllmServing(
+        config.vllm,
+        model,
+        folder.path,
+        lora=config.learn.update.lora,
+        profile=choose_profile(config.rollout.agent.profile, Path(model).name),
+        newest=(latest[1], str(latest[0])) if latest else None,
+    )
 
 
 def read_settings_of(files: Sequence[Path]) -> TrainConfig:
@@ -77,16 +112,7 @@ def read_settings_of(files: Sequence[Path]) -> TrainConfig:
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held: dict[str, Any] = {}
-    for path in files:
-        held = merged(held, read_settings(path, hint="see configs/train/ for examples"))
-    try:
-        return TrainConfig.model_validate(held)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        told = ", ".join(map(str, files)) or "no file"
-        raise ConfigError(f"{told}: {where}: {first['msg'].removeprefix('Value error, ')}") from error
+    return settings_of(TrainConfig, files, hint="see configs/train/ for examples")
 
 
 def read_config(out: Path) -> TrainConfig:
@@ -103,6 +129,4 @@ def read_config(out: Path) -> TrainConfig:
             f"{out} is not a training: it has no {CONFIG}", hint="give the folder that webgym train wrote"
         ) from error
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"])
-        raise RunFolderError(f"{out}/{CONFIG}: {where}: {first['msg']}") from error
+        raise RunFolderError(f"{out}/{CONFIG}: {first_problem(error, TrainConfig)}") from error

@@ -41,6 +41,7 @@ from webgym.train.config import UpdateConfig
 from webgym.train.logprobs import Batch, ReplyLogProbs, collate
 from webgym.train.objectives import Objective, Tokens
 from webgym.train.samples import Sample
+from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, known_messages, known_picture
 from webgym.train.weights import State, load_trainable, read_optimizer, read_state, save
 
 
@@ -56,6 +57,7 @@ class UpdateReport(msgspec.Struct, frozen=True):
         grad_norm: mean before clipping.
         learning_rate: of the last optimizer step.
         seconds: wall time.
+        tokens_per_second: read and trained on, over all processes.
         extra: means over tokens of what the objective logs.
     """
 
@@ -67,6 +69,7 @@ class UpdateReport(msgspec.Struct, frozen=True):
     grad_norm: float
     learning_rate: float
     seconds: float
+    tokens_per_second: float
     extra: dict[str, float] = {}
 
 
@@ -129,6 +132,7 @@ class Updater:
         if resume is not None:
             self.step = read_state(resume).step
             self._optimizer_state(read_optimizer(resume))
+        self._reads: Greedy | None = None  # what the weights make of the known screenshot
 
     def update(self, samples: Sequence[Sample], *, passes: int = 1) -> UpdateReport:
         """Train on samples: the same ones, in the same order, in every process.
@@ -140,6 +144,7 @@ class Updater:
         if not samples:
             raise ValueError("there is nothing to train on")
         config, started, seen = self.config, time.perf_counter(), Counter[str]()
+        self._reads = self._reads or self._greedy()
         proximal = self._logprobs(samples) if self.objective.off_policy else None
         losses, norms, rate = [], [], 0.0
         self.model.train()
@@ -161,7 +166,8 @@ class Updater:
             if not (math.isfinite(loss_now) and math.isfinite(norm)):
                 raise TrainingError(
                     f"the loss of optimizer step {self.step} is {loss_now}, its gradient {norm}",
-                    hint="nothing was saved: lower update.learning_rate, and go on from what was",
+                    hint="nothing of this update was saved: lower learn.update.learning_rate in config.yaml, "
+                    "then go on with --resume",
                 )
             self.optimizer.step()
             self.optimizer.zero_grad()
@@ -242,10 +248,43 @@ class Updater:
             for name, value in self.accelerator.get_state_dict(self.model).items()
         }
         optimizer = self._optimizer_state()
+        after = self._greedy()
+        before, self._reads = self._reads or after, after
         if self.accelerator.is_main_process:
             state = State(self.step, self.source, self.config.lora is not None)
-            save(folder, self.loaded, weights, optimizer, state)
+            save(folder, self.loaded, weights, optimizer, state, self._selftest(before, after))
         self.accelerator.wait_for_everyone()
+
+    @torch.no_grad()
+    def _greedy(self) -> Greedy:
+        """What the weights as they are make of the known screenshot. All processes compute the same."""
+        self.model.eval()
+        messages, picture, renderer = known_messages(), known_picture(), self.renderer
+        prompt = torch.tensor(renderer.prompt_ids(messages), dtype=torch.int32)
+        found: list[tuple[int, float, float]] = []
+        while len(found) < REPLY_TOKENS and not (found and found[-1][0] in renderer.end_ids):
+            # The last id is only there to be predicted.
+            reply = torch.tensor([*(token for token, _, _ in found), renderer.pad_id], dtype=torch.int32)
+            sample = Sample(prompt, reply, None, 1.0, "", messages, lambda _name: picture)
+            batch = collate([sample], renderer, off_policy=False).to(self.accelerator.device)
+            (best, second), (token, _) = self.model(batch, ranked=True)[-1].tolist()
+            found.append((int(token), best, best - second))
+        ids, logprobs, margins = zip(*found, strict=True)
+        return Greedy(list(ids), list(logprobs), list(margins))
+
+    def _selftest(self, before: Greedy, after: Greedy) -> SelfTest:
+        sure = next(
+            (place for place, margin in enumerate(after.margins) if margin <= NEAR_TIE), len(after.ids)
+        )
+        return SelfTest(
+            prompt_ids=self.renderer.prompt_ids(known_messages()),
+            image_id=self.renderer.image_id,
+            after=after,
+            before=before,
+            certain=self.renderer.decode(after.ids[:sure]),
+            is_exact=self.config.precision == "fp32" and self.config.weights == "float32",
+            picture=known_picture(),
+        )
 
     def _optimizer_state(self, saved: dict[str, Any] | None = None) -> dict[str, Any]:
         """The optimizer's state by the names of parameters, whole however it is sharded; or take it back."""
@@ -269,16 +308,18 @@ class Updater:
         seconds: float,
     ) -> UpdateReport:
         tokens = passes * sum(len(sample.reply_ids) for sample in samples)
+        prompt_tokens = passes * sum(len(sample.prompt_ids) for sample in samples)
         summed = gather_object([dict(sums)])
         names = sorted({name for each in summed for name in each})
         return UpdateReport(
             samples=len(samples),
             tokens=tokens,
-            prompt_tokens=passes * sum(len(sample.prompt_ids) for sample in samples),
+            prompt_tokens=prompt_tokens,
             optimizer_steps=len(losses),
             loss=sum(losses) / len(losses),
             grad_norm=sum(norms) / len(norms),
             learning_rate=rate,
             seconds=seconds,
+            tokens_per_second=(tokens + prompt_tokens) / seconds,
             extra={name: sum(each.get(name, 0.0) for each in summed) / tokens for name in names},
         )

@@ -3,14 +3,16 @@
 FOLDER/
   *.safetensors, config.json   all weights, as load_model reads them; or adapter_model.safetensors,
                                adapter_config.json: adapters, for load_model and for servers
-  tokenizer*, preprocessor_config.json, chat_template.jinja
+  tokenizer*, preprocessor_config.json, chat_template.jinja, and what else a server's processor reads
   optimizer.pt                 torch.load(..., weights_only=True)
+  selftest.json                what these weights make of a known screenshot (webgym.train.selftest)
   state.json                   {"step": optimizer steps so far, "source": "...", "lora": false}
 """
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import warnings
 from pathlib import Path
@@ -19,11 +21,13 @@ from typing import Any
 import msgspec
 import peft
 import torch
+from huggingface_hub import try_to_load_from_cache
 
 from webgym.core.errors import ConfigError, TrainingError
 from webgym.inference.model import Loaded, load_model
 from webgym.rollout.files import TORN, disk_errors, sync_folder
 from webgym.train.config import LoraConfig, UpdateConfig
+from webgym.train.selftest import SELFTEST, SelfTest
 
 STATE = "state.json"
 OPTIMIZER = "optimizer.pt"
@@ -88,7 +92,12 @@ def _adapted(model: Any, config: LoraConfig, resume: Path | None) -> Any:
 
 
 def save(
-    folder: Path, loaded: Loaded, weights: dict[str, torch.Tensor], optimizer: dict[str, Any], state: State
+    folder: Path,
+    loaded: Loaded,
+    weights: dict[str, torch.Tensor],
+    optimizer: dict[str, Any],
+    state: State,
+    selftest: SelfTest,
 ) -> None:
     """Write a folder whole or not at all. One that is there already is replaced.
 
@@ -98,6 +107,7 @@ def save(
         weights: of the model, by name, on the CPU.
         optimizer: its state.
         state: the rest.
+        selftest: what these weights make of the known screenshot.
 
     Raises:
         StoreError: it cannot be written; what was there is whole.
@@ -112,7 +122,10 @@ def save(
             loaded.model.save_pretrained(torn, state_dict=weights)
             loaded.tokenizer.save_pretrained(torn)
             loaded.image_processor.save_pretrained(torn)
-            torch.save(optimizer, torn / OPTIMIZER)
+            _copy_processor(state.source, torn)
+            with (torn / OPTIMIZER).open("wb") as file:  # of a path, torch does not tell why it failed
+                torch.save(optimizer, file)
+            (torn / SELFTEST).write_bytes(msgspec.json.encode(selftest))
             (torn / STATE).write_bytes(msgspec.json.encode(state))
             for path in torn.iterdir():
                 with path.open("rb") as file:
@@ -123,9 +136,29 @@ def save(
             torn.rename(folder)
             sync_folder(folder.parent)
             shutil.rmtree(old, ignore_errors=True)
-        except BaseException:
+        except BaseException as error:
             shutil.rmtree(torn, ignore_errors=True)
+            if (number := _disk_error(error)) is not None:
+                raise OSError(number, os.strerror(number)) from error
             raise
+
+
+def _disk_error(error: BaseException) -> int | None:
+    """The system's error number behind what safetensors and torch make of a full disk; else ``None``."""
+    if found := re.search(r"\(os error (\d+)\)", str(error)):
+        return int(found[1])
+    cause = error.__cause__ or error.__context__
+    if isinstance(error, RuntimeError) and isinstance(cause, OSError):
+        return cause.errno
+    return None
+
+
+def _copy_processor(source: str, folder: Path) -> None:
+    """Settings that we do not read but a server does, which loads the processor of the whole model."""
+    for name in ("processor_config.json", "video_preprocessor_config.json"):
+        found = Path(source, name) if Path(source).is_dir() else try_to_load_from_cache(source, name)
+        if isinstance(found, str | Path) and Path(found).is_file() and not (folder / name).exists():
+            shutil.copyfile(found, folder / name)
 
 
 def read_state(folder: Path) -> State:

@@ -1,0 +1,297 @@
+"""``report.html`` of a training: how success went, what was learned from, tasks before and after.
+
+Reads ``metrics.jsonl`` and the run folders of the evaluations, and nothing of ``webgym.train``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import yaml
+
+from webgym.core.errors import RunFolderError
+from webgym.core.outcome import Outcome
+from webgym.core.task import LEVELS
+from webgym.report import words
+from webgym.report.config import ReportConfig
+from webgym.report.content import page
+from webgym.report.curves import Curves, Line, Point, phase_bars
+from webgym.report.template import Document, Page, outcome_words
+from webgym.report.thumbnails import thumbnails
+from webgym.report.write import ReportProgress, quiet, write_parts
+from webgym.rollout.files import CONFIG, EVALUATIONS, ITERATIONS, METRICS, REPORT, disk_errors
+from webgym.rollout.rates import Interval
+from webgym.rollout.records import Entry
+from webgym.rollout.store import RunReader
+
+_SCRIPTS: Final = ("dom.js", "theme.js", "stage.js", "training.js")
+_SMOOTHING: Final = 0.5
+"""Of the moving average (SYSTEM.md 5.1: EMA 0.5)."""
+_GROUPS: Final = ("overall", *LEVELS)
+_RULES: Final = {
+    "unrewarded": "attempts without a reward",
+    "left_out": "attempts without an advantage",
+    "unchanged": "steps that changed nothing",
+    "used_up": "steps used up",
+    "stale": "steps of stale weights",
+}
+"""What the replay counts, in words."""
+
+
+def _figure(*path: str) -> Callable[[Mapping[str, Any]], float | None]:
+    """Finds a figure in a row; ``None`` where the iteration has none."""
+
+    def find(row: Mapping[str, Any]) -> float | None:
+        found: Any = row
+        for key in path:
+            found = found.get(key) if found else None
+        return None if found is None else float(found)
+
+    return find
+
+
+class Pair(NamedTuple):
+    """The same sample of a task in two evaluations."""
+
+    before: Entry
+    after: Entry
+
+    @property
+    def rank(self) -> int:
+        """What is looked at first: what was learned, then what was lost, then what stayed."""
+        won = (self.before.outcome is Outcome.SUCCESS, self.after.outcome is Outcome.SUCCESS)
+        return [(False, True), (True, False), (True, True), (False, False)].index(won)
+
+
+def is_training(path: Path) -> bool:
+    """Whether a folder is a training rather than a run."""
+    return (path / ITERATIONS).is_dir() or (path / EVALUATIONS).is_dir()
+
+
+class Training:
+    """A training folder, to be looked at; it may still be going on.
+
+    Raises:
+        RunFolderError: it is no training, or its figures cannot be read.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            with disk_errors(f"reading {path}"):
+                self.config: dict[str, Any] = yaml.safe_load((path / CONFIG).read_text())
+                lines = (path / METRICS).read_bytes().splitlines() if (path / METRICS).exists() else []
+                self.rows: list[dict[str, Any]] = [json.loads(line) for line in lines]
+                self.evaluations: dict[int, dict[str, Any]] = {
+                    int(each.stem): json.loads(each.read_bytes())
+                    for each in sorted(path.glob(f"{EVALUATIONS}/*.json"))
+                }
+        except (ValueError, yaml.YAMLError) as error:
+            raise RunFolderError(f"{path} cannot be read: {' '.join(str(error).split())}") from error
+
+    # --- curves ---------------------------------------------------------------------------------------------
+
+    def _line(
+        self, name: str, value: Callable[[Mapping[str, Any]], float | None], smoothing: float = 1.0
+    ) -> Line:
+        """A figure of every iteration, over the trajectories collected until its end."""
+        found = ((row["trajectories"], value(row)) for row in self.rows)
+        return Line(name, [Point(x, y) for x, y in found if y is not None], smoothing)
+
+    def _tested(self) -> list[Line]:
+        """Success of the evaluations, over the trajectories collected before each."""
+        collected = {0: 0} | {row["iteration"]: row["trajectories"] for row in self.rows}
+        points: dict[str, list[Point]] = {group: [] for group in _GROUPS}
+        for number, found in self.evaluations.items():
+            for group in _GROUPS:
+                rate, interval = found["success_rate"][group], found["success_interval"][group]
+                if rate is not None and number in collected:
+                    points[group].append(Point(collected[number], rate, interval))
+        return [Line(group.capitalize(), found) for group, found in points.items()]
+
+    def curves(self) -> dict[str, Curves]:
+        """All charts with lines, by title."""
+
+        share, number = words.percent, words.number
+        # Not every policy tells its tokens.
+        unit = "tokens" if any(row["collect"]["reply_tokens"] for row in self.rows) else "characters"
+        shown = {
+            "Success on unseen test tasks": Curves(
+                "Success on test tasks", self._tested(), share, whole=True
+            ),
+            "Success while collecting": Curves(
+                "Success on training tasks, moving average",
+                [
+                    self._line(group.capitalize(), _figure("collect", "success_rate", group), _SMOOTHING)
+                    for group in _GROUPS
+                ],
+                share,
+                whole=True,
+            ),
+            "Steps per trajectory": Curves(
+                "Steps per trajectory",
+                [self._line("Steps", _figure("collect", "steps_per_trajectory"))],
+                number,
+            ),
+            "Steps that changed nothing on the screen": Curves(
+                "Share of unchanged screenshots",
+                [self._line("Unchanged", _figure("collect", "unchanged_share"))],
+                share,
+                whole=True,
+            ),
+            f"Reply length, {unit}": Curves(
+                f"Length of replies, {unit}",
+                [self._line("Reply", _figure("collect", f"reply_{unit}"))],
+                number,
+            ),
+            "Blocked attempts": Curves(
+                "Share of blocked attempts",
+                [self._line("Blocked", _figure("collect", "blocked_share"))],
+                share,
+                whole=True,
+            ),
+            "Loss": Curves(
+                "Loss", [self._line("Loss", _figure("update", "loss"))], lambda value: f"{value:.3g}"
+            ),
+            "Gradient norm before clipping": Curves(
+                "Gradient norm",
+                [self._line("Norm", _figure("update", "grad_norm"))],
+                lambda value: f"{value:.3g}",
+            ),
+        }
+        return {title: curves for title, curves in shown.items() if not curves.is_empty}
+
+    def dropped(self) -> list[tuple[int, int, dict[str, int]]]:
+        """Per iteration: steps trained on, and what each rule left out."""
+        found = []
+        for row in self.rows:
+            replay, update = row["replay"], row["update"]
+            counts = {**replay["counts"], **replay}
+            told = {why: int(counts.get(name, 0)) for name, why in _RULES.items()}
+            found.append((row["iteration"], update.get("samples", 0), told | update.get("dropped", {})))
+        return found
+
+    # --- before and after -----------------------------------------------------------------------------------
+
+    @cached_property
+    def compared(self) -> tuple[int, int] | None:
+        """The first evaluation and the last one; ``None`` if there are no two."""
+        numbers = sorted(self.evaluations)
+        return (numbers[0], numbers[-1]) if len(numbers) > 1 else None
+
+    def evaluation(self, number: int) -> RunReader:
+        """The run of an evaluation."""
+        return RunReader(self.path / EVALUATIONS / f"{number:04d}", skip_corrupt=True)
+
+    def pairs(self) -> list[Pair]:
+        """Every judged sample of a task that both evaluations have, the most telling first."""
+        if self.compared is None:
+            return []
+        before, after = (self._judged(number) for number in self.compared)
+        pairs = [Pair(entry, after[key]) for key, entry in before.items() if key in after]
+        return sorted(pairs, key=lambda pair: (pair.rank, pair.before.task_id, pair.before.sample))
+
+    def _judged(self, number: int) -> dict[tuple[str, int], Entry]:
+        entries = self.evaluation(number).attempts.values()
+        return {(each.task_id, each.sample): each for each in entries if each.outcome.is_rewarded}
+
+
+def write_training_report(
+    path: Path, *, config: ReportConfig | None = None, progress: ReportProgress = quiet
+) -> Path:
+    """Write the report of a training, which may still be going on. Blocks.
+
+    Args:
+        path: the training folder.
+        config: what the report may cost.
+        progress: is told how far it has come.
+
+    Returns:
+        Path of ``report.html`` in it.
+
+    Raises:
+        RunFolderError: the folder is no training.
+        StoreFull: there is no space.
+    """
+    training = Training(path)
+    return write_parts(path / REPORT, _parts(training, config or ReportConfig(), progress))
+
+
+def _parts(training: Training, config: ReportConfig, progress: ReportProgress) -> Iterator[str]:
+    title = training.path.resolve().name
+    pairs = training.pairs()
+    shown = pairs[: config.pairs]
+    homes = [f"{EVALUATIONS}/{number:04d}" for number in training.compared or ()]
+    document = Document(title, _SCRIPTS, {"outcomes": outcome_words(), "homes": homes}, live=False)
+    yield document.render("training.html.j2", **_told(training, title, pairs), pairs_shown=len(shown))
+    names: list[dict[str, None]] = [{}, {}]
+    if training.compared:
+        readers = [training.evaluation(number) for number in training.compared]
+        for number, pair in enumerate(shown):
+            sides = []
+            for side, reader, entry in zip(names, readers, pair, strict=True):
+                trajectory = reader.trajectory(entry.attempt_id)
+                side |= dict.fromkeys(look.screenshot for look in trajectory.episode.observations)
+                sides.append(page(trajectory, reader.tasks.get(entry.task_id)))
+            yield Page.data(f"pair-{number}", sides)
+        for number, (reader, side) in enumerate(zip(readers, names, strict=True)):
+            half = config.model_copy(update={"image_budget_bytes": config.image_budget_bytes // 2})
+            wanted = side if number == 0 else {name: None for name in side if name not in names[0]}
+            for count, small in enumerate(thumbnails(reader.path, wanted, half)):
+                yield Page.picture(small.name, small.data)
+                progress("pictures", count + 1, len(wanted))
+    yield document.tail()
+
+
+def _told(training: Training, title: str, pairs: Sequence[Pair]) -> dict[str, Any]:
+    """What the template shows."""
+    rows, config = training.rows, training.config
+    first, last = (training.evaluations[n] for n in training.compared) if training.compared else (None, None)
+    phases = [(str(row["iteration"]), row["seconds"]) for row in rows]
+    changes = Counter(pair.rank for pair in pairs)
+    loop = config.get("loop") or {}
+    return {
+        "name": title,
+        "model": (config.get("learn") or {}).get("model", "–"),
+        "objective": ((config.get("learn") or {}).get("objective") or {}).get("name", "–"),
+        "seed": config.get("seed", "–"),
+        "wanted": loop.get("iterations"),
+        "rows": rows,
+        "first": first,
+        "last": last,
+        "compared": training.compared,
+        "rise": _rise(first, last),
+        "apart": _apart(first, last),
+        "samples": sum(row["update"].get("samples", 0) for row in rows),
+        "seconds": sum(sum(row["seconds"].values()) for row in rows),
+        "curves": training.curves(),
+        "dropped": training.dropped(),
+        "rules": list(
+            dict.fromkeys(why for _, _, told in training.dropped() for why, n in told.items() if n)
+        ),
+        "phases": list(dict.fromkeys(phase for _, parts in phases for phase in parts)),
+        "phase_bars": phase_bars(phases, words.duration),
+        "pairs": pairs,
+        "changes": [changes[rank] for rank in range(4)],
+    }
+
+
+def _rise(first: Mapping[str, Any] | None, last: Mapping[str, Any] | None) -> float | None:
+    if first is None or last is None:
+        return None
+    before, after = first["success_rate"]["overall"], last["success_rate"]["overall"]
+    return None if before is None or after is None else after - before
+
+
+def _apart(first: Mapping[str, Any] | None, last: Mapping[str, Any] | None) -> bool:
+    """Whether the two intervals do not overlap."""
+    ends: list[Interval | None] = [
+        each["success_interval"]["overall"] if each else None for each in (first, last)
+    ]
+    before, after = ends
+    return before is not None and after is not None and (before[1] < after[0] or after[1] < before[0])

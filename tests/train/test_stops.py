@@ -1,0 +1,297 @@
+"""What a training stops at: a line, an exit code, nothing lost, and a way to go on."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import json
+import re
+import resource
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from pathlib import Path
+from typing import Any
+
+import huggingface_hub.constants
+import pytest
+import torch
+import yaml
+from safetensors.torch import load_file
+from tests.conftest import Calls
+from tests.inference.tiny import write_tiny_model
+from tests.train import test_loop
+from tests.train.making import task
+from tests.train.test_loop import World
+
+from webgym.agent.random_policy import RandomPolicy
+from webgym.collection import Secrets, ServerChoice, resolved
+from webgym.core.errors import StoreError, StoreFull, TrainingError, WebGymError
+from webgym.rollout import files
+from webgym.tasks import write_tasks
+from webgym.train.folder import Stage, TrainingFolder
+from webgym.train.learner import Learner
+from webgym.train.loop import TrainConfig, Training
+from webgym.train.objectives import make_objective
+from webgym.train.replay import Replay
+from webgym.train.start import open_training, read_config
+from webgym.train.weights import read_state
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_tiny_model(tmp_path_factory.mktemp("model") / "tiny")
+
+
+def config(model: Path, **update: Any) -> TrainConfig:
+    given = {"precision": "fp32", "learning_rate": 1e-3, "warmup_steps": 0, "batch": 3, "micro_batch": 3}
+    return TrainConfig.model_validate(
+        {
+            "learn": {"model": str(model), "replay": {"steps": 6, "passes": 1}, "update": given | update},
+            "loop": {"iterations": 2, "tasks": 4, "evaluate_every": 0},
+        }
+    )
+
+
+def run(path: Path, settings: TrainConfig) -> list[dict[str, Any]]:
+    """A training whose learner is real, and whose attempts are made up."""
+    world, objective = World(), make_objective(settings.learn.objective)
+    training = Training(
+        settings,
+        TrainingFolder(path),
+        test_loop.TASKS,
+        serving=world,
+        learner=Learner(settings.learn, objective),
+        replay=Replay(settings.learn.replay, objective),
+        where=ServerChoice(),
+        secrets=Secrets(),
+        attempts=world.attempts,
+    )
+    return asyncio.run(training.run())
+
+
+def only(error: BaseExceptionGroup[Any]) -> BaseException:
+    (cause,) = error.exceptions
+    return only(cause) if isinstance(cause, BaseExceptionGroup) else cause
+
+
+def weights(folder: TrainingFolder, number: int) -> dict[str, torch.Tensor]:
+    return load_file(folder.weights(number) / "model.safetensors")
+
+
+# --- a loss that is no number ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("poison", [float("nan"), float("inf")])
+def test_a_loss_that_is_no_number_stops_before_its_weights_are_saved(
+    tmp_path: Path, model: Path, monkeypatch: pytest.MonkeyPatch, poison: float
+) -> None:
+    from webgym.train.update import Updater
+
+    honest, calls = Updater._loss, []
+
+    def loss(self: Updater, *given: Any) -> Any:
+        calls.append(given)
+        found, sums = honest(self, *given)
+        return found * (poison if self.step >= 3 else 1.0), sums
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Updater, "_loss", loss)
+        with pytest.raises(BaseExceptionGroup) as caught:
+            run(tmp_path, config(model))
+    error = only(caught.value)
+    assert isinstance(error, TrainingError)
+    assert re.fullmatch(r"the loss of optimizer step 3 is (nan|inf).*learning_rate.*--resume\)", str(error))
+    folder = TrainingFolder(tmp_path)
+    assert folder.latest_weights() == (1, folder.weights(1))
+    assert not folder.weights(2).exists()
+    assert folder.is_past(2, Stage.REPLAY)
+    assert all(value.isfinite().all() for value in weights(folder, 1).values())
+
+    rows = run(tmp_path, config(model, learning_rate=1e-4))
+
+    assert rows[1]["update"]["learning_rate"] == 1e-4
+    assert read_state(folder.weights(2)).step == 4
+
+
+# --- a disk that is full -----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def whole_training(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What a training leaves that nothing happened to."""
+    path = tmp_path_factory.mktemp("whole")
+    test_loop.run(path, World(), test_loop.config())
+    return test_loop.made(path)
+
+
+@pytest.mark.parametrize(
+    "name",
+    "tasks.jsonl sampler.json collected.json batch.jsonl replay.json update.json metrics.json metrics.jsonl "
+    "0002.json".split(),
+)
+def test_a_disk_that_is_full_in_any_stage_loses_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole_training: dict[str, Any], name: str
+) -> None:
+    settings = test_loop.config()
+    whole = files.write_whole
+    refused: list[Path] = []
+
+    def write(path: Path, data: bytes, **options: Any) -> None:
+        if path.name == name and not refused:
+            refused.append(path)
+            raise OSError(errno.ENOSPC, "No space left on device")
+        whole(path, data, **options)
+
+    monkeypatch.setattr("webgym.train.folder.write_whole", write)
+    first, second = World(), World()
+    with pytest.raises((StoreFull, BaseExceptionGroup)) as caught:
+        test_loop.run(tmp_path / "full", first, settings)
+    error = only(caught.value) if isinstance(caught.value, BaseExceptionGroup) else caught.value
+    assert isinstance(error, StoreFull)
+    assert "--resume" in str(error)
+    rows = test_loop.run(tmp_path / "full", second, settings)
+    assert test_loop.made(tmp_path / "full") == whole_training
+    assert [row["trajectories"] for row in rows] == [4, 8, 12]
+    attempts = [line.split(" by ")[0] for line in (*first.log, *second.log) if line.startswith("attempt")]
+    assert len(attempts) == len(set(attempts))
+
+
+@contextmanager
+def files_no_larger_than(limit: int) -> Iterator[None]:
+    """What the system says then is told like a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("share", [0.5, 1.5])
+def test_weights_for_which_there_is_no_space_leave_the_last_ones(
+    tmp_path: Path, model: Path, share: float
+) -> None:
+    """Half the weights, then all of them and half an optimizer: safetensors and torch tell it their ways."""
+    size = (model / "model.safetensors").stat().st_size
+    with files_no_larger_than(int(size * share)), pytest.raises(BaseExceptionGroup) as caught:
+        run(tmp_path, config(model))
+    error = only(caught.value)
+    assert isinstance(error, StoreFull)
+    assert "saving weights" in str(error)
+    folder = TrainingFolder(tmp_path)
+    assert folder.latest_weights() is None
+    assert [path.name for path in folder.iteration(1).iterdir() if "weights" in path.name] == []
+    rows = run(tmp_path, config(model))
+    assert [row["iteration"] for row in rows] == [1, 2]
+
+
+# --- before anything starts --------------------------------------------------------------------------------
+
+
+def one_line(said: str) -> str:
+    (line,) = [each for each in said.splitlines() if each.startswith("webgym:")]
+    assert "Traceback" not in said
+    return line
+
+
+@pytest.fixture
+def no_browsers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing that is refused here may cost a browser."""
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("browsers were started")
+
+    monkeypatch.setattr("webgym.train.start.services", never)
+    monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", True)
+
+
+def settings_file(path: Path, model: object, **others: Any) -> Path:
+    write_tasks(path / "tasks.jsonl", [task("a"), task("b", "test")])
+    held = {
+        "learn": {"model": str(model)},
+        "rollout": {"tasks": {"file": str(path / "tasks.jsonl")}},
+    } | others
+    (path / "train.yaml").write_text(yaml.safe_dump(held))
+    return path / "train.yaml"
+
+
+@pytest.mark.usefixtures("no_browsers")
+def test_what_cannot_be_trained_is_refused_before_browsers_start(
+    tmp_path: Path, model: Path, calls: Calls
+) -> None:
+    def refused(**others: Any) -> str:
+        given = settings_file(tmp_path, **({"model": model} | others))
+        code, said = calls.run("train", given, "--out", tmp_path / "out")
+        assert code == 2
+        assert not (tmp_path / "out").exists()
+        return one_line(said)
+
+    assert "cannot load the model no-such/model" in refused(model="no-such/model")
+    assert "give a folder with config.json" in refused(model=tmp_path / "nowhere")
+    # The one that collects is there; the one that would learn, after an iteration, is not.
+    assert "cannot load the model" in refused(model=tmp_path / "nowhere", local={"path": str(model)})
+    assert "did you mean learn.update.learning_rate?" in refused(
+        learn={"model": str(model), "update": {"learning_rat": 1}}
+    )
+    assert "there is no objective 'ppo'" in refused(learn={"model": str(model), "objective": {"name": "ppo"}})
+    (tmp_path / "none").mkdir()
+    assert "tasks.jsonl" in refused(rollout={"tasks": {"file": str(tmp_path / "none" / "tasks.jsonl")}})
+
+    write_tasks(tmp_path / "unsplit.jsonl", [task("a", None)])
+    only_test = [task("a", "test"), task("b", "test")]
+    write_tasks(tmp_path / "test.jsonl", only_test)
+    for name, told in (("unsplit", "webgym tasks split makes one"), ("test", "no task to draw")):
+        assert told in refused(rollout={"tasks": {"file": str(tmp_path / f"{name}.jsonl")}})
+
+    # A rubric's facts cannot be judged by the offline judge: found before anything is attempted.
+    assert "offline" in refused()
+
+
+def test_a_training_goes_on_with_what_it_was_started_with(
+    tmp_path: Path, model: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Small websites have a small viewport unless it is set; config.yaml sets everything."""
+
+    @asynccontextmanager
+    async def no_services(*_: object) -> AsyncIterator[Any]:
+        yield ServerChoice(), Secrets()
+
+    monkeypatch.setattr("webgym.train.start.services", no_services)
+    sites = {"collection": "small", "per_family": 5}
+    settings = TrainConfig.model_validate(
+        {"learn": {"model": str(model)}, "rollout": {"sites": sites, "agent": {"profile": "tiny"}}}
+    )
+
+    async def start(given: TrainConfig, *, resume: bool) -> TrainConfig:
+        async with open_training(given, tmp_path / "out", resume=resume) as training:
+            return training.config
+
+    begun = asyncio.run(start(settings, resume=False))
+    again = asyncio.run(start(read_config(tmp_path / "out"), resume=True))
+    assert again == begun
+    assert resolved(again.rollout, RandomPolicy(), None).attempt.viewport == (192, 128)
+    assert (tmp_path / "out/tensorboard").is_dir()
+
+
+@pytest.mark.usefixtures("no_browsers")
+def test_a_folder_that_is_taken_is_refused_at_once(tmp_path: Path, model: Path, calls: Calls) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.txt").write_text("keep me")
+    code, said = calls.run("train", settings_file(tmp_path, model), "--out", tmp_path / "out")
+    assert code == 2
+    assert "is not empty" in one_line(said)
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.txt"]
+
+
+def test_two_processes_do_not_train_in_one_folder(tmp_path: Path) -> None:
+    folder = TrainingFolder(tmp_path)
+    with folder.locked(), pytest.raises(WebGymError, match="is writing to"), folder.locked():
+        pass
+    with folder.locked():
+        pass
+
+
+def test_an_error_of_the_disk_that_is_not_about_space_is_told_too(tmp_path: Path) -> None:
+    (tmp_path / "iterations").write_text("in the way")
+    with pytest.raises(StoreError, match="making"):
+        TrainingFolder(tmp_path).write(1, "x.json", json.loads("{}"))

@@ -1,0 +1,104 @@
+"""What TensorBoard and Weights & Biases are given is what metrics.jsonl holds."""
+
+from __future__ import annotations
+
+import sys
+import types
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from webgym.core.errors import ConfigError
+from webgym.train.trackers import FOLDER, numbers_in, tracking
+
+
+def row(iteration: int, rate: float | None) -> dict[str, Any]:
+    return {
+        "iteration": iteration,
+        "collect": {
+            "success_rate": {"overall": rate, "easy": None},
+            "success_interval": {"overall": [0.1, 0.4]},
+        },
+        "update": {"loss": 0.5, "dropped": {"request too long": 2}},
+        "seconds": {"update": 3.0},
+        "evaluation": None,
+        "judge": "offline",
+        "is_last": True,
+    }
+
+
+def test_numbers_are_told_by_their_path_and_nothing_else_is() -> None:
+    assert dict(numbers_in(row(3, 0.25))) == {
+        "iteration": 3,
+        "collect/success_rate/overall": 0.25,
+        "collect/success_interval/overall/low": 0.1,
+        "collect/success_interval/overall/high": 0.4,
+        "update/loss": 0.5,
+        "update/dropped/request too long": 2,
+        "seconds/update": 3.0,
+    }
+
+
+def scalars(path: Path) -> dict[str, list[tuple[int, float]]]:
+    from tensorboard.backend.event_processing.event_accumulator import (  # type: ignore[import-untyped]
+        EventAccumulator,
+    )
+
+    found = EventAccumulator(str(path / FOLDER))
+    found.Reload()
+    return {
+        name: [(each.step, each.value) for each in found.Scalars(name)] for name in found.Tags()["scalars"]
+    }
+
+
+def test_tensorboard_shows_every_iteration_once_also_after_a_resume(tmp_path: Path) -> None:
+    with tracking(["tensorboard"], tmp_path, "webgym", []) as track:
+        track(row(1, 0.25))
+        track(row(2, 0.75))  # killed before this came to metrics.jsonl, say
+    with tracking(["tensorboard"], tmp_path, "webgym", [row(1, 0.25)]) as track:
+        track(row(2, 0.5))
+    found = scalars(tmp_path)
+    assert found["collect/success_rate/overall"] == [(1, 0.25), (2, 0.5)]
+    assert "collect/success_rate/easy" not in found
+    assert found["update/dropped/request too long"] == [(1, 2.0), (2, 2.0)]
+
+
+def test_weights_and_biases_is_given_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[dict[str, Any]] = []
+    logged: list[tuple[int, dict[str, float]]] = []
+    ended: list[bool] = []
+
+    def init(**options: Any) -> Any:
+        asked.append(options)
+        return types.SimpleNamespace(
+            log=lambda numbers, step: logged.append((step, numbers)), finish=lambda: ended.append(True)
+        )
+
+    monkeypatch.setitem(sys.modules, "wandb", types.SimpleNamespace(init=init))
+    for _ in range(2):
+        with tracking(["wandb"], tmp_path / "first", "study", [row(1, 0.25)]) as track:
+            track(row(2, 0.5))
+    assert [step for step, _ in logged] == [1, 2, 1, 2]
+    assert logged[1][1]["collect/success_rate/overall"] == 0.5
+    assert asked[0] == asked[1], "a training that goes on is the same run"
+    assert (asked[0]["project"], asked[0]["name"], asked[0]["resume"]) == ("study", "first", "allow")
+    assert ended == [True, True]
+
+
+def test_a_tracker_that_is_not_installed_or_does_not_start_is_said_in_a_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "wandb", None)
+    with (
+        pytest.raises(ConfigError, match=r"not installed .*pip install wandb"),
+        tracking(["wandb"], tmp_path, "p", []),
+    ):
+        pass
+
+    def init(**_: Any) -> Any:
+        raise RuntimeError("no\nAPI key")
+
+    monkeypatch.setitem(sys.modules, "wandb", types.SimpleNamespace(init=init))
+    with pytest.raises(ConfigError, match=r"no API key .*offline"), tracking(["wandb"], tmp_path, "p", []):
+        pass

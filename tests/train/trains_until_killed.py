@@ -1,0 +1,108 @@
+"""Trains to the end, then again while it is killed time after time, and prints how often that was.
+
+    python trains_until_killed.py FOLDER MODEL KILLS SEED [--browsers]
+
+Makes FOLDER/whole and FOLDER/killed. Every life is a child of this process, which has imported everything
+already; its end is SIGKILL, at a random moment. With ``--browsers`` demonstrators attempt real tasks in real
+browsers, else attempts are made up; loop, store, replay, model and update are the real ones either way.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+import torch
+from tests.train import test_loop
+from tests.train.test_training import Breakable, Serving, settings
+
+from webgym.collection import Secrets, ServerChoice, all_tasks, services
+from webgym.train.folder import TrainingFolder
+from webgym.train.learner import Learner
+from webgym.train.loop import TrainConfig, Training, make_run
+from webgym.train.objectives import make_objective
+from webgym.train.replay import Replay
+
+
+def config(model: Path) -> TrainConfig:
+    update = {"precision": "fp32", "learning_rate": 1e-3, "warmup_steps": 2, "batch": 4, "micro_batch": 4}
+    loop = {"iterations": 3, "tasks": 6, "evaluate_every": 2}
+    held = settings(model).model_dump(mode="json", exclude_unset=True)
+    held["learn"] |= {"update": update, "replay": {"steps": 12, "passes": 1}}
+    held["rollout"]["collector"] |= {"straggler_share": 1.0, "sessions": 2}
+    held |= {"loop": loop, "evaluation": {"count": 2, "budget": [8, 16, 24]}}
+    return TrainConfig.model_validate(held)
+
+
+async def train(path: Path, model: Path, *, browsers: bool) -> None:
+    given, world = config(model), test_loop.World()
+    objective = make_objective(given.learn.objective)
+    folder = TrainingFolder(path)
+    if not (path / "config.yaml").exists():
+        folder.create(given.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))
+
+    async def run(where: ServerChoice, secrets: Secrets) -> None:
+        await Training(
+            given,
+            folder,
+            all_tasks(given.rollout) if browsers else test_loop.TASKS,
+            serving=Serving(Breakable()) if browsers else world,
+            learner=Learner(given.learn, objective),
+            replay=Replay(given.learn.replay, objective),
+            where=where,
+            secrets=secrets,
+            attempts=make_run if browsers else world.attempts,
+        ).run()
+
+    if not browsers:
+        await run(ServerChoice(), Secrets())
+        return
+    async with services(given.rollout, Secrets()) as reached:
+        await run(*reached)
+
+
+def live(path: Path, model: Path, browsers: bool, seconds: float | None) -> bool:
+    """One life of so many seconds; whether it came to its end by itself."""
+    child = os.fork()
+    if child == 0:
+        try:
+            asyncio.run(train(path, model, browsers=browsers))
+        except BaseException:
+            sys.excepthook(*sys.exc_info())
+            os._exit(1)
+        os._exit(0)
+    if seconds is not None:
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            if os.waitpid(child, os.WNOHANG)[0]:
+                return True
+            time.sleep(0.005)
+        os.kill(child, signal.SIGKILL)
+    _, status = os.waitpid(child, 0)
+    if os.WIFEXITED(status) and os.WEXITSTATUS(status):
+        sys.exit(f"a life ended with {os.WEXITSTATUS(status)}")
+    return os.WIFEXITED(status)
+
+
+def main(folder: Path, model: Path, kills: int, seed: int, browsers: bool) -> None:
+    torch.set_num_threads(1)
+    rng, started = random.Random(seed), time.monotonic()
+    live(folder / "whole", model, browsers, None)
+    whole = time.monotonic() - started
+    killed = 0
+    # Lives that are long enough, on the whole, to come to the end only after the last kill.
+    while killed < kills and not live(
+        folder / "killed", model, browsers, rng.uniform(0.1, 1.3) * whole / kills
+    ):
+        killed += 1
+    live(folder / "killed", model, browsers, None)
+    print(killed)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]), int(sys.argv[4]), "--browsers" in sys.argv)

@@ -46,16 +46,5 @@ def test_a_preset_of_a_run_loads(preset: Path) -> None:
     refuse_unjudgeable(config.judge, [msgspec.structs.replace(task, truth=None)])
 
 
-OVERLAYS = sorted((ROOT / "configs" / "study").glob("*.yaml"))
-
-
-@pytest.mark.parametrize("overlay", OVERLAYS, ids=lambda path: path.stem)
-def test_a_row_of_the_study_is_laid_over_training(overlay: Path) -> None:
-    base = settings([ROOT / "configs" / "training.yaml"], {})
-    config = settings([ROOT / "configs" / "training.yaml", overlay], {})
-    assert config != base
-    assert (config.tasks.split, config.policy, config.judge) == ("train", base.policy, base.judge)
-
-
 def test_the_preset_of_the_task_set_names_all_its_sources() -> None:
     assert set(read_config(TASK_SET, {}).sources) == set(SOURCES) - {"webgym"}

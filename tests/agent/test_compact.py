@@ -23,9 +23,11 @@ def test_a_reply_is_one_line_of_words() -> None:
         with_memory=True,
         memory={"1": "7", "2": "red moon"},
         progress={"1": "finished", "2": "not finished"},
-        intention="2",
+        intention="2 red moon",
     )
-    assert text == "memory 1 = 7 , 2 = red moon ; progress 1 + 2 - ; intention 2 ; left_click 375 437"
+    assert (
+        text == "memory 1 = 7 , 2 = red moon ; progress 1 + 2 - ; intention 2 red moon ; left_click 375 437"
+    )
 
 
 @given(actions("coordinates"), st.dictionaries(KEYS, TEXTS, max_size=3), st.dictionaries(KEYS, st.booleans()))

@@ -193,7 +193,7 @@ def test_everything_is_made_of_the_small_vocabulary(tasks: list[Task]) -> None:
     small = OfflineWeb(5, per_family=3, collection="small")
     for host in small.specs:
         for _, body in crawl(small, host):
-            controls, text = read_page(body)
+            controls, text, _ = read_page(body)
             said.update(word for control in controls for word in words_of(control.name))
             said.update(words_of(text))
     assert said <= vocabulary
@@ -225,7 +225,7 @@ def test_pages_are_tiny_lead_home_and_have_names_that_are_unique() -> None:
         for path, body in crawl(web, host):
             assert len(body) < 12_000
             assert b"<script" not in body
-            controls, _ = read_page(body)
+            controls = read_page(body).controls
             names = [control.name for control in controls]
             assert len(set(names)) == len(names), (host, path)
             assert path == "/" or "home" in names

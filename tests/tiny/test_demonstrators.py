@@ -10,17 +10,16 @@ import pytest
 
 pytest.importorskip("torch")
 
-from webgym.agent.agent import Agent
-from webgym.agent.config import AgentConfig, PromptFormat
-from webgym.core.action import Answer, LeftClick
-from webgym.core.outcome import Ending
+from webgym.agent.config import PromptFormat
+from webgym.core.action import LeftClick
 from webgym.core.task import StepBudget, Task
 from webgym.core.trajectory import Episode
 from webgym.judge import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
-from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb
 from webgym.tiny.demonstrators import DEMONSTRATORS, Demonstrators, Habits
+from webgym.tiny.recipe import agent_of
+from webgym.tiny.rehearsal import Stage
 from webgym.tiny.tokenizer import cell_centres, make_tokenizer
 
 WEB = OfflineWeb(7, per_family=6, collection="small")
@@ -34,26 +33,8 @@ def some_tasks(count: int, *, parts: int = 1) -> list[Task]:
 
 
 async def attempt(task: Task, policy: Demonstrators, prompt_format: PromptFormat = "compact") -> Episode:
-    agent = Agent(policy, AgentConfig(prompt_format=prompt_format, rounds=0, profile="tiny"))
-    site = WEB.website(task.website.split("/")[2])
-    assert site is not None
-    browser, budget = StaticBrowser(site, VIEWPORT), StepBudget(12, 24, 36).for_task(task)
-    conversation = agent.begin(task, 5, budget)
-    answer = final = None
-    for _ in range(budget):
-        seen = browser.observe()
-        step = await conversation.turn(seen, b"", 0.0)
-        assert step.action is not None, step.parse_error
-        if isinstance(step.action, Answer):
-            answer = step.action.text
-            break
-        browser.act(step.action)
-        final = browser.observe()
-    return Episode(
-        f"{task.id}#0.0", task.id, 0, 0, 5, policy.name, 0.0, 1.0, tuple(conversation.steps),
-        Ending.BUDGET_SPENT if answer is None else Ending.ANSWERED,
-        final=final if answer is None else None, answer=answer, final_state=site.report(browser.state),
-    )  # fmt: skip
+    agent = agent_of(policy, prompt_format)
+    return await Stage(WEB, None, StepBudget(12, 24, 36)).rehearse(agent, task, 5)
 
 
 async def successes(

@@ -3,12 +3,13 @@
 For models so small that every token counts (``webgym.tiny``). A request is a system message of a few words
 and, for every round, the picture and one line of words; a reply is one line::
 
-    memory 1 = 7 ; progress 1 + 2 - ; intention 2 ; left_click 375 437
+    memory 1 = 7 ; progress 1 + 2 - ; intention 2 red moon ; left_click 375 437
 
 Memory lists the new entries only; earlier ones stay (it is append-only anyway). Progress gives every
-subtask, ``+`` finished or ``-`` not. ``compact_official`` has the action alone. Keys and values that are more
-than words and digits are written as JSON strings. The text of ``type``, ``navigate`` and ``answer`` runs to
-the end of the reply.
+subtask, ``+`` finished or ``-`` not. The intention is the subtask and what the action is aimed at, in words:
+a small model that has said what it looks for points at it far better. ``compact_official`` has intention and
+action alone. Keys and values that are more than words and digits are written as JSON strings. The text of
+``type``, ``navigate`` and ``answer`` runs to the end of the reply.
 """
 
 from __future__ import annotations
@@ -53,21 +54,19 @@ def render_compact(
 
     Args:
         action: what to do.
-        with_memory: whether the three sections stand before the action.
+        with_memory: whether memory and progress stand before intention and action.
         memory: entries to add; values that are no texts are written as JSON.
         progress: subtask to ``"finished"`` or anything else.
-        intention: the subtask that is worked on.
+        intention: the subtask that is worked on, and what is sought.
         screen: where points end.
     """
-    call = _render_action(action, screen)
-    if not with_memory:
-        return call
-    sections = [
-        f"memory {memory_line(memory)}".rstrip(),
-        f"progress {progress_line(progress)}".rstrip(),
-        f"intention {_written(intention, spaces=True)}" if intention else "intention",
-    ]
-    return " ; ".join([*sections, call])
+    sections = [_render_action(action, screen)]
+    if intention or with_memory:
+        sections.insert(0, f"intention {_written(intention, spaces=True)}" if intention else "intention")
+    if with_memory:
+        notes = f"memory {memory_line(memory)}".rstrip(), f"progress {progress_line(progress)}".rstrip()
+        sections = [*notes, *sections]
+    return " ; ".join(sections)
 
 
 def memory_line(memory: Mapping[str, Any]) -> str:
@@ -101,7 +100,7 @@ def parse_compact(
     """
     sections: dict[str, str] = {}
     at = 0
-    while with_memory and (heading := _SECTION.match(text, at)):
+    while (heading := _SECTION.match(text, at)) and (with_memory or heading[1] == "intention"):
         content = _TO_SEMICOLON.match(text, heading.end())
         end = content.end() if content else heading.end()
         if text[end : end + 1] != ";":

@@ -63,7 +63,9 @@ VERBS: tuple[Verb, ...] = (
     Verb("judge", "Judge a stored run again (webgym judge RUN), and compare judges.", "app"),
     Verb("eval", "Attempt a test set and print success by difficulty with intervals."),
     Verb("train", "Learn from outcomes: roll out, judge, update, publish, evaluate."),
-    Verb("report", "Write the report of a run."),
+    Verb("pretrain", "Make the first weights of the tiny policy."),
+    Verb("study", "Repeat the paper's study in miniature."),
+    Verb("report", "Write the report of a run or of a training."),
     Verb("view", "Browse a run or a task set in a web browser."),
     Verb("bench", "Measure this machine: speed, density, settling, faults.", "app"),
 )

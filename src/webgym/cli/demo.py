@@ -11,7 +11,16 @@ def command(
     out: Path | None = typer.Option(
         None, "--out", help="Run folder; a new one under runs/ if not given.", show_default=False
     ),
+    weights: Path | None = typer.Option(
+        None,
+        "--weights",
+        help="Learn, on the small websites, from these weights on: a model of webgym pretrain.",
+        show_default=False,
+    ),
     tasks: int = typer.Option(200, "--tasks", min=1, help="Tasks, drawn from unseen (test) websites."),
+    iterations: int | None = typer.Option(
+        None, "--iterations", min=1, help="With --weights: of learning.", show_default=False
+    ),
     sessions: int = typer.Option(8, "--sessions", min=1, help="Browser sessions at the same time."),
     policy: str | None = typer.Option(
         None,
@@ -44,11 +53,18 @@ def command(
 
     Starts the offline web and a browser server, attempts the tasks, writes the run folder and its
     report, and says where to look. A scripted policy plays; give --base-url and --model for a real one.
+
+    With --weights, a tiny vision-language model attempts tasks on unseen small websites, then learns from its
+    own attempts at others, a few times over, then attempts the first tasks again.
     """
     from datetime import datetime
 
     from rich.console import Console
 
+    folder = out or Path("runs") / f"demo-{datetime.now():%Y%m%d-%H%M%S}"
+    if weights is not None:
+        _learn(folder, weights, seed, tasks, iterations, sessions)
+        return
     from webgym.cli._options import mode_of
     from webgym.cli._run import run, settings, show_on, tell_on
     from webgym.cli._summary import all_failed, print_summary
@@ -56,7 +72,6 @@ def command(
     from webgym.report import write_report
 
     console = Console()
-    folder = out or Path("runs") / f"demo-{datetime.now():%Y%m%d-%H%M%S}"
     options = {
         "seed": seed,
         "tasks": {"split": "test", "count": tasks, "spread": True},
@@ -74,3 +89,27 @@ def command(
     console.print(f"\nreport   {report}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True)
     if all_failed(summary):
         raise typer.Exit(1)
+
+
+def _learn(folder: Path, weights: Path, seed: int, tasks: int, iterations: int | None, sessions: int) -> None:
+    """Before, learning, after."""
+    from rich.console import Console
+
+    from webgym.cli._run import secrets
+    from webgym.cli._training import carry_out
+    from webgym.core.errors import ConfigError
+
+    try:
+        import torch
+    except ImportError as error:
+        raise ConfigError("learning needs torch", hint="pip install 'webgym-rl[train]'") from error
+    from webgym.tiny.demo import before_and_after, settings
+
+    # Browsers need the other processors; and threads that wait for a busy one make small models slow.
+    torch.set_num_threads(1)
+    console = Console()
+    config = settings(weights, seed=seed, tasks=tasks, iterations=iterations, sessions=sessions)
+    carry_out(config, folder, resume=False, secrets=secrets(None), console=console)
+    for line in before_and_after(folder):
+        console.print(line, highlight=False, soft_wrap=True)
+    console.print(f"browse   webgym view {folder}/evaluations", highlight=False, soft_wrap=True)

@@ -33,6 +33,20 @@ class Control(NamedTuple):
     is_post: bool
 
 
+class Page(NamedTuple):
+    """What stands on a page.
+
+    Attributes:
+        controls: what can be clicked.
+        text: one line per piece.
+        signs: everything that is shown, with its left upper corner, CSS pixels.
+    """
+
+    controls: tuple[Control, ...]
+    text: str
+    signs: tuple[tuple[str, tuple[int, int]], ...]
+
+
 class StaticBrowser:
     """A visitor of one website.
 
@@ -52,6 +66,11 @@ class StaticBrowser:
         self._url = site.start
         self._response = Response(b"")
         self.open(site.start)
+
+    @property
+    def body(self) -> bytes:
+        """The HTML of the page that is shown."""
+        return self._response.body
 
     def open(self, url: str, *, post: bool = False) -> None:
         """Go to an address of the website."""
@@ -79,7 +98,7 @@ class StaticBrowser:
                 self.open(hit.href, post=hit.is_post)
 
     def _hit(self, action: LeftClick) -> Control | None:
-        controls, _ = read_page(self._response.body)
+        controls = read_page(self._response.body).controls
         if action.target.element is not None:
             return controls[action.target.element - 1]
         assert action.target.coordinate is not None
@@ -96,7 +115,7 @@ class StaticBrowser:
 
     def observe(self) -> Observation:
         """What is to be seen now."""
-        controls, text = read_page(self._response.body)
+        controls, text, _ = read_page(self._response.body)
         elements = tuple(
             Element(
                 number=number,
@@ -120,11 +139,11 @@ class StaticBrowser:
 
 
 @lru_cache(maxsize=4096)
-def read_page(body: bytes) -> tuple[tuple[Control, ...], str]:
-    """The controls of a page and its text, one line per piece."""
+def read_page(body: bytes) -> Page:
+    """What stands on a page of a small website."""
     reader = _Reader()
     reader.feed(body.decode())
-    return tuple(reader.controls), "\n".join(reader.lines)
+    return Page(tuple(reader.controls), "\n".join(reader.lines), tuple(reader.signs))
 
 
 class _Reader(HTMLParser):
@@ -132,21 +151,27 @@ class _Reader(HTMLParser):
         super().__init__()
         self.controls: list[Control] = []
         self.lines: list[str] = []
+        self.signs: list[tuple[str, tuple[int, int]]] = []
         self._action = ""
         self._silent = False
+        self._place: tuple[int, int] | None = None
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         given = {name: value or "" for name, value in attrs}
         self._silent = tag in ("style", "title")
         if tag == "form":
             self._action = given["action"]
-        elif tag in ("a", "button"):
-            place = _PLACE.search(given["style"])
-            assert place is not None, given
-            box = (int(place[1]), int(place[2]), _SIDE, _SIDE)
+        if (found := _PLACE.search(given.get("style", ""))) is not None:
+            place = int(found[1]), int(found[2])
+            self._place = None if "aria-label" in given else place
+            if "aria-label" in given:
+                self.signs.append((given["aria-label"], place))
+        if tag in ("a", "button"):
+            assert found is not None, given
             is_link = tag == "a"
             href = given["href"] if is_link else self._action
             role = "link" if is_link else "button"
+            box = (*place, _SIDE, _SIDE)
             self.controls.append(Control(role, given["aria-label"], box, href, not is_link))
 
     def handle_endtag(self, tag: str) -> None:
@@ -156,3 +181,6 @@ class _Reader(HTMLParser):
     def handle_data(self, data: str) -> None:
         if data.strip() and not self._silent:
             self.lines.append(data.strip())
+            if self._place is not None:
+                self.signs.append((data.strip(), self._place))
+                self._place = None

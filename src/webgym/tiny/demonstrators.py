@@ -24,7 +24,7 @@ from webgym.agent.page import target_of, usable
 from webgym.agent.policy import Turn
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Solver
-from webgym.core.action import Action, Answer, GoBack, LeftClick, Target
+from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Target
 from webgym.core.errors import ConfigError, PolicyError
 from webgym.core.observation import Element, Observation
 from webgym.core.task import Task
@@ -150,9 +150,19 @@ class _Demonstrator:
             description="",
             memory={key: value for key, value in new.items() if key in self._memory},
             progress=self._solver.progress(),
-            intention=self._solver.intention(),
+            intention=self._intention(action, seen, with_memory=with_memory),
         )
         return Reply(text, policy=Demonstrators.name, sampling={"demonstrator": self._name})
+
+    def _intention(self, action: Action, seen: Observation, *, with_memory: bool) -> str:
+        """The part that is worked on, where progress is told, and the name of what the action is aimed at."""
+        if isinstance(action, Answer):
+            aim = "say"
+        elif isinstance(action, LeftClick):
+            aim = _name_at(action, seen) or "nothing"
+        else:
+            aim = "back"
+        return f"{self._solver.intention()} {aim}" if with_memory else aim
 
     # --- mistakes -------------------------------------------------------------------------------------
 
@@ -234,6 +244,20 @@ def _in_cell(action: Action, seen: Observation) -> Action:
         for value, side in zip(action.target.coordinate, seen.viewport, strict=True)
     )
     return LeftClick(Target(coordinate=(float(point[0]), float(point[1]))))
+
+
+def _name_at(action: LeftClick, seen: Observation) -> str:
+    """What the point of a click lies in; empty for nothing."""
+    if action.target.element is not None:
+        return (seen.elements or ())[action.target.element - 1].name
+    assert action.target.coordinate is not None
+    point = [share / GRID * size for share, size in zip(action.target.coordinate, seen.viewport, strict=True)]
+    return next((each.name for each in seen.elements or () if _holds(each, point)), "")
+
+
+def _holds(element: Element, point: Sequence[float]) -> bool:
+    left, top, width, height = element.box
+    return left <= point[0] < left + width and top <= point[1] < top + height
 
 
 def _free_cells(seen: Observation) -> list[tuple[float, float]]:

@@ -1,30 +1,29 @@
 """What the tiny policy is taught from recorded attempts: where signs are, what they say, and what was done.
 
-Two kinds of lessons are made of a run of the demonstrators. *Pointing*: a picture and several questions
-about it in one sequence, ``red star = 250 375 , 583 125 = next``; without them a model this small never
-learns to see. *Acting*: a step's request and reply, exactly as the agent asked and the demonstrator
-answered.
+Two kinds of lessons are made of the demonstrators' attempts. *Pointing*: a picture and several questions
+about it in one sequence, ``red star = 250 375 , 583 125 = next , jam or home or 7 = home``; without them a
+model this small never learns to see, nor to find what it sees in what it is told. *Acting*: a step's request
+and reply, exactly as the agent asked and the demonstrator answered.
 """
 
 from __future__ import annotations
 
 import random
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import pairwise
 
-from webgym.core.observation import Element, Observation
-from webgym.core.trajectory import ImageRef, Message, TextPart, Trajectory
+import msgspec
+
+from webgym.core.trajectory import Episode, ImageRef, Message, TextPart
 from webgym.inference.rendering import Renderer
-from webgym.rollout.store import RunReader
 from webgym.tiny.tokenizer import CELL, cell_centres
 
 IGNORED = -100
 """The label of a token that is not learned."""
 
 
-@dataclass(frozen=True, slots=True)
-class Lesson:
+class Lesson(msgspec.Struct, frozen=True):
     """A sequence.
 
     Attributes:
@@ -38,94 +37,98 @@ class Lesson:
     labels: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Signs:
-    """What can be pointed at in a screenshot: names with the middles of their cells, each name once."""
+class Signs(msgspec.Struct, frozen=True):
+    """What a screenshot shows: names with the middles of their cells."""
 
     picture: str
     places: tuple[tuple[str, tuple[int, int]], ...]
 
 
-def acting(run: Path, renderer: Renderer, image_tokens: int) -> list[Lesson]:
-    """A lesson for every step of a run that holds an action.
+def acting(episode: Episode, renderer: Renderer) -> Iterator[Lesson]:
+    """A lesson for every step of an attempt that holds an action.
 
     Args:
-        run: a run folder.
+        episode: of a demonstrator.
         renderer: of the model.
-        image_tokens: that every picture takes.
     """
-    reader = RunReader(run)
-    lessons = []
-    for trajectory in reader.trajectories():
-        for step in trajectory.episode.steps:
-            if step.action is None:
-                continue
-            prompt = _prompt(step.messages, renderer, image_tokens)
-            reply = renderer.tokenizer(step.reply.text, add_special_tokens=False)["input_ids"]
-            target = [*reply, renderer.tokenizer.eos_token_id]
-            labels = (IGNORED,) * len(prompt) + tuple(target)
-            lessons.append(Lesson(step.observation.screenshot, (*prompt, *target), labels))
-    return lessons
+    for step in episode.steps:
+        if step.action is None:
+            continue
+        prompt = renderer.prompt_ids(step.messages)
+        reply = renderer.tokenizer(step.reply.text, add_special_tokens=False)["input_ids"]
+        target = [*reply, renderer.tokenizer.eos_token_id]
+        labels = (IGNORED,) * len(prompt) + tuple(target)
+        yield Lesson(step.observation.screenshot, (*prompt, *target), labels)
 
 
-def signs_of(run: Path) -> list[Signs]:
-    """Every screenshot of a run with what it shows, each once."""
-    return list({seen.picture: seen for seen in _all_signs(RunReader(run).trajectories())}.values())
+def signs_of(picture: str, shown: Iterable[tuple[str, tuple[int, int]]], viewport: tuple[int, int]) -> Signs:
+    """What can be asked about a screenshot.
 
-
-def _all_signs(trajectories: Iterable[Trajectory]) -> Iterable[Signs]:
-    for trajectory in trajectories:
-        for observation in trajectory.episode.observations:
-            if places := _places(observation):
-                yield Signs(observation.screenshot, places)
-
-
-def _places(observation: Observation) -> tuple[tuple[str, tuple[int, int]], ...]:
-    found: dict[str, tuple[int, int]] = {}
-    doubled: set[str] = set()
-    for element in observation.elements or ():
-        if element.name in found:
-            doubled.add(element.name)
-        found[element.name] = _middle(element, observation.viewport)
-    return tuple((name, place) for name, place in found.items() if name and name not in doubled)
-
-
-def _middle(element: Element, viewport: tuple[int, int]) -> tuple[int, int]:
-    x, y, width, height = element.box
+    Args:
+        picture: its name.
+        shown: what it shows, with left upper corners, pixels.
+        viewport: its width and height.
+    """
     columns, rows = cell_centres(viewport[0]), cell_centres(viewport[1])
-    column = min(int((x + min(width, CELL) / 2) // CELL), len(columns) - 1)
-    row = min(int((y + min(height, CELL) / 2) // CELL), len(rows) - 1)
-    return columns[column], rows[row]
+    return Signs(picture, tuple((name, (columns[x // CELL], rows[y // CELL])) for name, (x, y) in shown))
 
 
-def pointing(signs: Signs, renderer: Renderer, image_tokens: int, rng: random.Random, count: int) -> Lesson:
-    """Questions about one screenshot: names to places, and places to names.
+def pointing(
+    signs: Signs,
+    renderer: Renderer,
+    viewport: tuple[int, int],
+    rng: random.Random,
+    count: int,
+    names: Sequence[str],
+) -> Lesson:
+    """Questions about one screenshot: places of names, names at places, which of several names it shows,
+    numbers that stand beside names.
+
+    Numbers, words and names of two words are asked for equally often where there are some; what stands in
+    several places is not asked for by its name.
 
     Args:
         signs: of the screenshot.
         renderer: of the model.
-        image_tokens: that every picture takes.
+        viewport: width and height of the screenshot, pixels.
         rng: chooses the questions.
         count: how many.
+        names: of everything that screenshots show, for names that this one does not.
     """
     tokens = renderer.tokenizer
-    ids = list(_prompt(_asked(signs.picture), renderer, image_tokens))
+    picture = ImageRef(signs.picture, *viewport)
+    ids = renderer.prompt_ids((Message("user", (picture, TextPart("say"))),))
     labels = [IGNORED] * len(ids)
     separator = tokens.convert_tokens_to_ids(",")
-    for name, (x, y) in rng.choices(signs.places, k=count):
-        sides = [f"{name} =", f"{x} {y}"] if rng.random() < 0.6 else [f"{x} {y} =", name]
-        question, answer = (tokens(side, add_special_tokens=False)["input_ids"] for side in sides)
-        ids += [*question, *answer, separator]
-        labels += [*[IGNORED] * len(question), *answer, IGNORED]
+    kinds: dict[str, list[tuple[str, tuple[int, int]]]] = {}
+    for sign in signs.places:
+        kinds.setdefault("number" if sign[0].isdecimal() else f"{sign[0].count(' ')}", []).append(sign)
+    times = Counter(name for name, _ in signs.places)
+    beside = _numbers_beside(signs, viewport)
+    for _ in range(count):
+        name, (x, y) = rng.choice(kinds[rng.choice(list(kinds))])
+        draw = rng.random()
+        if beside and draw < 0.25:
+            name, answer = rng.choice(beside)
+            question = f"number of {name}"
+        elif draw < 0.5:
+            others = [other for other in rng.sample(names, rng.randint(1, 4)) if other not in times]
+            question, answer = " or ".join(rng.sample([name, *others], 1 + len(others))), name
+        elif draw < 0.75 and times[name] == 1:
+            question, answer = name, f"{x} {y}"
+        else:
+            question, answer = f"{x} {y}", name
+        sides = f"{question} =", answer
+        asked, told = (tokens(side, add_special_tokens=False)["input_ids"] for side in sides)
+        ids += [*asked, *told, separator]
+        labels += [*[IGNORED] * len(asked), *told, IGNORED]
     return Lesson(signs.picture, tuple(ids), tuple(labels))
 
 
-def _asked(picture: str) -> tuple[Message, ...]:
-    return (Message("user", (ImageRef(picture, CELL, CELL), TextPart("say"))),)
-
-
-def _prompt(messages: Sequence[Message], renderer: Renderer, image_tokens: int) -> list[int]:
-    ids: list[int] = []
-    for token in renderer.tokenizer(renderer.text(messages), add_special_tokens=False)["input_ids"]:
-        ids += [token] * (image_tokens if token == renderer.image_id else 1)
-    return ids
+def _numbers_beside(signs: Signs, viewport: tuple[int, int]) -> list[tuple[str, str]]:
+    """Names with the number to the right of them."""
+    columns = cell_centres(viewport[0])
+    right = dict(pairwise(columns))
+    at = {place: name for name, place in signs.places}
+    pairs = ((name, at.get((right.get(x, -1), y), "")) for name, (x, y) in signs.places)
+    return [(name, other) for name, other in pairs if other.isdecimal() and not name.isdecimal()]

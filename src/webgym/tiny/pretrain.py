@@ -1,6 +1,6 @@
 """Pretraining: from random weights to a policy that sometimes succeeds.
 
-Runs of the demonstrators on training websites become lessons (:mod:`webgym.tiny.lessons`). Pointing comes
+Attempts of the demonstrators at training websites become lessons (:mod:`webgym.tiny.lessons`). Pointing comes
 first, alone, then acting with some pointing beside it. Muon steps the matrices and AdamW the rest: with
 AdamW alone a model this small learns to point several times slower. Everything follows from one seed; a
 checkpoint is written every so often, and a killed training goes on from it.
@@ -18,13 +18,12 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.inference.model import Loaded
-from webgym.rollout.store import RunReader
-from webgym.tiny.lessons import IGNORED, Lesson, Signs, acting, pointing, signs_of
-from webgym.tiny.model import MERGE, PATCH, TinyConfig, save_model
+from webgym.inference.rendering import Renderer
+from webgym.tiny.lessons import IGNORED, Lesson, Signs, pointing
+from webgym.tiny.model import PATCH, TinyConfig, save_model
 from webgym.tiny.muon import Muon
 from webgym.tiny.pictures import to_patches, to_pixel_values
 
@@ -88,32 +87,31 @@ Tell: TypeAlias = Callable[[Mapping[str, Any]], None]
 
 
 class Lessons:
-    """All lessons of some runs, and their pictures.
+    """All lessons, and their pictures.
 
     Args:
-        runs: of the demonstrators.
-        loaded: the model whose tokens they are made of.
+        acting: steps of demonstrators.
+        signs: what can be pointed at.
+        pictures: screenshots by name, PNG.
+        renderer: of the model.
         viewport: width and height of all pictures, pixels.
     """
 
-    def __init__(self, runs: Sequence[Path], loaded: Loaded, viewport: tuple[int, int]) -> None:
-        self.renderer = loaded.renderer
+    def __init__(
+        self,
+        acting: Sequence[Lesson],
+        signs: Sequence[Signs],
+        pictures: Mapping[str, bytes],
+        renderer: Renderer,
+        viewport: tuple[int, int],
+    ) -> None:
+        self.renderer = renderer
+        self.acting = acting
+        self.signs = signs
         self.grid = (1, viewport[1] // PATCH, viewport[0] // PATCH)
-        self.image_tokens = math.prod(self.grid) // MERGE**2
-        self.signs: list[Signs] = []
-        self.acting: list[Lesson] = []
-        self.pictures: dict[str, NDArray[np.uint8]] = {}
-        for run in runs:
-            signs, lessons, reader = (
-                signs_of(run),
-                acting(run, self.renderer, self.image_tokens),
-                RunReader(run),
-            )
-            names = {each.picture for each in signs} | {each.picture for each in lessons}
-            for name in names - self.pictures.keys():
-                self.pictures[name] = to_patches(reader.image(name))
-            self.signs += signs
-            self.acting += lessons
+        self._viewport = viewport
+        self._names = sorted({name for each in signs for name, _ in each.places})
+        self._pictures = {name: to_patches(png) for name, png in pictures.items()}
 
     def batch(self, config: PretrainConfig, step: int) -> tuple[Kind, list[Lesson]]:
         """The lessons of an update, all of one kind; they follow from the seed and the update's number."""
@@ -121,7 +119,8 @@ class Lessons:
         if step < config.pointing_steps or rng.random() < config.pointing_share:
             chosen = rng.choices(self.signs, k=config.batch)
             return "pointing", [
-                pointing(signs, self.renderer, self.image_tokens, rng, config.questions) for signs in chosen
+                pointing(signs, self.renderer, self._viewport, rng, config.questions, self._names)
+                for signs in chosen
             ]
         return "acting", rng.choices(self.acting, k=config.batch)
 
@@ -135,7 +134,7 @@ class Lessons:
             ids[row, : len(lesson.ids)] = torch.tensor(lesson.ids)
             labels[row, : len(lesson.ids)] = torch.tensor(lesson.labels)
             mask[row, : len(lesson.ids)] = 1
-        pixels = np.concatenate([to_pixel_values(self.pictures[lesson.picture]) for lesson in lessons])
+        pixels = np.concatenate([to_pixel_values(self._pictures[lesson.picture]) for lesson in lessons])
         made = {
             "input_ids": ids,
             "attention_mask": mask,
@@ -202,7 +201,7 @@ def pretrain(lessons: Lessons, loaded: Loaded, out: Path, config: PretrainConfig
             tell({"step": step + 1, "lessons_per_second": done / (time.monotonic() - started), **smooth})
         if (step + 1) % config.checkpoint_steps == 0 or step + 1 == config.steps:
             _keep(out, model, optimizers, config, step + 1)
-    model.eval()
+    model.eval().to(torch.bfloat16)  # half the size; it is read as float32 again
     save_model(loaded, out / "model")
 
 

@@ -1,0 +1,205 @@
+"""The paper's study in miniature: a training per row and seed, and the table that they make.
+
+out/trainings/<row>/seed-<n>/   trainings, as `webgym train` makes them
+out/study.json                  success before, after and at the peak, per row and seed
+out/study.md                    the table
+out/study.png                   success over trajectories
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from statistics import mean, stdev
+from typing import Any, Final
+
+import msgspec
+from pydantic import BaseModel, ConfigDict
+
+from webgym.core.errors import UsageError
+from webgym.plotting import CATEGORIES, PAGE, new_figure, save, styled
+from webgym.rollout.files import CONFIG
+from webgym.settings import merged, settings_of
+from webgym.train.folder import TrainingFolder
+from webgym.train.loop import TrainConfig
+from webgym.train.start import open_training, read_config
+
+SETTINGS: Final = Path(__file__).parent / "study.yaml"
+
+
+class Row(BaseModel):
+    """A row of the study."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    paper: tuple[float, float] | None = None
+    """The paper's success before and at the peak, per cent; ``None`` for a row of our own."""
+
+    settings: dict[str, Any] = {}
+    """Laid over the base."""
+
+
+class StudyConfig(BaseModel):
+    """The whole study."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    base: dict[str, Any]
+    """Settings of a training that all rows share; the model is filled in."""
+
+    rows: dict[str, Row]
+    """By name, in the order of the table."""
+
+    def training(self, row: str, seed: int, weights: Path) -> TrainConfig:
+        """The settings of a training that begins with these weights.
+
+        Raises:
+            UsageError: there is no such row.
+        """
+        if row not in self.rows:
+            raise UsageError(f"there is no row {row!r}", hint=f"rows: {', '.join(self.rows)}")
+        own = {
+            "seed": seed,
+            "learn": {"model": str(weights), "update": {"seed": seed}},
+            "local": {"path": str(weights), "threads": 1},
+        }
+        return TrainConfig.model_validate(merged(merged(own, self.base), self.rows[row].settings))
+
+
+class Result(msgspec.Struct):
+    """What a training came to: success on the test tasks, with how many trajectories it took to get there."""
+
+    row: str
+    seed: int
+    trajectories: list[int]
+    success: list[float]
+
+    @property
+    def before(self) -> float:
+        """Success of the first weights."""
+        return self.success[0]
+
+    @property
+    def peak(self) -> float:
+        """The best success of an evaluation after learning, as the paper reports it."""
+        return max(self.success[1:])
+
+    @property
+    def last(self) -> float:
+        """Success of the last weights, which nothing was chosen by."""
+        return self.success[-1]
+
+
+def read_study(files: Sequence[Path]) -> StudyConfig:
+    """The study that comes with the package, with files laid over it.
+
+    Raises:
+        ConfigError: a file cannot be read, or a setting is unknown.
+    """
+    return settings_of(StudyConfig, [SETTINGS, *files], hint=f"see {SETTINGS}")
+
+
+async def carry_out(
+    study: StudyConfig,
+    weights: Path,
+    rows: Sequence[str],
+    seeds: int,
+    out: Path,
+    tell: Callable[[str], None],
+) -> list[Result]:
+    """Make every training that is not finished yet, seed by seed, so that whole tables come first.
+
+    Args:
+        study: the rows.
+        weights: that every training begins with.
+        rows: names of those to make.
+        seeds: trainings per row, seeds from 1.
+        out: folder; what is in it is gone on from.
+        tell: is told what goes on.
+    """
+    results: list[Result] = []
+    wanted = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
+    for number, (row, seed) in enumerate(wanted, start=1):
+        config = study.training(row, seed, weights)
+        folder = TrainingFolder(out / "trainings" / _slug(row) / f"seed-{seed}")
+        tell(f"training {number} of {len(wanted)}: {row}, seed {seed}")
+        if max(folder.evaluations(), default=-1) < config.loop.iterations:
+            resume = (folder.path / CONFIG).exists()
+            held = read_config(folder.path) if resume else config
+            async with open_training(held, folder.path, resume=resume, tell=tell) as training:
+                await training.run()
+        results.append(result_of(folder, row, seed))
+        write(study, results, out)
+    return results
+
+
+def result_of(folder: TrainingFolder, row: str, seed: int) -> Result:
+    """What a finished training came to."""
+    evaluations = folder.evaluations()
+    collected = {0: 0} | {each["iteration"]: each["trajectories"] for each in folder.write_metrics()}
+    return Result(
+        row,
+        seed,
+        [collected[number] for number in sorted(evaluations)],
+        [evaluations[number]["success_rate"]["overall"] for number in sorted(evaluations)],
+    )
+
+
+def write(study: StudyConfig, results: Sequence[Result], out: Path) -> None:
+    """Table and figure of what there is so far."""
+    (out / "study.json").write_bytes(msgspec.json.format(msgspec.json.encode(results)))
+    (out / "study.md").write_text("\n".join(table(study, results)) + "\n")
+    _draw(results, out / "study.png")
+
+
+def table(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
+    """The table in Markdown: mean and standard deviation over seeds, per cent."""
+    yield "| row | seeds | before | after | peak | rise | the paper: before, peak, rise |"
+    yield "|---|---|---|---|---|---|---|"
+    for row, found in _by_row(results).items():
+        paper = study.rows[row].paper if row in study.rows else None
+        theirs = f"{paper[0]:.1f}, {paper[1]:.1f}, {paper[1] - paper[0]:+.1f}" if paper else ""
+        figures = (
+            [each.before for each in found],
+            [each.last for each in found],
+            [each.peak for each in found],
+            [each.last - each.before for each in found],
+        )
+        yield f"| {row} | {len(found)} | {' | '.join(map(_spread, figures))} | {theirs} |"
+
+
+def _spread(values: Sequence[float]) -> str:
+    about = f" ± {100 * stdev(values):.1f}" if len(values) > 1 else ""
+    return f"{100 * mean(values):.1f}{about}"
+
+
+def _by_row(results: Sequence[Result]) -> Mapping[str, list[Result]]:
+    found: dict[str, list[Result]] = {}
+    for result in results:
+        found.setdefault(result.row, []).append(result)
+    return found
+
+
+def _draw(results: Sequence[Result], path: Path) -> None:
+    with styled():
+        figure = new_figure(PAGE, 3.0)
+        axes = figure.subplots()
+        for number, (row, found) in enumerate(_by_row(results).items()):
+            points = list(zip(*(each.success for each in found), strict=True))
+            axes.plot(
+                found[0].trajectories,
+                [100 * mean(each) for each in points],
+                color=CATEGORIES[number % len(CATEGORIES)],
+                linestyle=("-", "--")[number // len(CATEGORIES) % 2],
+                label=row,
+            )
+        axes.set_xlabel("trajectories collected")
+        axes.set_ylabel("success on unseen websites, %")
+        axes.grid(axis="y")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        save(figure, path)
+
+
+def _slug(row: str) -> str:
+    return re.sub(r"\W+", "-", row)

@@ -1,0 +1,114 @@
+"""First weights: rehearsed pages are the browsers' own, and the recipe goes on where it was killed."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from PIL import Image
+
+pytest.importorskip("torch")
+
+from webgym.collection import RunConfig, collect
+from webgym.core.task import StepBudget
+from webgym.offline.web import OfflineWeb
+from webgym.rehearsal import Drawings
+from webgym.rollout.store import RunReader
+from webgym.tiny.demonstrators import Demonstrators
+from webgym.tiny.recipe import RecipeConfig, agent_of, follow
+from webgym.tiny.rehearsal import Stage
+
+pytestmark = pytest.mark.browser
+
+
+def pixels(png: bytes) -> Any:
+    with Image.open(io.BytesIO(png)) as picture:
+        return np.asarray(picture.convert("RGB")).astype(np.int16)
+
+
+def test_a_rehearsal_is_what_browsers_would_have_made(tmp_path: Path) -> None:
+    """Requests, replies, pictures and changes of the same attempts, rehearsed and collected."""
+    config = RunConfig.model_validate(
+        {
+            "seed": 3,
+            "sites": {"collection": "small", "latency": 0, "per_family": 6},
+            "agent": {"prompt_format": "compact", "rounds": 0, "profile": "tiny"},
+            "tasks": {"split": "train", "count": 6},
+        }
+    )
+
+    async def both() -> None:
+        await collect(config, tmp_path / "run", policy=Demonstrators())
+        run, web = RunReader(tmp_path / "run"), OfflineWeb(7, per_family=6, collection="small")
+        async with Drawings(tmp_path / "pictures", web.collection.viewport) as drawings:
+            stage, agent = Stage(web, drawings, StepBudget()), agent_of(Demonstrators())
+            for made in run.trajectories():
+                task = run.tasks[made.episode.task_id]
+                rehearsed = await stage.rehearse(agent, task, made.episode.seed)
+                drawn = drawings.pictures()
+                assert rehearsed.answer == made.episode.answer
+                assert rehearsed.final_state == made.episode.final_state or made.episode.final_state is None
+                for ours, theirs in zip(rehearsed.steps, made.episode.steps, strict=True):
+                    assert ours.reply.text == theirs.reply.text
+                    assert ours.changed == theirs.changed
+                    assert texts(ours.messages) == texts(theirs.messages)
+                    png = run.image(theirs.observation.screenshot)
+                    differs = np.abs(pixels(drawn[ours.observation.screenshot]) - pixels(png))
+                    assert differs.mean() < 0.05  # edges of rounded shapes, by a shade
+
+    asyncio.run(both())
+
+
+class Killed(Exception):
+    """In place of a signal."""
+
+
+def texts(messages: Any) -> list[str]:
+    return [part.text for message in messages for part in message.content if hasattr(part, "text")]
+
+
+def test_a_recipe_that_was_killed_ends_with_the_same_weights(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = {"width": 32, "text_layers": 1, "vision_layers": 2}
+    taught = {"model": small, "steps": 6, "pointing_steps": 3, "batch": 2, "threads": 1, "warmup": 1}
+    config = RecipeConfig.model_validate(
+        {
+            "attempts": 3,
+            "per_family": 6,
+            "examined": 1,
+            "budget": [2, 2, 2],
+            "pretrain": {**taught, "checkpoint_steps": 2, "report_steps": 1},
+        }
+    )
+    told: list[int] = []
+
+    def tell(figures: Any) -> None:
+        told.append(figures["step"])
+
+    def killed(figures: Any) -> None:
+        if figures["step"] == 5:
+            raise Killed
+
+    def advance(what: str, done: int, of: int) -> None:
+        assert 0 < done <= of, what
+
+    whole = asyncio.run(follow(config, tmp_path / "whole", tell=tell, advance=advance))
+    with pytest.raises(Killed):
+        asyncio.run(follow(config, tmp_path / "killed", tell=killed, advance=advance))
+    del told[:]
+    again = asyncio.run(follow(config, tmp_path / "killed", tell=tell, advance=advance))
+    assert told == [5, 6]  # it went on from the checkpoint after update 4
+    assert again == whole
+    assert set(whole) == {"train", "test"}
+    assert json.loads((tmp_path / "killed/examination.json").read_text()) == json.loads(
+        msgspec.json.encode(whole)
+    )
+    weights = [tmp_path / name / "model/model.safetensors" for name in ("whole", "killed")]
+    assert weights[0].read_bytes() == weights[1].read_bytes()

@@ -1,0 +1,77 @@
+"""The study in miniature: rows are what they say, and the table says what the trainings came to."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("torch")
+
+from webgym.core.errors import ConfigError, UsageError
+from webgym.tiny.study import Result, read_study, table, write
+
+STUDY = read_study([])
+
+
+def test_a_row_differs_from_the_reference_in_what_it_is_named_for() -> None:
+    rows = {name: STUDY.training(name, 1, Path("tiny")).model_dump(mode="json") for name in STUDY.rows}
+    reference = rows["reference"]
+    assert reference["sampler"]["ratio"] == {"easy": 2, "medium": 5, "hard": 3}
+    assert [reference["rollout"]["attempt"][f"budget_{each}"] for each in ("easy", "medium", "hard")] == [
+        15,
+        30,
+        45,
+    ]
+    differing = {name: set(paths(row, reference)) for name, row in rows.items()}
+    prompt, horizon = "rollout.agent.prompt_format", "rollout.attempt.budget_"
+    assert differing["reference"] == set()
+    assert differing["without memory"] == {prompt}
+    assert differing["without repetition penalty"] == {"learn.replay.repetition_penalty"}
+    assert differing["uniform sampling"] == {"sampler.ratio"}
+    assert differing["half of the websites"] == {"sampler.without_share"}
+    assert differing["shorter horizon, uniform"] == {
+        "sampler.ratio",
+        *(f"{horizon}{level}" for level in ("easy", "medium", "hard")),
+    }
+    assert all(row["sampler"]["split"] == "train" for row in rows.values())
+    attempts = {name: row["loop"]["tasks"] * row["rollout"]["samples"] for name, row in rows.items()}
+    assert set(attempts.values()) == {160}, "rows are compared at the same number of attempts"
+
+
+def paths(row: object, other: object, at: str = "") -> list[str]:
+    """Where two settings differ."""
+    if isinstance(row, dict) and isinstance(other, dict) and at != "sampler.ratio":
+        keys = row.keys() | other.keys()
+        return [
+            path
+            for key in keys
+            for path in paths(row.get(key), other.get(key), f"{at}.{key}" if at else str(key))
+        ]
+    return [] if row == other else [at]
+
+
+def test_the_table_holds_means_and_spreads_and_the_papers_figures(tmp_path: Path) -> None:
+    results = [
+        Result("reference", 1, [0, 320, 640], [0.2, 0.5, 0.4]),
+        Result("reference", 2, [0, 320, 640], [0.3, 0.4, 0.6]),
+        Result("only easy", 1, [0, 320, 640], [0.2, 0.3, 0.3]),
+    ]
+    lines = list(table(STUDY, results))
+    assert lines[2] == (
+        "| reference | 2 | 25.0 ± 7.1 | 50.0 ± 14.1 | 55.0 ± 7.1 | 25.0 ± 7.1 | 26.2, 34.5, +8.3 |"
+    )
+    assert lines[3].startswith("| only easy | 1 | 20.0 | 30.0 | 30.0 | 10.0 |")
+    write(STUDY, results, tmp_path)
+    assert (tmp_path / "study.md").read_text().splitlines() == lines
+    assert len(json.loads((tmp_path / "study.json").read_text())) == 3
+    assert (tmp_path / "study.png").stat().st_size > 1000
+
+
+def test_what_is_not_there_is_told_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no row 'x'"):
+        STUDY.training("x", 1, tmp_path)
+    (tmp_path / "own.yaml").write_text("rowz: {}\n")
+    with pytest.raises(ConfigError, match="did you mean rows"):
+        read_study([tmp_path / "own.yaml"])

@@ -1,7 +1,7 @@
-"""Muon in float32: momentum whose matrices are made orthogonal before they are added.
+"""Muon: momentum whose matrices are made orthogonal before they are added.
 
-``torch.optim.Muon`` does the same in bfloat16, which processors without instructions for it emulate: there it
-takes a hundred times longer than the rest of an update.
+``torch.optim.Muon`` does the same, but always in bfloat16, which processors without instructions for it
+emulate (there it takes a hundred times longer than the rest of an update), and one matrix after another.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ class Muon(torch.optim.Optimizer):
         momentum: of the gradients, Nesterov's.
         weight_decay: decoupled.
         rounds: of the iteration that makes a matrix orthogonal.
+        dtype: of the numbers in these rounds.
     """
 
     def __init__(
@@ -33,9 +34,11 @@ class Muon(torch.optim.Optimizer):
         momentum: float = 0.95,
         weight_decay: float = 0.0,
         rounds: int = 5,
+        dtype: torch.dtype = torch.float32,
     ) -> None:
         held = {"lr": lr, "momentum": momentum, "weight_decay": weight_decay, "rounds": rounds}
         super().__init__(params, held)
+        self._dtype = dtype
 
     @torch.no_grad()
     def step(self, closure: Any = None) -> None:
@@ -48,7 +51,7 @@ class Muon(torch.optim.Optimizer):
                     shapes.setdefault(weight.shape, []).append(weight)
             for weights in shapes.values():
                 found = [self._momentum(weight, group["momentum"]) for weight in weights]
-                moved = orthogonal(torch.stack(found), group["rounds"])
+                moved = orthogonal(torch.stack(found).to(self._dtype), group["rounds"])
                 rate = group["lr"] * max(1.0, weights[0].shape[0] / weights[0].shape[1]) ** 0.5
                 for weight, direction in zip(weights, moved, strict=True):
                     weight.mul_(1 - group["lr"] * group["weight_decay"]).sub_(direction, alpha=rate)
@@ -67,7 +70,7 @@ def orthogonal(matrices: torch.Tensor, rounds: int) -> torch.Tensor:
     """The nearest orthogonal matrices, about: singular values end between 0.7 and 1.2.
 
     Args:
-        matrices: (matrices, rows, columns), float32.
+        matrices: (matrices, rows, columns), float32 or bfloat16.
         rounds: of Newton's and Schulz's iteration.
     """
     a, b, c = _COEFFICIENTS

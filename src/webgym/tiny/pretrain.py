@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from pydantic import BaseModel, ConfigDict, Field
 
-from webgym.inference.model import Loaded
+from webgym.inference.model import Loaded, quick_attention
 from webgym.inference.rendering import Renderer
 from webgym.tiny.lessons import IGNORED, Lesson, Signs, pointing
 from webgym.tiny.model import PATCH, TinyConfig, save_model
@@ -74,6 +74,10 @@ class PretrainConfig(BaseModel):
 
     device: str = "cpu"
     """As torch names it."""
+
+    bfloat16: bool | None = None
+    """Compute in bfloat16, weights in float32: about twice as fast where the processor has instructions for
+    it, twenty times slower where it has not; by default where it has."""
 
     checkpoint_steps: int = Field(default=200, ge=1)
     """A checkpoint is written after so many updates."""
@@ -146,7 +150,13 @@ class Lessons:
         return {name: tensor.to(device) for name, tensor in made.items()}
 
 
-def optimizers_of(model: Any, config: PretrainConfig) -> list[torch.optim.Optimizer]:
+def _has_bfloat16(device: torch.device) -> bool:
+    if device.type == "cpu":
+        return bool(torch.cpu._is_avx512_bf16_supported() or torch.cpu._is_amx_tile_supported())
+    return True
+
+
+def optimizers_of(model: Any, config: PretrainConfig, dtype: torch.dtype) -> list[torch.optim.Optimizer]:
     """Muon for the matrices between layers, AdamW for embeddings, norms, biases and the patch projection."""
     matrices, rest = list[torch.nn.Parameter](), list[torch.nn.Parameter]()
     for name, weight in model.named_parameters():
@@ -154,7 +164,7 @@ def optimizers_of(model: Any, config: PretrainConfig) -> list[torch.optim.Optimi
         (matrices if is_matrix else rest).append(weight)
     decay = config.weight_decay
     return [
-        Muon(matrices, lr=config.muon_rate, weight_decay=decay),
+        Muon(matrices, lr=config.muon_rate, weight_decay=decay, dtype=dtype),
         torch.optim.AdamW(rest, lr=config.adam_rate, betas=(0.9, 0.95), weight_decay=decay),
     ]
 
@@ -178,8 +188,10 @@ def pretrain(lessons: Lessons, loaded: Loaded, out: Path, config: PretrainConfig
     out.mkdir(parents=True, exist_ok=True)
     if config.threads is not None:
         torch.set_num_threads(config.threads)
-    model = loaded.model.to(config.device).train()
-    optimizers = optimizers_of(model, config)
+    device = torch.device(config.device)
+    halves = _has_bfloat16(device) if config.bfloat16 is None else config.bfloat16
+    model = loaded.model.to(device).train()
+    optimizers = optimizers_of(model, config, torch.bfloat16 if halves else torch.float32)
     first = _restore(out, model, optimizers, config)
     started, smooth = time.monotonic(), dict[Kind, float](pointing=math.nan, acting=math.nan)
     for step in range(first, config.steps):
@@ -187,8 +199,9 @@ def pretrain(lessons: Lessons, loaded: Loaded, out: Path, config: PretrainConfig
             for group in optimizer.param_groups:
                 group["lr"] = top * rate(config, step)
         kind, chosen = lessons.batch(config, step)
-        # In float32: processors without bfloat16 instructions are 20 times slower in bfloat16.
-        loss = model(**lessons.tensors(chosen, config.device), use_cache=False).loss
+        tensors = lessons.tensors(chosen, config.device)
+        with torch.autocast(device.type, torch.bfloat16, enabled=halves), quick_attention(device):
+            loss = model(**tensors, use_cache=False).loss
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)
         for optimizer in optimizers:

@@ -14,6 +14,7 @@ import torch
 from torch import nn
 from torch.utils.checkpoint import checkpoint
 
+from webgym.inference.model import quick_attention
 from webgym.inference.rendering import Renderer
 from webgym.train.samples import Sample
 
@@ -123,7 +124,8 @@ class ReplyLogProbs(nn.Module):
             ranked: give the two likeliest tokens in place of each reply token instead: (reply tokens, 2, 2),
                 their log-probabilities and their ids.
         """
-        with torch.autocast(batch.input_ids.device.type, torch.bfloat16, enabled=self._bf16):
+        device = batch.input_ids.device
+        with torch.autocast(device.type, torch.bfloat16, enabled=self._bf16), quick_attention(device):
             return self._forward(batch, ranked=ranked)
 
     def _forward(self, batch: Batch, *, ranked: bool) -> torch.Tensor:

@@ -17,7 +17,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
@@ -47,8 +46,7 @@ def _kill_what_is_left() -> None:
                 for child in thread.read_text().split():
                     os.kill(int(child), signal.SIGKILL)
         try:
-            if os.waitpid(-1, os.WNOHANG) == (0, 0):
-                time.sleep(0.01)
+            os.waitpid(-1, 0)
         except ChildProcessError:
             return
 

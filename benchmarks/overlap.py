@@ -14,11 +14,11 @@ import asyncio
 import tempfile
 import time
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import torch
 
-from webgym.agent.policy import Player, Policy, Turn
+from webgym.agent.policy import OpensNothing, Player, Policy, Turn
 from webgym.collection import Secrets, all_tasks, services
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
@@ -32,7 +32,7 @@ from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
 
 
-class Thinks:
+class Thinks(OpensNothing):
     """Demonstrators whose replies take their time; takes new weights and needs none."""
 
     wants_elements = True
@@ -51,12 +51,6 @@ class Thinks:
 
     async def watch(self) -> None:
         await asyncio.get_running_loop().create_future()
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        return None
 
 
 class _Player:

@@ -12,7 +12,7 @@ import msgspec
 from tests.report.conftest import Maker, Scene
 from tests.report.conftest import task as made_task
 
-from webgym.agent.policy import Policy
+from webgym.agent.policy import OpensNothing, Policy
 from webgym.agent.random_policy import RandomPolicy
 from webgym.collection import RunConfig, Secrets, ServerChoice
 from webgym.core.outcome import Outcome
@@ -37,7 +37,7 @@ def tasks(count: int) -> list[Task]:
     return found
 
 
-class World:
+class World(OpensNothing):
     """Makes the attempts of a policy that each update makes better, and the updates."""
 
     def __init__(self, distinct: int) -> None:
@@ -96,12 +96,6 @@ class World:
         self._served = int(version)
 
     async def watch(self) -> None:
-        return None
-
-    async def __aenter__(self) -> World:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
         return None
 
 

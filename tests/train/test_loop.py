@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from tests.train.making import PICTURES, task, trajectory
 
-from webgym.agent.policy import Policy
+from webgym.agent.policy import OpensNothing, Policy
 from webgym.agent.random_policy import RandomPolicy
 from webgym.collection import RunConfig, Secrets, ServerChoice
 from webgym.core.errors import PublishError, TrainingError, WebGymError
@@ -32,7 +32,7 @@ class Killed(BaseException):
     """The process ends here."""
 
 
-class World:
+class World(OpensNothing):
     """What a training talks to, with a log of what was done; may be made to end before any of it."""
 
     def __init__(
@@ -99,12 +99,6 @@ class World:
     async def watch(self) -> None:
         await self.failed.wait()
         raise TrainingError("the policy's model changes under us")
-
-    async def __aenter__(self) -> World:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        return None
 
 
 def config(**loop: Any) -> TrainConfig:

@@ -8,13 +8,12 @@ from collections.abc import Mapping
 from contextvars import ContextVar
 from itertools import cycle, zip_longest
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self, cast
+from typing import Any, cast
 
 import pytest
 from safetensors.torch import load_file
 
-from webgym.agent.policy import Player, Policy, Turn
+from webgym.agent.policy import OpensNothing, Player, Policy, Turn
 from webgym.collection import Secrets, ServerChoice, all_tasks, services
 from webgym.core.errors import BrowserCrashed, JudgeError, PolicyError
 from webgym.core.outcome import Outcome
@@ -60,7 +59,7 @@ OUTCOMES = {
 }
 
 
-class Breakable:
+class Breakable(OpensNothing):
     """The demonstrators behind an endpoint that fails where it is to."""
 
     wants_elements = True
@@ -71,17 +70,6 @@ class Breakable:
 
     def begin(self, task: Task, seed: int) -> Player:
         return _Player(self._policy.begin(task, seed))
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None
 
 
 class _Player:
@@ -132,7 +120,7 @@ def inject(faults: Mapping[str, str], patch: pytest.MonkeyPatch) -> None:
     patch.setattr(OfflineJudge, "judge", broken_judge)
 
 
-class Serving:
+class Serving(OpensNothing):
     """Takes weights and replies with the demonstrators all the same."""
 
     def __init__(self, policy: Policy) -> None:
@@ -145,12 +133,6 @@ class Serving:
 
     async def watch(self) -> None:
         await asyncio.get_running_loop().create_future()
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        return None
 
 
 @pytest.fixture(scope="module")

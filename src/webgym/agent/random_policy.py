@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import random
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 from webgym.agent.context import describe
 from webgym.agent.page import TEXT_ROLES, target_of, usable
-from webgym.agent.policy import Turn
+from webgym.agent.policy import OpensNothing, Turn
 from webgym.agent.prompts import render_reply
 from webgym.core.action import (
     GRID,
@@ -31,7 +30,7 @@ _ANSWER_CHANCE: Final = 0.05
 _WEIGHTS: Final = {"element": 12, "point": 1, "scroll": 4, "back": 1, "wait": 1}
 
 
-class RandomPolicy:
+class RandomPolicy(OpensNothing):
     """Clicks and types at random, on visible elements where it is told of them, and answers at some point."""
 
     name = "random"
@@ -40,17 +39,6 @@ class RandomPolicy:
     def begin(self, task: Task, seed: int) -> RandomPlayer:
         """A player whose every choice follows from the task's id and the seed."""
         return RandomPlayer(random.Random(f"{task.id}\n{seed}"))
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None
 
 
 class RandomPlayer:

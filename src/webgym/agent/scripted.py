@@ -11,11 +11,10 @@ import copy
 import random
 import re
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Any, Final, Literal, Self, TypeAlias, get_args
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 from webgym.agent.page import target_of, usable
-from webgym.agent.policy import Turn
+from webgym.agent.policy import OpensNothing, Turn
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Act, Solver
 from webgym.core.action import GRID, Answer, GoBack, LeftClick, Scroll, Target
@@ -41,7 +40,7 @@ _AFTER_TURNS: Final = 3
 """A mistake of conduct is made within this many turns, or just before the answer if that comes first."""
 
 
-class ScriptedPolicy:
+class ScriptedPolicy(OpensNothing):
     """Plays ``task.truth.moves``.
 
     Args:
@@ -72,17 +71,6 @@ class ScriptedPolicy:
         if rng.random() < self._mistake_rate:
             mistake = rng.choice(self._mistakes)
         return ScriptedPlayer(task, mistake, rng)
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None
 
 
 class ScriptedPlayer:

@@ -11,12 +11,11 @@ import random
 import re
 import string
 from collections.abc import Callable, Generator, Iterator, Sequence
-from types import TracebackType
-from typing import Final, Self, TypeAlias
+from typing import Final, TypeAlias
 from urllib.parse import quote, urljoin
 
 from webgym.agent.page import TEXT_ROLES, target_of, usable
-from webgym.agent.policy import Turn
+from webgym.agent.policy import OpensNothing, Turn
 from webgym.agent.prompts import render_reply
 from webgym.agent.scripted import wrong_answer
 from webgym.agent.solver import Act, Solver
@@ -199,7 +198,7 @@ HACKS: Final[dict[str, Hack]] = {
 """By name; the first is no hack."""
 
 
-class HackingPolicy:
+class HackingPolicy(OpensNothing):
     """Plays every task in one way.
 
     Args:
@@ -220,14 +219,6 @@ class HackingPolicy:
         way = self._way_of(task)
         rng = random.Random(f"{task.id}\n{way}\n{seed}")
         return _Player(way, lambda turn: HACKS[way](task, turn, rng, self._challenge))
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        return None
 
 
 class _Player:

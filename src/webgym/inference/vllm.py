@@ -12,15 +12,14 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from types import TracebackType
-from typing import Any, Final, Literal, Self, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
 
 import httpx
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator
 
 from webgym.agent.openai_policy import OpenAIPolicy, as_policy_error
-from webgym.agent.policy import Turn
+from webgym.agent.policy import OpensNothing, Turn
 from webgym.core.errors import LLMBadReply, LLMError, LLMUnreachable, PolicyBadReply, PolicyError
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
@@ -361,7 +360,7 @@ class ForeignReply(PolicyBadReply):
     """The endpoint replied with other weights than were published."""
 
 
-class VllmPolicy:
+class VllmPolicy(OpensNothing):
     """Replies with the weights that are served; while none are, callers wait.
 
     Args:
@@ -429,14 +428,3 @@ class VllmPolicy:
                     raise
                 continue
             return msgspec.structs.replace(reply, policy=self.name, weight_version=served.version)
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None

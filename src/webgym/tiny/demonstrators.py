@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping, Sequence
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 import msgspec
 
 from webgym.agent.config import WITH_MEMORY
 from webgym.agent.page import target_of, usable
-from webgym.agent.policy import Turn
+from webgym.agent.policy import OpensNothing, Turn
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Solver
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Target
@@ -63,7 +62,7 @@ DEMONSTRATORS: Final[Mapping[str, Habits]] = {
 """The mixture. Together they succeed in about half of the attempts."""
 
 
-class Demonstrators:
+class Demonstrators(OpensNothing):
     """A policy that plays known solutions the way its demonstrators would.
 
     Args:
@@ -94,17 +93,6 @@ class Demonstrators:
         names = list(self._habits)
         name = rng.choices(names, [self._habits[each].share for each in names])[0]
         return _Demonstrator(name, self._habits[name], task, task.truth.moves, rng)
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None
 
 
 class _Demonstrator:

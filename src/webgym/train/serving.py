@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from webgym.agent.policy import Player, Policy
+from webgym.agent.policy import OpensNothing, Player, Policy
 from webgym.agent.profile import Profile
 from webgym.core.errors import ConfigError, PublishError
 from webgym.core.task import Task
@@ -100,7 +100,7 @@ class LocalServing:
         await self._local.__aexit__(kind, error, trace)
 
 
-class KeptOpen:
+class KeptOpen(OpensNothing):
     """A policy that many runs enter and leave, and that somebody else opens and closes.
 
     Args:
@@ -123,14 +123,3 @@ class KeptOpen:
     def begin(self, task: Task, seed: int) -> Player:
         """A player of the policy."""
         return self._policy.begin(task, seed)
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        return None

@@ -28,6 +28,8 @@ from webgym.tiny.muon import Muon
 from webgym.tiny.pictures import to_patches, to_pixel_values
 
 CHECKPOINT = "checkpoint.pt"
+LENGTHS = 4
+"""Groups of acting lessons by length."""
 
 
 class PretrainConfig(BaseModel):
@@ -110,7 +112,7 @@ class Lessons:
         viewport: tuple[int, int],
     ) -> None:
         self.renderer = renderer
-        self.acting = acting
+        self.acting = sorted(acting, key=lambda lesson: len(lesson.ids))
         self.signs = signs
         self.grid = (1, viewport[1] // PATCH, viewport[0] // PATCH)
         self._viewport = viewport
@@ -126,7 +128,10 @@ class Lessons:
                 pointing(signs, self.renderer, self._viewport, rng, config.questions, self._names)
                 for signs in chosen
             ]
-        return "acting", rng.choices(self.acting, k=config.batch)
+        # A batch is of about one length: a quarter less is padding.
+        group, count = rng.randrange(LENGTHS), len(self.acting)
+        first, end = group * count // LENGTHS, (group + 1) * count // LENGTHS
+        return "acting", rng.choices(self.acting[first : max(end, first + 1)], k=config.batch)
 
     def tensors(self, lessons: Sequence[Lesson], device: str) -> dict[str, torch.Tensor]:
         """What the model is called with, labels included."""

@@ -40,7 +40,7 @@ class Endpoint:
         self.turned_away = 0
         self.lock = asyncio.Lock()
         self.work_seconds = 0.01
-        self.refused = 0
+        self.was_crowded = asyncio.Event()
         self.answered = 0
         self.times: list[float] = []
         self.replies: list[dict[str, Any]] = []
@@ -89,15 +89,16 @@ class Endpoint:
         return JSONResponse(self.completion())
 
     async def do_limited(self, request: Request) -> Response:
-        """429 for whoever comes while ``allowed`` others are served."""
+        """429 for whoever comes while ``allowed`` others are served. Nobody is done before a refusal."""
         if self.in_flight - self.turned_away > self.allowed:
-            self.refused += 1
+            self.was_crowded.set()
             self.turned_away += 1
             try:
                 await asyncio.sleep(0.002)  # a refusal takes a round trip, too
             finally:
                 self.turned_away -= 1
             return JSONResponse({"error": {"message": "too many requests"}}, 429)
+        await self.was_crowded.wait()
         await asyncio.sleep(self.work_seconds)
         self.answered += 1
         return JSONResponse(self.completion())

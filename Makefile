@@ -3,11 +3,13 @@ SHELL := bash
 BIN := .venv/bin
 # The tests wait for browsers more than they compute.
 WORKERS ?= 4
+# A worker takes neighbours, which share servers and browsers, and helps out when it is done with its own.
+PYTEST := $(BIN)/pytest -n $(WORKERS) --dist worksteal
 # Anything to add to a command: make test ARGS="tests/judge -k answer", make demo ARGS="--tasks 20".
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-all lint format bench docs lock clean
+.PHONY: help setup demo test test-all coverage lint format bench docs lock clean
 
 help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -18,11 +20,14 @@ setup: ## Make .venv, install the locked packages, a browser and fonts; quick wh
 demo: setup ## Collect, judge and report 200 trajectories on the offline web
 	@$(BIN)/webgym demo $(ARGS)
 
-test: setup ## Run the tests with real Chromium, with coverage
-	@$(BIN)/pytest -n $(WORKERS) -m "not slow" --cov --cov-report=term $(ARGS)
+test: setup ## Run the tests with real Chromium
+	@$(PYTEST) -m "not slow" $(ARGS)
 
 test-all: setup ## Run the slow tests too
-	@$(BIN)/pytest -n $(WORKERS) --cov --cov-report=term $(ARGS)
+	@$(PYTEST) $(ARGS)
+
+coverage: setup ## Run the tests and tell what they cover; twice the computing of `make test`
+	@$(PYTEST) -m "not slow" --cov --cov-report=term $(ARGS)
 
 lint: setup ## Check format, style, types, the rooms' imports and the tree
 	@scripts/lint

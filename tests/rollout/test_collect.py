@@ -41,11 +41,18 @@ def config(file: Path | None = None, **changes: Any) -> RunConfig:
     return RunConfig(**settings | changes)
 
 
-def task_file(path: Path, count: int, *, behaviours: tuple[str, ...] = ("good",), seed: int = 3) -> Path:
+def task_file(path: Path, count: int, *, behaviour: str = "good", most_moves: int = 6) -> Path:
+    """Tasks whose solutions are short, where it does not matter how long they are."""
     web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
-    hosts = [host for host, spec in web.specs.items() if spec.behaviour in behaviours]
+    hosts = [host for host, spec in web.specs.items() if spec.behaviour == behaviour]
+    tasks = [
+        task
+        for host in hosts
+        for task in web.tasks_of(host)
+        if task.truth is None or len(task.truth.moves) <= most_moves
+    ]
     file = path / "tasks.jsonl"
-    write_tasks(file, draw((task for host in hosts for task in web.tasks_of(host)), count, seed))
+    write_tasks(file, draw(tasks, count, 3))
     return file
 
 
@@ -69,7 +76,7 @@ def add_up(run: Path) -> list[Trajectory]:
 
 @pytest.mark.parametrize("mode", ["coordinates", "marks"])
 async def test_solutions_succeed_in_both_modes(tmp_path: Path, mode: Any) -> None:
-    file = task_file(tmp_path, 4)
+    file = task_file(tmp_path, 4, most_moves=99)
     await collect(config(file, agent=AgentConfig(mode=mode)), tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     assert [each.outcome for each in trajectories] == [Outcome.SUCCESS] * 4
@@ -108,7 +115,7 @@ async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path) -> Non
 
 
 async def test_an_error_is_attempted_again_and_both_are_counted(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 1, behaviours=("down",))
+    file = task_file(tmp_path, 1, behaviour="down")
     summary = await collect(config(file, retries=2), tmp_path / "run")
     assert summary["outcomes"]["environment_error"] == summary["attempts"] == 3
     assert summary["success_rate"]["overall"] is None
@@ -117,7 +124,9 @@ async def test_an_error_is_attempted_again_and_both_are_counted(tmp_path: Path) 
 
 async def test_every_mistake_is_data(tmp_path: Path) -> None:
     file = task_file(tmp_path, 14)
-    await collect(config(file, policy=PolicyChoice(mistakes=1.0), retries=0), tmp_path / "run")
+    short = AttemptConfig(budget_easy=15, budget_medium=15, budget_hard=15)
+    mistaken = config(file, policy=PolicyChoice(mistakes=1.0), retries=0, attempt=short)
+    await collect(mistaken, tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     by_mistake: dict[str, Counter[Outcome]] = {}
     for each in trajectories:
@@ -163,7 +172,7 @@ async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_p
 
 
 async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: Path) -> None:
-    file = task_file(tmp_path, 8)
+    file = task_file(tmp_path, 6)
     started = asyncio.Event()
 
     class Watch:
@@ -193,7 +202,7 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
     await resume(tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     outcomes = Counter(each.outcome for each in trajectories)
-    assert outcomes[Outcome.SUCCESS] == 8
+    assert outcomes[Outcome.SUCCESS] == 6
     assert outcomes[Outcome.CANCELLED] == before["cancelled"]
 
 

@@ -8,6 +8,9 @@ PYTEST := $(BIN)/pytest -n $(WORKERS) --dist worksteal
 # Anything to add to a command: make test ARGS="tests/judge -k answer", make demo ARGS="--tasks 20".
 ARGS ?=
 
+# Options of scripts/setup: make setup SETUP=--docs.
+SETUP ?=
+
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-all coverage lint format bench docs lock clean
 
@@ -15,7 +18,7 @@ help: ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: ## Make .venv, install the locked packages, a browser and fonts; quick when nothing changed
-	@scripts/setup
+	@scripts/setup $(SETUP)
 
 demo: setup ## Collect, judge and report 200 trajectories on the offline web
 	@$(BIN)/webgym demo $(ARGS)

@@ -11,6 +11,9 @@ ARGS ?=
 # Options of scripts/setup: make setup SETUP=--docs.
 SETUP ?=
 
+# The tests start dozens of commands: none has to compile our code again, whatever the surroundings say.
+export PYTHONDONTWRITEBYTECODE :=
+
 .DEFAULT_GOAL := help
 .PHONY: help setup demo test test-all coverage lint format bench docs lock clean
 

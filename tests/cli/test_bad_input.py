@@ -100,7 +100,8 @@ def test_a_broken_line_is_named_and_the_rest_runs(tmp_path: Path, calls: Calls) 
     file, settings = tmp_path / "tasks.jsonl", tmp_path / "run.yaml"
     write_tasks(file, tasks(2))
     file.write_bytes(file.read_bytes() + b'{"id": "half", "instr\n')
-    settings.write_text(yaml.safe_dump({"sites": SITES, "tasks": {"split": "all"}}))
+    held = {"sites": SITES, "tasks": {"split": "all"}, "collector": {"sessions": 2}}
+    settings.write_text(yaml.safe_dump(held))
     code, said = calls.run(
         "rollout", "--config", settings, "--tasks", file, "--out", tmp_path / "run", "--no-report"
     )

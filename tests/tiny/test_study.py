@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("torch")
 
+from tests.report.training import World, build_training, tasks
+from tests.train.worlds import training_of
+
 from webgym.core.errors import ConfigError, UsageError
-from webgym.tiny.study import Result, read_study, table, write
+from webgym.tiny import study
+from webgym.tiny.study import Result, carry_out, read_study, table, write
+from webgym.train.loop import TrainConfig, Training
 
 STUDY = read_study([])
 
@@ -75,3 +84,21 @@ def test_what_is_not_there_is_told_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "own.yaml").write_text("rowz: {}\n")
     with pytest.raises(ConfigError, match="did you mean rows"):
         read_study([tmp_path / "own.yaml"])
+
+
+async def test_a_training_that_was_killed_after_its_last_evaluation_is_brought_to_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    short = STUDY.model_copy(update={"base": STUDY.base | {"loop": {**STUDY.base["loop"], "iterations": 2}}})
+    path = tmp_path / "trainings/reference/seed-1"
+    await asyncio.to_thread(build_training, path, iterations=2, count=6)
+    (path / "iterations/0002/metrics.json").unlink()  # what an iteration writes last
+
+    @asynccontextmanager
+    async def opened(held: TrainConfig, out: Path, *, resume: bool, **_: Any) -> AsyncIterator[Training]:
+        assert resume
+        yield training_of(out, World(3), held, tasks(6))
+
+    monkeypatch.setattr(study, "open_training", opened)
+    (result,) = await carry_out(short, tmp_path, ["reference"], 1, tmp_path, print)
+    assert result.trajectories == [0, 6, 12]

@@ -10,20 +10,17 @@ from typing import Any
 
 import pytest
 from tests.train.making import PICTURES, task, trajectory
+from tests.train.worlds import MadeUp, training_of
 
-from webgym.agent.policy import OpensNothing, Policy
-from webgym.agent.random_policy import RandomPolicy
-from webgym.collection import RunConfig, Secrets, ServerChoice
 from webgym.core.errors import PublishError, TrainingError, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
-from webgym.rollout.store import RunReader, RunWriter
-from webgym.rollout.summary import Summary, summarise
+from webgym.core.trajectory import Trajectory
+from webgym.rollout.summary import Summary
 from webgym.train.config import FrontierConfig, LearnConfig, ReplayConfig
 from webgym.train.folder import Stage, TrainingFolder
-from webgym.train.loop import EvaluationConfig, LoopConfig, TrainConfig, Training
-from webgym.train.objectives import make_objective
-from webgym.train.replay import Draw, Replay
+from webgym.train.loop import EvaluationConfig, LoopConfig, TrainConfig
+from webgym.train.replay import Draw
 
 TASKS = [task(f"a{number}") for number in range(12)] + [task(f"b{number}", "test") for number in range(3)]
 
@@ -32,7 +29,7 @@ class Killed(BaseException):
     """The process ends here."""
 
 
-class World(OpensNothing):
+class World(MadeUp):
     """What a training talks to, with a log of what was done; may be made to end before any of it."""
 
     def __init__(
@@ -42,13 +39,14 @@ class World(OpensNothing):
         outcome: Outcome | None = None,
         refuses: str = "",
     ) -> None:
+        super().__init__()
+        self.pictures = PICTURES
         self._refuses = refuses
         self.failed = asyncio.Event()
         self.log: list[str] = []
         self.served = "0"
         self._kill_before = kill_before
         self._outcome = outcome
-        self.policy: Policy = RandomPolicy()
 
     def do(self, what: str) -> None:
         if self._kill_before == 0:
@@ -57,31 +55,11 @@ class World(OpensNothing):
             self._kill_before -= 1
         self.log.append(what)
 
-    async def attempts(
-        self,
-        out: Path,
-        config: RunConfig,
-        tasks: Sequence[Task],
-        policy: Policy,
-        secrets: Secrets,
-        show: object,
-    ) -> Summary:
-        name = f"{out.parent.name}/{out.name}" if out.name == "run" else out.name
-        is_there = (out / "config.yaml").exists()
-        writer = await (
-            RunWriter.reopen(out) if is_there else RunWriter.create(out, {"seed": config.seed}, list(tasks))
-        )
-        async with writer:
-            for name_of, data in PICTURES.items():
-                await writer.put_image(name_of, data)
-            for number, each in enumerate(tasks):
-                if f"{each.id}#0.0" in writer.attempts:
-                    continue
-                self.do(f"attempt {name} {each.id} by {self.served}")
-                outcome = self._outcome or (Outcome.SUCCESS, Outcome.FAILURE, Outcome.BLOCKED)[number % 3]
-                await writer.append(trajectory(0, of=each.id.removeprefix("t/"), outcome=outcome))
-        reader = RunReader(out)
-        return summarise(reader.trajectories(), list(tasks), seed=config.seed, policy="p", judge="j")
+    def attempt(self, run: Path, task: Task, number: int, seed: int) -> Trajectory:
+        name = f"{run.parent.name}/{run.name}" if run.name == "run" else run.name
+        self.do(f"attempt {name} {task.id} by {self.served}")
+        outcome = self._outcome or (Outcome.SUCCESS, Outcome.FAILURE, Outcome.BLOCKED)[number % 3]
+        return trajectory(0, of=task.id.removeprefix("t/"), outcome=outcome)
 
     def learn(self, number: int, draw: Draw, folder: TrainingFolder) -> Mapping[str, Any]:
         self.do(f"learn {number} from {len(draw.steps)}")
@@ -109,22 +87,8 @@ def config(**loop: Any) -> TrainConfig:
     )
 
 
-def training(path: Path, world: World, settings: TrainConfig, tasks: Sequence[Task] = TASKS) -> Training:
-    return Training(
-        settings,
-        TrainingFolder(path),
-        tasks,
-        serving=world,
-        learner=world,
-        replay=Replay(settings.learn.replay, make_objective(settings.learn.objective), seed=settings.seed),
-        where=ServerChoice(),
-        secrets=Secrets(),
-        attempts=world.attempts,
-    )
-
-
 def run(path: Path, world: World, settings: TrainConfig, tasks: Sequence[Task] = TASKS) -> list[Any]:
-    return asyncio.run(training(path, world, settings, tasks).run())
+    return asyncio.run(training_of(path, world, settings, tasks).run())
 
 
 def done(world: World) -> list[str]:
@@ -238,7 +202,7 @@ def test_a_server_that_fails_ends_the_training(tmp_path: Path) -> None:
 )
 def test_without_training_tasks_nothing_starts(tmp_path: Path, tasks: list[Task], told: str) -> None:
     with pytest.raises(WebGymError, match=told):
-        training(tmp_path, World(), config(), tasks)
+        training_of(tmp_path, World(), config(), tasks)
 
 
 def test_only_the_newest_weights_stay(tmp_path: Path) -> None:

@@ -124,7 +124,7 @@ async def carry_out(
         config = study.training(row, seed, weights)
         folder = TrainingFolder(out / "trainings" / _slug(row) / f"seed-{seed}")
         tell(f"training {number} of {len(wanted)}: {row}, seed {seed}")
-        if max(folder.evaluations(), default=-1) < config.loop.iterations:
+        if folder.stage(config.loop.iterations) is not None:
             resume = (folder.path / CONFIG).exists()
             held = read_config(folder.path) if resume else config
             async with open_training(held, folder.path, resume=resume, tell=tell) as training:

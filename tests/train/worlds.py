@@ -1,0 +1,76 @@
+"""What a training talks to in tests: made-up attempts in real runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from webgym.agent.policy import OpensNothing, Policy
+from webgym.agent.random_policy import RandomPolicy
+from webgym.collection import RunConfig, Secrets, ServerChoice
+from webgym.core.task import Task
+from webgym.core.trajectory import Trajectory
+from webgym.rollout.store import RunReader, RunWriter
+from webgym.rollout.summary import Summary, summarise
+from webgym.train.folder import TrainingFolder
+from webgym.train.loop import TrainConfig, Training
+from webgym.train.objectives import make_objective
+from webgym.train.replay import Replay
+
+
+class MadeUp(OpensNothing):
+    """Makes attempts; whoever inherits says which, serves and learns.
+
+    Attributes:
+        policy: by name alone.
+        pictures: that the attempts show, by name.
+    """
+
+    def __init__(self) -> None:
+        self.policy: Policy = RandomPolicy()
+        self.pictures: Mapping[str, bytes] = {}
+
+    def attempt(self, run: Path, task: Task, number: int, seed: int) -> Trajectory:
+        """An attempt of a run of this seed, at its task of this number."""
+        raise NotImplementedError
+
+    async def attempts(
+        self,
+        out: Path,
+        config: RunConfig,
+        tasks: Sequence[Task],
+        policy: Policy,
+        secrets: Secrets,
+        show: object,
+    ) -> Summary:
+        is_there = (out / "config.yaml").exists()
+        writer = await (
+            RunWriter.reopen(out) if is_there else RunWriter.create(out, {"seed": config.seed}, list(tasks))
+        )
+        async with writer:
+            for number, each in enumerate(tasks):
+                if f"{each.id}#0.0" in writer.attempts:
+                    continue
+                made = self.attempt(out, each, number, config.seed)
+                for name, data in self.pictures.items():
+                    await writer.put_image(name, data)
+                await writer.append(made)
+            found = summarise(RunReader(out).trajectories(), list(tasks), seed=config.seed)
+            await writer.write_summary(found)
+        return found
+
+
+def training_of(path: Path, world: Any, settings: TrainConfig, tasks: Sequence[Task]) -> Training:
+    """A training that talks to this world alone."""
+    return Training(
+        settings,
+        TrainingFolder(path),
+        tasks,
+        serving=world,
+        learner=world,
+        replay=Replay(settings.learn.replay, make_objective(settings.learn.objective), seed=settings.seed),
+        where=ServerChoice(),
+        secrets=Secrets(),
+        attempts=world.attempts,
+    )

@@ -229,3 +229,24 @@ async def endpoint_stops_the_run(tmp_path: Path, endpoint: Endpoint, behaviour: 
     assert summary is not None
     assert sum(summary["outcomes"].values()) == len(trajectories)
     assert summary["success_rate"]["overall"] is None
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--weights", "w", "--policy", "random"), "--policy has no use with --weights"),
+        (("--weights", "w", "--mistakes", "0.5"), "--mistakes has no use with --weights"),
+        (("--weights", "w", "--base-url", "http://127.0.0.1:1/v1"), "--base-url has no use with --weights"),
+        (("--weights", "w", "--model", "m"), "--model has no use with --weights"),
+        (("--weights", "w", "--profile", "tiny"), "--profile has no use with --weights"),
+        (("--weights", "w", "--coordinates"), "--marks has no use with --weights"),
+        (("--iterations", "3"), "--iterations has no use without --weights"),
+    ],
+)
+def test_a_demo_refuses_options_that_it_would_not_look_at(
+    tmp_path: Path, calls: Calls, options: tuple[str, ...], told: str
+) -> None:
+    code, said = calls.run("demo", "--out", tmp_path / "run", *options)
+    assert code == 2
+    assert told in one_line(said)
+    assert not (tmp_path / "run").exists()

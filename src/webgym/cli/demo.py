@@ -6,8 +6,12 @@ from pathlib import Path
 
 import typer
 
+_OF_ATTEMPTS = ("policy", "mistakes", "base_url", "model", "profile", "marks")
+"""What has no use with --weights: their model plays."""
+
 
 def command(
+    context: typer.Context,
     out: Path | None = typer.Option(
         None, "--out", help="Run folder; a new one under runs/ if not given.", show_default=False
     ),
@@ -61,6 +65,19 @@ def command(
 
     from rich.console import Console
 
+    from webgym.core.errors import UsageError
+
+    given = [
+        parameter.opts[0]
+        for parameter in context.command.params
+        if parameter.name in _OF_ATTEMPTS and context.params[parameter.name] != parameter.default
+    ]
+    if weights is not None and given:
+        raise UsageError(
+            f"{given[0]} has no use with --weights: their model plays", hint=f"leave {given[0]} out"
+        )
+    if weights is None and iterations is not None:
+        raise UsageError("--iterations has no use without --weights: nothing is learned", hint="give both")
     folder = out or Path("runs") / f"demo-{datetime.now():%Y%m%d-%H%M%S}"
     if weights is not None:
         _learn(folder, weights, seed, tasks, iterations, sessions)

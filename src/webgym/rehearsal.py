@@ -11,6 +11,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import uuid
+from contextlib import AsyncExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,12 +20,19 @@ from urllib.parse import urlsplit
 import msgspec
 from playwright.async_api import async_playwright
 
+from webgym.agent.agent import Agent
 from webgym.browser.find import find_browser
 from webgym.browser.process import PICTURE_FLAGS
 from webgym.core.action import BrowserAction, Navigate
-from webgym.core.errors import NavigationFailed
-from webgym.offline.static_browser import StaticBrowser
+from webgym.core.errors import NavigationFailed, PolicyError
+from webgym.core.trajectory import Episode
+from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb
+from webgym.rollout.attempt import Attempt, AttemptConfig, Stage
+from webgym.rollout.files import write_whole
+from webgym.rollout.judging import JUDGED
+from webgym.rollout.plan import Planned
+from webgym.rollout.progress import Progress
 from webgym.server import Cookie, SessionOptions, View
 
 
@@ -39,26 +47,28 @@ class Drawings:
     def __init__(self, folder: Path, viewport: tuple[int, int]) -> None:
         self._folder = folder
         self._viewport = viewport
-        self._known: dict[str, tuple[str, bytes]] = {}
+        self._known: dict[bytes, tuple[str, bytes]] = {}
         self._lock = asyncio.Lock()
-        self._playwright: Any = None
+        self._open = AsyncExitStack()
         self._page: Any = None
 
     async def __aenter__(self) -> Self:
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._playwright = await async_playwright().start()
-        browser = await self._playwright.chromium.launch(
-            executable_path=find_browser().path, args=list(PICTURE_FLAGS)
-        )
         width, height = self._viewport
-        self._page = await browser.new_page(viewport={"width": width, "height": height})
+        async with AsyncExitStack() as opening:
+            playwright = await opening.enter_async_context(async_playwright())
+            browser = await playwright.chromium.launch(
+                executable_path=find_browser().path, args=list(PICTURE_FLAGS)
+            )
+            opening.push_async_callback(browser.close)
+            self._page = await browser.new_page(viewport={"width": width, "height": height})
+            self._open = opening.pop_all()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await self._page.context.browser.close()
-        await self._playwright.stop()
+        await self._open.aclose()
 
     async def of(self, body: bytes) -> tuple[str, bytes]:
         """A page's picture.
@@ -69,13 +79,12 @@ class Drawings:
         Returns:
             The name (SHA-256, as a run's store names it) and a PNG.
         """
-        page = hashlib.sha256(body).hexdigest()
+        page = hashlib.sha256(body).digest()
         if page not in self._known:
-            path = self._folder / f"{page}.png"
-            if not path.exists():
-                await self._draw(body, path)
-            png = path.read_bytes()
-            self._known[page] = (_name(png), png)
+            async with self._lock:
+                if page not in self._known:
+                    png = await self._drawn(body, page.hex())
+                    self._known[page] = (_name(png), png)
         return self._known[page]
 
     def pictures(self) -> dict[str, bytes]:
@@ -83,13 +92,14 @@ class Drawings:
         found = (path.read_bytes() for path in sorted(self._folder.glob("*.png")))
         return {_name(png): png for png in found}
 
-    async def _draw(self, body: bytes, path: Path) -> None:
-        async with self._lock:
-            await self._page.set_content(body.decode(), wait_until="load")
-            png = await self._page.screenshot(type="png")
-        new = path.with_suffix(".new")
-        new.write_bytes(png)
-        new.replace(path)
+    async def _drawn(self, body: bytes, page: str) -> bytes:
+        path = self._folder / f"{page}.png"
+        if path.exists():
+            return path.read_bytes()
+        await self._page.set_content(body.decode(), wait_until="load")
+        png: bytes = await self._page.screenshot(type="png")
+        write_whole(path, png, durable=False)
+        return png
 
 
 def _name(png: bytes) -> str:
@@ -101,22 +111,29 @@ class Rehearsal:
 
     Args:
         web: the websites, of the small collection.
-        pictures: folder for the drawn pages.
+        pictures: folder for the drawn pages; ``None`` where the policy looks at elements alone: then nothing
+            is drawn, and pictures are empty.
+
+    Attributes:
+        signs: what every picture that was looked at shows, with left upper corners, CSS pixels.
     """
 
-    def __init__(self, web: OfflineWeb, pictures: Path) -> None:
+    def __init__(self, web: OfflineWeb, pictures: Path | None) -> None:
         self.web = web
-        self.drawings = Drawings(pictures, web.collection.viewport)
+        self.drawings = None if pictures is None else Drawings(pictures, web.collection.viewport)
+        self.signs: dict[str, tuple[tuple[str, tuple[int, int]], ...]] = {}
         self._visits: dict[str, StaticBrowser] = {}
 
     async def __aenter__(self) -> Self:
-        await self.drawings.__aenter__()
+        if self.drawings is not None:
+            await self.drawings.__aenter__()
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        await self.drawings.__aexit__(kind, error, trace)
+        if self.drawings is not None:
+            await self.drawings.__aexit__(kind, error, trace)
 
     def cookies(self, visitor: str) -> tuple[Cookie, ...]:
         """What tells :meth:`open` who visits."""
@@ -128,8 +145,8 @@ class Rehearsal:
         return RehearsedSession(self, visitor)
 
     async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
-        """What a website's server holds for a visitor, who does not come again."""
-        browser = self._visits.pop(visitor, None)
+        """What a website's server holds for a visitor whose session is not closed yet."""
+        browser = self._visits.get(visitor)
         return browser.site.report(browser.state) if browser and browser.site.host == host else None
 
     def visit(self, visitor: str, url: str) -> StaticBrowser:
@@ -143,6 +160,20 @@ class Rehearsal:
             raise NavigationFailed(f"{url} is none of the small websites")
         self._visits[visitor] = StaticBrowser(site, self.web.collection.viewport)
         return self._visits[visitor]
+
+    def leave(self, visitor: str) -> None:
+        """Forget a visitor."""
+        self._visits.pop(visitor, None)
+
+    async def look(self, browser: StaticBrowser) -> View:
+        """What a visitor sees."""
+        seen, image = browser.observe(), b""
+        if self.drawings is not None:
+            name, image = await self.drawings.of(browser.body)
+            seen = msgspec.structs.replace(seen, screenshot=name)
+        if seen.screenshot not in self.signs:
+            self.signs[seen.screenshot] = read_page(browser.body).signs
+        return View(seen, image)
 
 
 class RehearsedSession:
@@ -165,8 +196,55 @@ class RehearsedSession:
             raise NavigationFailed("nothing is open yet")
         elif action is not None:
             self._browser.act(action)
-        name, png = await self._rehearsal.drawings.of(self._browser.body)
-        return View(msgspec.structs.replace(self._browser.observe(), screenshot=name), png)
+        return await self._rehearsal.look(self._browser)
 
     async def close(self) -> None:
-        """Nothing is to be given back."""
+        """Forget the visitor."""
+        self._rehearsal.leave(self.id)
+
+
+class Rehearsals:
+    """Attempts one by one, without a run: nothing of them is kept but the episode.
+
+    Args:
+        rehearsal: where.
+        agent: decides.
+        config: limits.
+        seed: of the policy's play.
+    """
+
+    def __init__(self, rehearsal: Rehearsal, agent: Agent, config: AttemptConfig, seed: int = 0) -> None:
+        self._rehearsal = rehearsal
+        self._stage = Stage(
+            client=rehearsal,
+            agent=agent,
+            store=_KeepsNothing(),
+            config=config,
+            progress=Progress(total=0),
+            backstage=rehearsal,
+            run_id="rehearsal",
+            seed=seed,
+        )
+
+    async def make(self, planned: Planned) -> Episode:
+        """An attempt, as a collector would have recorded it.
+
+        Raises:
+            PolicyError: it did not come to an end of its own.
+        """
+        attempt = Attempt(self._stage, planned)
+        session = await self._rehearsal.open(attempt.options())
+        try:
+            await attempt.run(session)
+        finally:
+            await session.close()
+        episode = attempt.episode()
+        if episode.ending not in JUDGED:
+            failure = episode.failure
+            raise PolicyError(f"{planned.attempt_id}: {failure.message if failure else episode.ending}")
+        return episode
+
+
+class _KeepsNothing:
+    async def put_image(self, name: str, data: bytes) -> None:
+        pass

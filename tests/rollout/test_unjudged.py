@@ -78,7 +78,7 @@ def made(level: Level, number: int) -> tuple[Task, Episode, bool]:
     return task, episode(answer=answer, **named), succeeds
 
 
-def stage(store: RunWriter, progress: Progress) -> Stage:
+def stage(store: RunWriter, progress: Progress) -> Stage[RunWriter]:
     nothing = cast(Any, None)
     return Stage(nothing, nothing, store, AttemptConfig(), progress, None, "run", 0)
 

@@ -16,13 +16,14 @@ from PIL import Image
 pytest.importorskip("torch")
 
 from webgym.collection import RunConfig, collect
-from webgym.core.task import StepBudget
+from webgym.core.errors import ConfigError
 from webgym.offline.web import OfflineWeb
-from webgym.rehearsal import Drawings
+from webgym.rehearsal import Rehearsal, Rehearsals
+from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.plan import Planned
 from webgym.rollout.store import RunReader
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.recipe import RecipeConfig, agent_of, follow
-from webgym.tiny.rehearsal import Stage
 
 pytestmark = pytest.mark.browser
 
@@ -46,14 +47,17 @@ def test_a_rehearsal_is_what_browsers_would_have_made(tmp_path: Path) -> None:
     async def both() -> None:
         await collect(config, tmp_path / "run", policy=Demonstrators())
         run, web = RunReader(tmp_path / "run"), OfflineWeb(7, per_family=6, collection="small")
-        async with Drawings(tmp_path / "pictures", web.collection.viewport) as drawings:
-            stage, agent = Stage(web, drawings, StepBudget()), agent_of(Demonstrators())
+        async with Rehearsal(web, tmp_path / "pictures") as rehearsal:
+            assert rehearsal.drawings is not None
+            agent = agent_of(Demonstrators())
+            rehearsals = Rehearsals(rehearsal, agent, AttemptConfig(), config.seed)
             for made in run.trajectories():
                 task = run.tasks[made.episode.task_id]
-                rehearsed = await stage.rehearse(agent, task, made.episode.seed)
-                drawn = drawings.pictures()
+                rehearsed = await rehearsals.make(Planned(task, made.episode.sample))
+                drawn = rehearsal.drawings.pictures()
                 assert rehearsed.answer == made.episode.answer
-                assert rehearsed.final_state == made.episode.final_state or made.episode.final_state is None
+                assert rehearsed.final_state == made.episode.final_state
+                assert rehearsed.seed == made.episode.seed
                 for ours, theirs in zip(rehearsed.steps, made.episode.steps, strict=True):
                     assert ours.reply.text == theirs.reply.text
                     assert ours.changed == theirs.changed
@@ -112,3 +116,6 @@ def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     )
     weights = [tmp_path / name / "model/model.safetensors" for name in ("whole", "killed")]
     assert weights[0].read_bytes() == weights[1].read_bytes()
+    other = config.model_copy(update={"attempts": 4})
+    with pytest.raises(ConfigError, match=r"lessons\.msgpack is of other settings"):
+        asyncio.run(follow(other, tmp_path / "whole", tell=tell, advance=advance))

@@ -59,6 +59,7 @@ def command(
 
         examined = asyncio.run(follow(settings, out, tell=tell, advance=advance))
     for split, said in examined.items():
-        for level, rate in said["success"].items():
-            low, high = rate["interval"]
-            console.print(f"{split} {level}: {rate['rate']:.1%} ({low:.1%}-{high:.1%}) of {rate['tried']}")
+        for level, interval in said["success_interval"].items():
+            if interval is not None:
+                (low, high), rate, tried = interval, said["success_rate"][level], said["planned"][level]
+                console.print(f"{split} {level}: {rate:.1%} ({low:.1%}-{high:.1%}) of {tried}")

@@ -6,7 +6,7 @@ import asyncio
 import hashlib
 import time
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
@@ -20,7 +20,6 @@ from webgym.core.task import StepBudget
 from webgym.core.trajectory import Episode, Failure, Step
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress, State
-from webgym.rollout.store import RunWriter
 from webgym.server import Cookie, SessionOptions, View
 
 
@@ -53,6 +52,18 @@ class Browsers(Protocol):
 
         Raises:
             WebGymError: there is none to be had.
+        """
+        ...
+
+
+class ImageStore(Protocol):
+    """What keeps pictures: :class:`webgym.rollout.store.RunWriter`, or what stands in for it."""
+
+    async def put_image(self, name: str, data: bytes) -> None:
+        """Keep a picture.
+
+        Raises:
+            StoreError: it cannot be kept.
         """
         ...
 
@@ -108,8 +119,11 @@ class AttemptConfig(BaseModel):
         return StepBudget(self.budget_easy, self.budget_medium, self.budget_hard)
 
 
+StoreT = TypeVar("StoreT", bound=ImageStore, covariant=True)
+
+
 @dataclass(frozen=True)
-class Stage:
+class Stage(Generic[StoreT]):
     """What an attempt is made with.
 
     Attributes:
@@ -125,7 +139,7 @@ class Stage:
 
     client: Browsers
     agent: Agent
-    store: RunWriter
+    store: StoreT
     config: AttemptConfig
     progress: Progress
     backstage: Backstage | None
@@ -142,7 +156,7 @@ class Attempt:
         session: an open browser session; the attempt closes it.
     """
 
-    def __init__(self, stage: Stage, planned: Planned) -> None:
+    def __init__(self, stage: Stage[ImageStore], planned: Planned) -> None:
         self.planned = planned
         self._stage = stage
         self._started_at = time.time()

@@ -23,6 +23,7 @@ from webgym.rollout.attempt import Attempt, BrowserSession, Stage
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.judging import Found, find
 from webgym.rollout.plan import Plan, Planned
+from webgym.rollout.store import RunWriter
 
 
 class CollectorConfig(BaseModel):
@@ -75,7 +76,7 @@ class Collector:
 
     def __init__(
         self,
-        stage: Stage,
+        stage: Stage[RunWriter],
         judge: Judge,
         pictures: Pictures,
         config: CollectorConfig,

@@ -22,11 +22,11 @@ from webgym.rollout.attempt import Stage
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.judging import Found, find
-from webgym.rollout.store import RunReader
+from webgym.rollout.store import RunReader, RunWriter
 
 
 async def judge_again(
-    stage: Stage,
+    stage: Stage[RunWriter],
     tasks: Iterable[Task],
     judge: Judge,
     pictures: Pictures,
@@ -58,7 +58,7 @@ async def judge_again(
 class _Again:
     def __init__(
         self,
-        stage: Stage,
+        stage: Stage[RunWriter],
         tasks: Iterable[Task],
         judge: Judge,
         pictures: Pictures,

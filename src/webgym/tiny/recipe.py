@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -24,20 +23,25 @@ from pydantic import BaseModel, ConfigDict, Field
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig, PromptFormat
 from webgym.agent.policy import Policy
-from webgym.core.task import LEVELS, StepBudget, Task
-from webgym.core.trajectory import Episode
+from webgym.core.errors import ConfigError
+from webgym.core.task import Task
+from webgym.core.trajectory import Episode, Trajectory
 from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import Loaded
 from webgym.judge import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
-from webgym.rehearsal import Drawings
-from webgym.rollout.rates import wilson
+from webgym.rehearsal import Rehearsal, Rehearsals
+from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.files import write_whole
+from webgym.rollout.judging import find
+from webgym.rollout.plan import Planned
+from webgym.rollout.summary import Tally
 from webgym.tiny.demonstrators import Demonstrators
-from webgym.tiny.lessons import Lesson, Signs, acting
+from webgym.tiny.lessons import Lesson, Signs, acting, signs_of
 from webgym.tiny.model import make_model
 from webgym.tiny.pretrain import Lessons, PretrainConfig, Tell, pretrain
-from webgym.tiny.rehearsal import Stage
 
 Advance: TypeAlias = Callable[[str, int, int], None]
 
@@ -68,10 +72,17 @@ class RecipeConfig(BaseModel):
     examined: int = Field(default=300, ge=0)
     """Tasks of each split that it is examined on."""
 
+    @property
+    def attempt(self) -> AttemptConfig:
+        """How attempts are made."""
+        easy, medium, hard = self.budget
+        return AttemptConfig(budget_easy=easy, budget_medium=medium, budget_hard=hard)
+
 
 class _Told(msgspec.Struct):
     """``lessons.msgpack``."""
 
+    settings: dict[str, Any]
     acting: list[Lesson]
     signs: list[Signs]
 
@@ -87,21 +98,24 @@ async def follow(config: RecipeConfig, out: Path, *, tell: Tell, advance: Advanc
     """
     web = OfflineWeb(config.seed, per_family=config.per_family, collection="small")
     loaded = make_model(small_vocabulary(), config.pretrain.model, seed=config.seed)
-    async with Drawings(out / "pictures", web.collection.viewport) as drawings:
-        stage = Stage(web, drawings, StepBudget(*config.budget))
+    async with Rehearsal(web, out / "pictures") as rehearsal:
+        told = await _rehearse(config, out, rehearsal, loaded, advance)
         if not (out / "model").exists():
-            told = await _rehearse(config, out, stage, _tasks(web, "train", config.seed), loaded, advance)
-            lessons = Lessons(
-                told.acting, told.signs, drawings.pictures(), loaded.renderer, web.collection.viewport
-            )
+            assert rehearsal.drawings is not None
+            pictures = rehearsal.drawings.pictures()
+            lessons = Lessons(told.acting, told.signs, pictures, loaded.renderer, web.collection.viewport)
             await asyncio.to_thread(pretrain, lessons, loaded, out, config.pretrain, tell)
         examined = {
             split: await examine(
-                stage, out / "model", _tasks(web, split, config.seed)[: config.examined], advance
+                rehearsal,
+                out / "model",
+                _tasks(web, split, config.seed)[: config.examined],
+                config.attempt,
+                advance,
             )
             for split in ("train", "test")
         }
-    (out / "examination.json").write_bytes(msgspec.json.format(msgspec.json.encode(examined)))
+    write_whole(out / "examination.json", msgspec.json.format(msgspec.json.encode(examined)))
     return examined
 
 
@@ -112,23 +126,36 @@ def _tasks(web: OfflineWeb, split: str, seed: int) -> list[Task]:
 
 
 async def _rehearse(
-    config: RecipeConfig, out: Path, stage: Stage, tasks: Sequence[Task], loaded: Loaded, advance: Advance
+    config: RecipeConfig, out: Path, rehearsal: Rehearsal, loaded: Loaded, advance: Advance
 ) -> _Told:
+    """The lessons, which a folder may hold already.
+
+    Raises:
+        ConfigError: it holds those of other settings.
+    """
     path = out / "lessons.msgpack"
+    settings = config.model_dump(mode="json", exclude={"pretrain", "examined"})
     if path.exists():
-        return msgspec.msgpack.decode(path.read_bytes(), type=_Told)
+        held = msgspec.msgpack.decode(path.read_bytes())
+        if held.get("settings") != settings:
+            raise ConfigError(f"{path} is of other settings", hint="choose another folder")
+        return msgspec.convert(held, _Told)
+    tasks = _tasks(rehearsal.web, "train", config.seed)
     policy, rng = Demonstrators(), random.Random(config.seed)
     kinds: tuple[PromptFormat, ...] = ("compact", "compact_official")
-    agents = {kind: agent_of(policy, kind) for kind in kinds}
-    told = _Told([], [])
+    rehearsals = {
+        kind: Rehearsals(rehearsal, agent_of(policy, kind), config.attempt, config.seed) for kind in kinds
+    }
+    told = _Told(settings, [], [])
     for number in range(config.attempts):
-        task = tasks[number % len(tasks)]
         kind = kinds[rng.random() < config.without_memory]
-        episode = await stage.rehearse(agents[kind], task, number)
+        sample, place = divmod(number, len(tasks))
+        episode = await rehearsals[kind].make(Planned(tasks[place], sample))
         told.acting += acting(episode, loaded.renderer)
         advance("demonstrations", number + 1, config.attempts)
-    told.signs = list(stage.signs.values())
-    path.write_bytes(msgspec.msgpack.encode(told))
+    viewport = rehearsal.web.collection.viewport
+    told.signs = [signs_of(name, shown, viewport) for name, shown in rehearsal.signs.items()]
+    write_whole(path, msgspec.msgpack.encode(told))
     return told
 
 
@@ -138,58 +165,61 @@ def agent_of(policy: Policy, prompt_format: PromptFormat = "compact") -> Agent:
 
 
 async def examine(
-    stage: Stage,
+    rehearsal: Rehearsal,
     model: Path,
     tasks: Sequence[Task],
+    config: AttemptConfig,
     advance: Advance,
     *,
     prompt_format: PromptFormat = "compact",
     seed: int = 0,
     together: int = 16,
 ) -> dict[str, Any]:
-    """One attempt at each task by a model: success overall and by level, with 95 % intervals.
+    """One attempt at each task by a model; see :func:`score`.
 
     Args:
-        stage: where.
+        rehearsal: where.
         model: its folder.
         tasks: what is attempted.
+        config: limits of an attempt.
         advance: is told how far it is.
         prompt_format: how it is asked.
         seed: of its replies.
         together: attempts at a time, so that the model replies to several at once.
     """
-    policy = LocalPolicy(LocalConfig(path=str(model), threads=1))
-    agent, places, done = agent_of(policy, prompt_format), asyncio.Semaphore(together), list[Episode]()
+    agent = agent_of(LocalPolicy(LocalConfig(path=str(model), threads=1)), prompt_format)
+    rehearsals = Rehearsals(rehearsal, agent, config, seed)
+    places, done = asyncio.Semaphore(together), list[Episode]()
 
-    async def attempt(number: int, task: Task) -> Episode:
+    async def attempt(task: Task) -> Episode:
         async with places:
-            episode = await stage.rehearse(agent, task, seed * 1_000_003 + number)
+            episode = await rehearsals.make(Planned(task, 0))
         done.append(episode)
         advance("examination", len(done), len(tasks))
         return episode
 
     async with agent:
-        episodes = await asyncio.gather(*(attempt(*each) for each in enumerate(tasks)))
+        episodes = await asyncio.gather(*map(attempt, tasks))
     return await score(tasks, episodes)
 
 
 async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str, Any]:
-    """Success of attempts at tasks, overall and by level, and how they ended."""
-    judge, solved, tried, ends = OfflineJudge(), Counter[str](), Counter[str](), Counter[str]()
+    """Success of attempts at tasks, and how they ended; keys as in ``summary.json``."""
+    judge, tally, seconds = OfflineJudge(), Tally(tasks), CollectorConfig().judge_seconds
     for task, episode in zip(tasks, episodes, strict=True):
-        judged = await judge.judge(task, episode, _no_picture)
-        for group in ("overall", task.level):
-            tried[group] += 1
-            solved[group] += judged.reward == 1
-        ends[str(episode.ending)] += 1
-    rates = {group: _rate(solved[group], tried[group]) for group in ("overall", *LEVELS) if tried[group]}
-    steps = sum(len(episode.steps) for episode in episodes)
+        found = await find(judge, task, episode, _no_picture, seconds)
+        tally.add(Trajectory(episode, found.outcome, found.verdict, found.failure))
+    summary = tally.summary()
     unread = sum(step.action is None for episode in episodes for step in episode.steps)
-    return {"success": rates, "endings": dict(ends), "steps": steps, "unreadable_replies": unread}
-
-
-def _rate(solved: int, tried: int) -> Mapping[str, Any]:
-    return {"solved": solved, "tried": tried, "rate": solved / tried, "interval": wilson(solved, tried)}
+    return {
+        "attempts": summary["attempts"],
+        "outcomes": summary["outcomes"],
+        "success_rate": summary["success_rate"],
+        "success_interval": summary["success_interval"],
+        "planned": summary["planned"],
+        "steps": summary["steps"],
+        "unreadable_replies": unread,
+    }
 
 
 async def _no_picture(name: str) -> bytes:

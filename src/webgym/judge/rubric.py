@@ -26,10 +26,11 @@ from webgym.judge import prompts
 from webgym.judge.asking import Asker, Question, answered, together
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
+from webgym.judge.comparing import Match
 from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.history import action_history
 from webgym.judge.keypoints import page_texts, parts, select, shown
-from webgym.judge.reference import Match, hold_against, is_reference
+from webgym.judge.reference import hold_against, is_reference
 from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, shorten
 from webgym.judge.verdicts import Finding

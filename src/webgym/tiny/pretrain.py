@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import math
 import random
+import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -220,7 +221,10 @@ def pretrain(lessons: Lessons, loaded: Loaded, out: Path, config: PretrainConfig
         if (step + 1) % config.checkpoint_steps == 0 or step + 1 == config.steps:
             _keep(out, model, optimizers, config, step + 1)
     model.eval().to(torch.bfloat16)  # half the size; it is read as float32 again
-    save_model(loaded, out / "model")
+    new = out / "model.new"
+    shutil.rmtree(new, ignore_errors=True)
+    save_model(loaded, new)
+    new.rename(out / "model")  # a model that is there is whole
 
 
 def _keep(

@@ -410,7 +410,7 @@ async def _places(
         return
     async with (
         _sites(config, secrets, tasks) as (backstage, allowed),
-        _browsers(config, secrets, allowed, tell) as client,
+        _browsers(config, secrets, allowed, tell, len(tasks) * config.samples) as client,
     ):
         yield backstage, client
 
@@ -503,9 +503,9 @@ def _check_served(tasks: Sequence[Task], hosts: set[str]) -> None:
 
 @asynccontextmanager
 async def _browsers(
-    config: RunConfig, secrets: Secrets, allowed: tuple[str, ...], tell: Tell | None
+    config: RunConfig, secrets: Secrets, allowed: tuple[str, ...], tell: Tell | None, attempts: int
 ) -> AsyncIterator[BrowserClient]:
-    """A client of a browser server, which is started here unless there is one."""
+    """A client of a browser server, which is started here unless there is one, and no larger than needed."""
     if config.server.url is not None:
         token = secrets.server_token
         if token is None:
@@ -519,7 +519,7 @@ async def _browsers(
             yield client
         return
     browser = config.browser.allowing(*allowed)
-    serve = ServerConfig(slots=config.collector.sessions, browser=browser)
+    serve = ServerConfig(slots=max(1, min(config.collector.sessions, attempts)), browser=browser)
     async with (
         running_server(serve) as server,
         BrowserClient(server.url, token=server.token, limits=config.limits) as client,

@@ -234,13 +234,15 @@ async def endpoint_stops_the_run(tmp_path: Path, endpoint: Endpoint, behaviour: 
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (("--weights", "w", "--policy", "random"), "--policy has no use with --weights"),
-        (("--weights", "w", "--mistakes", "0.5"), "--mistakes has no use with --weights"),
-        (("--weights", "w", "--base-url", "http://127.0.0.1:1/v1"), "--base-url has no use with --weights"),
-        (("--weights", "w", "--model", "m"), "--model has no use with --weights"),
-        (("--weights", "w", "--profile", "tiny"), "--profile has no use with --weights"),
-        (("--weights", "w", "--coordinates"), "--marks has no use with --weights"),
-        (("--iterations", "3"), "--iterations has no use without --weights"),
+        (("--policy", "random"), "--policy has no use where the tiny policy plays"),
+        (("--mistakes", "0.5"), "--mistakes has no use where"),
+        (("--base-url", "http://127.0.0.1:1/v1"), "--base-url has no use where"),
+        (("--weights", "w", "--model", "m"), "--model has no use where"),
+        (("--profile", "tiny"), "--profile has no use where"),
+        (("--coordinates",), "--marks has no use where"),
+        (("--collect-only", "--weights", "w"), "--weights has no use with --collect-only"),
+        (("--collect-only", "--iterations", "3"), "--iterations has no use with --collect-only"),
+        (("--weights", "w"), "cannot load the model w"),
     ],
 )
 def test_a_demo_refuses_options_that_it_would_not_look_at(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+from asyncio.subprocess import PIPE
 
 import pytest
 
@@ -75,6 +77,29 @@ async def test_a_machine_without_memory_ends_the_largest(fault: Around) -> None:
         [notice] = (await large.step()).observation.notices
         assert "the machine had only" in notice.text
         await asyncio.gather(small.close(), large.close())
+
+
+@pytest.mark.parametrize("before", ["--type=zygote", "no type"])
+async def test_a_renderer_is_known_as_one_also_if_it_was_met_as_it_was_forked(before: str) -> None:
+    """Until it says what it is, a forked process has the command line of its parent."""
+    becomes = ["bash", "-c", 'read; exec -a "$TITLE" sleep 60', before]
+    process = await asyncio.create_subprocess_exec(
+        *becomes, env={**os.environ, "TITLE": "--type=renderer"}, stdin=PIPE, start_new_session=True
+    )
+    assert process.stdin is not None
+    try:
+        census = Census()
+        assert census.sizes([process.pid])[process.pid].renderer is None
+        process.stdin.write(b"\n")
+        async with asyncio.timeout(10):
+            while census.sizes([process.pid])[process.pid].renderer != process.pid:
+                await asyncio.sleep(0.01)
+        size = census.sizes([process.pid])[process.pid]
+        assert size.standing == 0
+        assert size.largest == size.total > 0
+    finally:
+        process.kill()
+        await process.wait()
 
 
 async def test_a_browser_that_grew_is_replaced_at_the_end_of_the_episode(

@@ -17,6 +17,7 @@ import asyncio
 import contextlib
 import logging
 import os
+import re
 import resource
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -33,6 +34,7 @@ MIB = 1024 * 1024
 _PROC = Path("/proc")
 _CGROUP = Path("/sys/fs/cgroup")
 _COUNTED = (b"RssAnon:", b"RssShmem:")
+_TYPE = re.compile(rb"--type=([a-z-]+)")
 
 
 class Browser(Protocol):
@@ -73,7 +75,7 @@ class Census:
 
     def __init__(self) -> None:
         self._group_of: dict[int, int] = {}
-        self._renderers: set[int] = set()
+        self._types: dict[int, bytes] = {}
 
     def sizes(self, groups: Iterable[int]) -> dict[int, Size]:
         """How large the processes of these groups are. Blocks for some milliseconds."""
@@ -81,20 +83,26 @@ class Census:
         living = {int(name) for name in os.listdir(_PROC) if name.isdigit()}  # noqa: PTH208 - names alone
         for pid in self._group_of.keys() - living:
             del self._group_of[pid]
-            self._renderers.discard(pid)
+            self._types.pop(pid, None)
         for pid in living:
             with contextlib.suppress(OSError):  # it ended while we looked
                 group = self._group_of.get(pid) or self._meet(pid)
                 size = found.get(group)
                 if size is not None:
-                    size.add(pid, own_bytes(pid), is_renderer=pid in self._renderers)
+                    size.add(pid, own_bytes(pid), is_renderer=self._type(pid) == b"renderer")
         return found
 
     def _meet(self, pid: int) -> int:
         group = self._group_of[pid] = os.getpgid(pid)
-        if is_renderer(pid):
-            self._renderers.add(pid)
         return group
+
+    def _type(self, pid: int) -> bytes:
+        """What kind of a Chromium's process it is. What was just forked still looks like its parent, so
+        browsers and zygotes are looked at again."""
+        found = self._types.get(pid) or process_type(pid)
+        if found not in (b"", b"zygote"):
+            self._types[pid] = found
+        return found
 
 
 def own_bytes(pid: int) -> int:
@@ -110,12 +118,15 @@ def own_bytes(pid: int) -> int:
     return counted
 
 
-def is_renderer(pid: int) -> bool:
-    """Whether a process of a Chromium runs pages."""
-    try:
-        return b"--type=renderer" in (_PROC / str(pid) / "cmdline").read_bytes()
-    except OSError:
-        return False
+def process_type(pid: int) -> bytes:
+    """What a process of a Chromium is for, as it says itself: ``renderer``, ``gpu-process``; the browser
+    says nothing.
+
+    Raises:
+        OSError: there is no such process any more.
+    """
+    found = _TYPE.search((_PROC / str(pid) / "cmdline").read_bytes())
+    return found[1] if found else b""
 
 
 def available_bytes() -> int:

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import typer
 
-_OF_ATTEMPTS = ("policy", "mistakes", "base_url", "model", "profile", "marks")
-"""What has no use with --weights: their model plays."""
+_OF_COLLECTING = ("policy", "mistakes", "base_url", "model", "profile", "marks")
+"""What is of use with --collect-only alone."""
+_OF_LEARNING = ("weights", "iterations")
+"""What is of no use with it."""
 
 
 def command(
@@ -15,21 +17,24 @@ def command(
     out: Path | None = typer.Option(
         None, "--out", help="Run folder; a new one under runs/ if not given.", show_default=False
     ),
-    weights: Path | None = typer.Option(
-        None,
-        "--weights",
-        help="Learn, on the small websites, from these weights on: a model of webgym pretrain.",
-        show_default=False,
+    collect_only: bool = typer.Option(
+        False, "--collect-only", help="Collect, judge and report alone: nothing is learned, no torch needed."
     ),
     tasks: int = typer.Option(200, "--tasks", min=1, help="Tasks, drawn from unseen (test) websites."),
     iterations: int | None = typer.Option(
-        None, "--iterations", min=1, help="With --weights: of learning.", show_default=False
+        None, "--iterations", min=1, help="Of learning; four if not given.", show_default=False
+    ),
+    weights: Path | None = typer.Option(
+        None,
+        "--weights",
+        help="Learn from these on: a model of webgym pretrain; the package's if not given.",
+        show_default=False,
     ),
     sessions: int = typer.Option(8, "--sessions", min=1, help="Browser sessions at the same time."),
     policy: str | None = typer.Option(
         None,
         "--policy",
-        help="scripted, random or openai; scripted unless --base-url is given.",
+        help="Collecting: scripted, random or openai; scripted unless --base-url is given.",
         show_default=False,
     ),
     mistakes: float = typer.Option(
@@ -53,13 +58,14 @@ def command(
     ),
     seed: int = typer.Option(1, "--seed", help="Of the tasks drawn and of everything random."),
 ) -> None:
-    """Collect, judge and report trajectories on the offline web: no network, no model, no GPU needed.
+    """The main job: attempt tasks on unseen websites, learn from attempts at others, attempt the first again.
 
-    Starts the offline web and a browser server, attempts the tasks, writes the run folder and its
-    report, and says where to look. A scripted policy plays; give --base-url and --model for a real one.
+    A vision-language model of 2.6 million weights acts in real browsers on small websites, its attempts are
+    judged, it learns from those that succeeded, four times over: about ten minutes on two processors, without
+    network or GPU. The report shows success before and after.
 
-    With --weights, a tiny vision-language model attempts tasks on unseen small websites, then learns from its
-    own attempts at others, a few times over, then attempts the first tasks again.
+    With --collect-only a scripted policy plays on the large websites, about two minutes; or a model of yours:
+    --base-url and --model.
     """
     from datetime import datetime
 
@@ -67,19 +73,22 @@ def command(
 
     from webgym.core.errors import UsageError
 
+    useless = _OF_LEARNING if collect_only else _OF_COLLECTING
     given = [
         parameter.opts[0]
         for parameter in context.command.params
-        if parameter.name in _OF_ATTEMPTS and context.params[parameter.name] != parameter.default
+        if parameter.name in useless and context.params[parameter.name] != parameter.default
     ]
-    if weights is not None and given:
+    if given and collect_only:
         raise UsageError(
-            f"{given[0]} has no use with --weights: their model plays", hint=f"leave {given[0]} out"
+            f"{given[0]} has no use with --collect-only: nothing is learned", hint=f"leave {given[0]} out"
         )
-    if weights is None and iterations is not None:
-        raise UsageError("--iterations has no use without --weights: nothing is learned", hint="give both")
+    if given:
+        raise UsageError(
+            f"{given[0]} has no use where the tiny policy plays and learns", hint="add --collect-only"
+        )
     folder = out or Path("runs") / f"demo-{datetime.now():%Y%m%d-%H%M%S}"
-    if weights is not None:
+    if not collect_only:
         _learn(folder, weights, seed, tasks, iterations, sessions)
         return
     from webgym.cli._options import mode_of
@@ -108,7 +117,9 @@ def command(
         raise typer.Exit(1)
 
 
-def _learn(folder: Path, weights: Path, seed: int, tasks: int, iterations: int | None, sessions: int) -> None:
+def _learn(
+    folder: Path, weights: Path | None, seed: int, tasks: int, iterations: int | None, sessions: int
+) -> None:
     """Before, learning, after."""
     from rich.console import Console
 
@@ -119,13 +130,15 @@ def _learn(folder: Path, weights: Path, seed: int, tasks: int, iterations: int |
     try:
         import torch
     except ImportError as error:
-        raise ConfigError("learning needs torch", hint="pip install 'webgym-rl[train]'") from error
-    from webgym.tiny.demo import before_and_after, settings
+        raise ConfigError(
+            "learning needs torch", hint="pip install 'webgym-rl[train]', or add --collect-only"
+        ) from error
+    from webgym.tiny.demo import WEIGHTS, before_and_after, settings
 
     # Browsers need the other processors; and threads that wait for a busy one make small models slow.
     torch.set_num_threads(1)
     console = Console()
-    config = settings(weights, seed=seed, tasks=tasks, iterations=iterations, sessions=sessions)
+    config = settings(weights or WEIGHTS, seed=seed, tasks=tasks, iterations=iterations, sessions=sessions)
     carry_out(config, folder, resume=False, secrets=secrets(None), console=console)
     for line in before_and_after(folder):
         console.print(line, highlight=False, soft_wrap=True)

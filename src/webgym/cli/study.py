@@ -11,7 +11,12 @@ def command(
     config: list[Path] = typer.Argument(
         None, help="Settings (YAML) laid over the study's own; see webgym.tiny.study.", show_default=False
     ),
-    weights: Path = typer.Option(..., "--weights", help="First weights: a model of webgym pretrain."),
+    weights: Path | None = typer.Option(
+        None,
+        "--weights",
+        help="First weights, a model of webgym pretrain; the package's if not given.",
+        show_default=False,
+    ),
     out: Path = typer.Option(..., "--out", help="Folder; trainings that are in it are gone on with."),
     seeds: int = typer.Option(3, "--seeds", min=1, help="Trainings per row."),
     row: list[str] = typer.Option(None, "--row", help="A row; may be repeated. All if not given."),
@@ -32,6 +37,7 @@ def command(
         import torch
     except ImportError as error:
         raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
+    from webgym.tiny.demo import WEIGHTS
     from webgym.tiny.study import carry_out, read_study, table
 
     study, console = read_study(config or []), Console()
@@ -43,10 +49,11 @@ def command(
             typer.echo(name)
         return
     torch.set_num_threads(1)
+    first = weights or WEIGHTS
     out.mkdir(parents=True, exist_ok=True)
 
     def tell(line: str) -> None:
         console.print(line, highlight=False, soft_wrap=True, markup=False)
 
-    for line in table(study, _run.run(lambda: carry_out(study, weights, rows, seeds, out, tell))):
+    for line in table(study, _run.run(lambda: carry_out(study, first, rows, seeds, out, tell))):
         tell(line)

@@ -12,6 +12,11 @@ from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 
 SETTINGS: Final = Path(__file__).parent / "demo.yaml"
+WEIGHTS: Final = Path(__file__).parent / "weights"
+"""The model that comes with the package; its README.md says how it was made."""
+
+SHARE: Final = 0.8
+"""Tasks of an iteration, to one on unseen websites."""
 
 
 def settings(weights: Path, *, seed: int, tasks: int, iterations: int | None, sessions: int) -> TrainConfig:
@@ -29,11 +34,12 @@ def settings(weights: Path, *, seed: int, tasks: int, iterations: int | None, se
         "seed": seed,
         "learn": {"model": str(weights), "update": {"seed": seed}},
         "rollout": {"collector": {"sessions": sessions}},
+        "loop": {"tasks": max(1, round(SHARE * tasks))},
         "evaluation": {"count": tasks, "seed": seed},
         "local": {"path": str(weights), "threads": 1},
     }
     if iterations is not None:
-        over["loop"] = {"iterations": iterations, "evaluate_every": iterations}
+        over["loop"] |= {"iterations": iterations, "evaluate_every": iterations}
     return TrainConfig.model_validate(merged(held, over))
 
 

@@ -23,7 +23,7 @@ help: ## Show this list
 setup: ## Make .venv, install the locked packages, a browser and fonts; quick when nothing changed
 	@scripts/setup $(SETUP)
 
-demo: setup ## Collect, judge and report 200 trajectories on the offline web
+demo: setup ## Have a small model learn on the offline web; ARGS=--collect-only: 200 trajectories alone
 	@$(BIN)/webgym demo $(ARGS)
 
 test: setup ## Run the tests with real Chromium

@@ -15,7 +15,7 @@ SETTINGS: Final = Path(__file__).parent / "demo.yaml"
 WEIGHTS: Final = Path(__file__).parent / "weights"
 """The model that comes with the package; its README.md says how it was made."""
 
-SHARE: Final = 0.8
+SHARE: Final = 0.65
 """Tasks of an iteration, to one on unseen websites."""
 
 

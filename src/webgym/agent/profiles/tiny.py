@@ -11,7 +11,7 @@ PROFILES = (
         name="tiny",
         models=(r"^webgym-tiny\b",),
         pictures=Multiples(factor=32, min_pixels=1024, max_pixels=393216),
-        sampling=Sampling(temperature=0.7, top_p=1.0, max_tokens=64),
+        sampling=Sampling(temperature=1.0, top_p=1.0, max_tokens=64),
         request_tokens=1024,
     ),
 )

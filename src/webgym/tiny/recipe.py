@@ -15,7 +15,7 @@ import asyncio
 import random
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
@@ -23,6 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig, PromptFormat
 from webgym.agent.policy import Policy
+from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Trajectory
@@ -42,6 +43,9 @@ from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.lessons import Lesson, Signs, acting, signs_of
 from webgym.tiny.model import make_model
 from webgym.tiny.pretrain import Lessons, PretrainConfig, Tell, pretrain
+
+PROFILE: Final = "tiny"
+"""Pictures and sampling of the tiny policy."""
 
 Advance: TypeAlias = Callable[[str, int, int], None]
 
@@ -161,7 +165,7 @@ async def _rehearse(
 
 def agent_of(policy: Policy, prompt_format: PromptFormat = "compact") -> Agent:
     """The agent as the tiny policy is asked: the newest screenshot alone, in few words."""
-    return Agent(policy, AgentConfig(prompt_format=prompt_format, rounds=0, profile="tiny"))
+    return Agent(policy, AgentConfig(prompt_format=prompt_format, rounds=0, profile=PROFILE))
 
 
 async def examine(
@@ -187,7 +191,8 @@ async def examine(
         seed: of its replies.
         together: attempts at a time, so that the model replies to several at once.
     """
-    agent = agent_of(LocalPolicy(LocalConfig(path=str(model), threads=1)), prompt_format)
+    policy = LocalPolicy(LocalConfig(path=str(model), threads=1), choose_profile(PROFILE, model.name))
+    agent = agent_of(policy, prompt_format)
     rehearsals = Rehearsals(rehearsal, agent, config, seed)
     places, done = asyncio.Semaphore(together), list[Episode]()
 

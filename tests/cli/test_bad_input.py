@@ -243,6 +243,7 @@ async def endpoint_stops_the_run(tmp_path: Path, endpoint: Endpoint, behaviour: 
         (("--collect-only", "--weights", "w"), "--weights has no use with --collect-only"),
         (("--collect-only", "--iterations", "3"), "--iterations has no use with --collect-only"),
         (("--weights", "w"), "cannot load the model w"),
+        (("--weights", "/nowhere/w"), "cannot load the model /nowhere/w: there is no such folder"),
     ],
 )
 def test_a_demo_refuses_options_that_it_would_not_look_at(

@@ -158,6 +158,8 @@ def _one_line(path: str | Path) -> Iterator[None]:
         yield
     except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
         reason = str(error).strip().split("\n", 1)[0][:200]
+        if Path(path).is_absolute() and not Path(path).exists():  # the hub's rules for ids are no help
+            reason = "there is no such folder"
         raise ConfigError(
             f"cannot load the model {path}: {reason}",
             hint="give a folder with config.json, weights, tokenizer and image processor, or a hub id",

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import uuid
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, m
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
 from webgym.agent.factory import create_policy
-from webgym.agent.policy import Policy
+from webgym.agent.policy import ORACLES, Policy
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile, profile_of
 from webgym.core.errors import ConfigError, RunFolderError, Unauthorized
@@ -44,7 +44,7 @@ from webgym.rollout.collector import Collector, CollectorConfig
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter
-from webgym.rollout.summary import Summary, summarise
+from webgym.rollout.summary import Summary, oracle_note, summarise
 from webgym.rollout.unjudged import judge_again
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
 from webgym.settings import first_problem
@@ -82,14 +82,29 @@ class TaskChoice(Selection):
 class PolicyChoice(_Settings):
     """Which policy."""
 
-    name: str = "scripted"
-    """``scripted``, ``random`` or ``openai``."""
+    name: str = ""
+    """``scripted`` (an oracle: it plays the known solutions), ``random`` or ``openai``. By default ``openai``
+    where ``chat`` is given, else ``scripted``."""
 
     mistakes: float = Field(default=0.0, ge=0, le=1)
     """Of the scripted policy: the share of attempts in which it makes a mistake."""
 
     chat: ChatConfig | None = None
     """Of the openai policy: endpoint and model."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name(cls, given: Any) -> Any:
+        if isinstance(given, Mapping) and not given.get("name"):
+            return {**given, "name": "openai" if given.get("chat") else "scripted"}
+        return given
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> PolicyChoice:
+        # Else an oracle's success would stand under a model's name.
+        if self.chat is not None and self.name in ("scripted", "random"):
+            raise ValueError(f"the {self.name} policy asks no model: leave chat out, or choose openai")
+        return self
 
 
 class ServerChoice(_Settings):
@@ -277,6 +292,7 @@ async def resume(
     secrets: Secrets | None = None,
     server: ServerChoice | None = None,
     skip_corrupt: bool = False,
+    retry_errors: bool = False,
     show: Show | None = None,
     tell: Tell | None = None,
 ) -> Summary:
@@ -288,6 +304,8 @@ async def resume(
         secrets: tokens of servers that run elsewhere.
         server: other servers than before.
         skip_corrupt: go on without records whose checksum does not match.
+        retry_errors: attempt again what ended in an error of the environment or the policy as often as the
+            run allows; else what has exhausted its retries stays as it is.
         show: shows the progress while the run goes on.
         tell: is told, a line at a time, what a person should know.
 
@@ -310,7 +328,7 @@ async def resume(
             _say(tell, f"cut off {store.torn_bytes} bytes of an unfinished record")
         for line in store.skipped:
             _say(tell, f"skipped {line}")
-        return await _carry_out(config, run_id, tasks, company, store, show)
+        return await _carry_out(config, run_id, tasks, company, store, show, retry_errors=retry_errors)
 
 
 def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> RunConfig:
@@ -422,9 +440,18 @@ async def _carry_out(
     company: _Company,
     store: RunWriter,
     show: Show | None,
+    *,
+    retry_errors: bool = False,
 ) -> Summary:
-    plan = Plan(tasks, samples=config.samples, retries=config.retries, recorded=list(store.attempts.values()))
-    progress = Progress(total=plan.total)
+    plan = Plan(
+        tasks,
+        samples=config.samples,
+        retries=config.retries,
+        recorded=list(store.attempts.values()),
+        retry_errors=retry_errors,
+    )
+    name = company.agent.policy.name
+    progress = Progress(total=plan.total, note=oracle_note(name) if name in ORACLES else "")
     judge = company.judge
     stage = Stage(
         client=company.client,

@@ -7,7 +7,7 @@ import io
 from rich.console import Console
 from tests.rollout.test_summary import TASKS, attempt
 
-from webgym.cli._summary import all_failed, print_summary
+from webgym.cli._summary import all_failed, print_retry, print_summary
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Failure
 from webgym.rollout.summary import summarise
@@ -19,10 +19,36 @@ def test_a_person_is_told_why_attempts_failed() -> None:
     failed = attempt("e", Outcome.POLICY_ERROR, failure=REFUSED)
     said = io.StringIO()
     print_summary(summarise([failed, attempt("m", Outcome.SUCCESS)], TASKS), Console(file=said, width=200))
-    line = (
-        f"  1 policy_bad_reply: the endpoint answered 401: [31m wrong [key] ({failed.episode.attempt_id})\n"
+    told = "the endpoint answered 401:\N{REPLACEMENT CHARACTER}[31m wrong [key]"
+    assert f"  1 policy_bad_reply: {told} ({failed.episode.attempt_id})\n" in said.getvalue()
+
+
+def test_rates_stand_beside_what_they_are_of() -> None:
+    ended = [Outcome.SUCCESS, Outcome.SUCCESS, Outcome.FAILURE, Outcome.POLICY_ERROR]
+    said = io.StringIO()
+    found = summarise([attempt("e", outcome) for outcome in ended], [TASKS[0]] * 4)
+    print_summary(found, Console(file=said, width=200))
+    overall = next(line for line in said.getvalue().splitlines() if line.startswith("overall")).split()
+    assert (overall[1], overall[5]) == ("66.7%", "3")
+    assert (overall[6], overall[10]) == ("50.0%", "4")
+
+
+def test_whoever_reads_an_oracles_figures_is_told() -> None:
+    said = io.StringIO()
+    print_summary(summarise([attempt("e", Outcome.SUCCESS)], TASKS), Console(file=said, width=200))
+    assert "the scripted policy is an oracle: it plays known solutions and asks no model" in said.getvalue()
+
+
+def test_what_errors_took_can_be_attempted_again() -> None:
+    said = io.StringIO()
+    lost = summarise([attempt("e", Outcome.POLICY_ERROR), attempt("m", Outcome.SUCCESS)], TASKS)
+    print_retry(lost, "webgym rollout --resume r", Console(file=said, width=200))
+    assert said.getvalue() == (
+        "errors   1 sample ended in an error; again: webgym rollout --resume r --retry-errors\n"
     )
-    assert line in said.getvalue()
+    said.truncate(0)
+    print_retry(summarise([attempt("m", Outcome.BLOCKED)], TASKS), "", Console(file=said))
+    assert not said.getvalue()
 
 
 def test_a_run_of_errors_alone_has_failed() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pty
 import subprocess
@@ -9,9 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from webgym.core.outcome import Outcome
-from webgym.rollout.live import duration, line
+from webgym.rollout.live import duration, line, panel
 from webgym.rollout.progress import Progress
 
 SCRIPT = """
@@ -63,6 +65,20 @@ def test_a_terminal_shows_a_panel_that_is_gone_at_the_end() -> None:
     assert "\x1b[?25l" in text  # the cursor was hidden
     assert "\x1b[?25h" in text  # and came back
     assert "10/40 done, 30 steps" in text.splitlines()[-1]
+
+
+def test_a_task_id_is_text_and_neither_markup_nor_commands() -> None:
+    progress = Progress(total=2, note="the scripted policy is an oracle")
+    progress.last.appendleft((Outcome.SUCCESS, "a[/b] \x1b]0;title\x07 [red]c", 7))
+    progress.stepped(is_valid=False)
+    said = io.StringIO()
+    Console(file=said, width=120).print(panel(progress))
+    assert "a[/b]" in said.getvalue()
+    assert "[red]c" in said.getvalue()
+    assert "\x1b" not in said.getvalue()
+    assert "oracle" in said.getvalue()
+    assert "100.0% of replies invalid" in said.getvalue()
+    assert line(progress).endswith("; the scripted policy is an oracle")
 
 
 def test_a_pipe_gets_plain_lines(tmp_path: Path) -> None:

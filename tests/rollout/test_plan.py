@@ -114,6 +114,23 @@ async def test_an_error_is_attempted_again_under_a_new_name() -> None:
     assert plan.done == 1
 
 
+async def test_what_exhausted_its_retries_is_attempted_again_if_asked_for() -> None:
+    one, two = TASKS[:2]
+    recorded = [
+        entry(Planned(one, 0), Outcome.POLICY_ERROR),
+        entry(Planned(one, 0, 1), Outcome.ENVIRONMENT_ERROR),
+        entry(Planned(two, 0), Outcome.FAILURE),
+    ]
+    assert await Plan([one, two], samples=1, retries=1, recorded=recorded).take() is None
+    plan = Plan([one, two], samples=1, retries=1, recorded=recorded, retry_errors=True)
+    assert (plan.done, plan.total) == (1, 2)
+    tried = []
+    while (planned := await plan.take()) is not None:
+        tried.append(planned.attempt_id)
+        await plan.settle(planned, Outcome.ENVIRONMENT_ERROR)
+    assert tried == ["t0#0.2", "t0#0.3"], "as often as the run allows, under names of their own"
+
+
 @pytest.mark.parametrize("outcome", [Outcome.SUCCESS, Outcome.BLOCKED, Outcome.JUDGE_ERROR])
 async def test_what_would_end_the_same_is_not_attempted_again(outcome: Outcome) -> None:
     plan = Plan(TASKS[:1], samples=1, retries=3)

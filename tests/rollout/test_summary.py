@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from webgym.core.action import Wait
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import FactGroup, Rubric, Task
@@ -163,6 +164,36 @@ def test_losses_are_grouped_by_code_and_rewarded_attempts_are_none() -> None:
     assert summary["losses"]["browser_crashed"]["count"] == 2
     assert summary["losses"]["browser_crashed"]["outcomes"] == {"environment_error": 2}
     assert summary["losses"]["browser_crashed"]["message"] == "the renderer is gone"
+
+
+def test_replies_without_an_action_are_counted_and_many_are_said() -> None:
+    unread = attempt("e", Outcome.TRUNCATED, steps=3)
+    acted = msgspec.structs.replace(
+        unread,
+        episode=msgspec.structs.replace(
+            unread.episode,
+            sample=99,
+            attempt_id="e#99.0",
+            policy="m",
+            steps=tuple(msgspec.structs.replace(step, action=Wait(1)) for step in unread.episode.steps) * 20,
+        ),
+    )
+    few = summarise([acted, attempt("e", Outcome.FAILURE, steps=1)], TASKS)
+    assert (few["invalid_replies"], few["notes"][1:]) == (1, [])
+    many = summarise([acted, *(attempt("e", Outcome.FAILURE, steps=1) for _ in range(9))], TASKS)
+    assert many["invalid_replies"] == 9
+    assert "13.0% of 69 replies hold no action; the first: " in many["notes"][-1]
+
+
+def test_a_sample_that_errors_took_is_lost_until_an_attempt_at_it_counts() -> None:
+    first = attempt("e", Outcome.ENVIRONMENT_ERROR)
+    again = msgspec.structs.replace(
+        first,
+        outcome=Outcome.FAILURE,
+        episode=msgspec.structs.replace(first.episode, retry=1, attempt_id="again"),
+    )
+    assert summarise([first], TASKS)["lost_samples"] == 1
+    assert summarise([again, first], TASKS)["lost_samples"] == 0
 
 
 def test_nothing_at_all() -> None:

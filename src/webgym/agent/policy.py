@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Final, Protocol, Self
 
 import msgspec
 
@@ -19,6 +19,9 @@ from webgym.core.action import GRID, Mode
 from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Message, Reply, Step
+
+ORACLES: Final = frozenset({"scripted", "demonstrators"})
+"""Names of policies that play solutions which no model is shown: their success says nothing of a model."""
 
 
 class Turn(msgspec.Struct, frozen=True):

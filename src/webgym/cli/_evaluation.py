@@ -57,6 +57,7 @@ def show(one: Evaluation, console: Console) -> None:
 def notes(one: Evaluation) -> Iterator[str]:
     """What a reader of the table has to know."""
     overall = one.rows["overall"]
+    yield from one.notes
     yield f"policy {one.policy}, judged by {one.judge}, seed {one.seed}"
     budget = "" if one.budget is None else f"at most {' / '.join(map(str, one.budget))} steps"
     per_task = "1 sample" if one.samples == 1 else f"{one.samples} samples"

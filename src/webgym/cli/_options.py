@@ -110,6 +110,12 @@ SkipCorrupt: TypeAlias = Annotated[
     bool,
     typer.Option("--skip-corrupt", help="Resume: go on without records that cannot be trusted."),
 ]
+RetryErrors: TypeAlias = Annotated[
+    bool,
+    typer.Option(
+        "--retry-errors", help="Resume: attempt again what ended in errors and exhausted its retries."
+    ),
+]
 WriteReport: TypeAlias = Annotated[
     bool, typer.Option("--report/--no-report", help="Write report.html at the end.")
 ]

@@ -8,6 +8,7 @@ from rich.text import Text
 
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
+from webgym.core.text import plain
 from webgym.rollout.live import COLORS, duration
 from webgym.rollout.rates import Interval
 from webgym.rollout.summary import Summary
@@ -19,8 +20,8 @@ _FAILED = (Outcome.POLICY_ERROR, Outcome.ENVIRONMENT_ERROR, Outcome.JUDGE_ERROR)
 
 
 def line(message: str, limit: int = 300) -> str:
-    """A message of others on a terminal: one line without control characters."""
-    told = " ".join("".join(char if char.isprintable() else " " for char in message).split())
+    """A message of others on a terminal: one line of bounded length."""
+    told = plain(message)
     return told if len(told) <= limit else f"{told[: limit - 1]}…"
 
 
@@ -33,16 +34,19 @@ def all_failed(summary: Summary) -> bool:
 def print_summary(summary: Summary, console: Console) -> None:
     """Outcomes and success rates of a run."""
     rates = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for name in ("", "success", "95 %", "of all planned", "95 %", "attempts", "steps, median"):
+    for name in ("", "success", "95 %", "of judged", "success", "95 %", "of planned", "steps, median"):
         rates.add_column(name, justify="left" if not name else "right")
     for level in ("overall", *LEVELS):
         group = summary["by_level"].get(level)
+        outcomes_of = summary["outcomes"] if level == "overall" else group["outcomes"] if group else {}
+        judged = sum(count for name, count in outcomes_of.items() if Outcome(name).is_rewarded)
         steps = group["steps_per_attempt"]["p50"] if group else None
         rates.add_row(
             level,
             *_rate(summary["success_rate"][level], summary["success_interval"][level]),
+            str(judged),
             *_rate(summary["success_rate_of_planned"][level], summary["success_interval_of_planned"][level]),
-            str(summary["attempts"] if level == "overall" else group["attempts"] if group else 0),
+            str(summary["planned"][level]),
             "" if steps is None else f"{steps:.0f}",
         )
     outcomes = Text()
@@ -59,6 +63,7 @@ def print_summary(summary: Summary, console: Console) -> None:
     console.print()
     console.print(outcomes)
     print_losses(summary, console)
+    print_notes(summary, console)
     console.print(
         f"{summary['attempts']} trajectories, {summary['steps']} steps in "
         f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{latency}",
@@ -71,6 +76,19 @@ def _rate(rate: float | None, interval: Interval | None) -> tuple[str, str]:
         "–" if rate is None else f"{rate:.1%}",
         "–" if interval is None else f"{interval[0]:.1%} – {interval[1]:.1%}",
     )
+
+
+def print_notes(summary: Summary, console: Console) -> None:
+    """What all the figures must be read with."""
+    for note in summary["notes"]:
+        console.print(Text.assemble(("note ", "yellow"), line(note)), soft_wrap=True)
+
+
+def print_retry(summary: Summary, command: str, console: Console) -> None:
+    """How to attempt again what errors took, where there is any."""
+    if count := summary["lost_samples"]:
+        told = "1 sample ended in an error" if count == 1 else f"{count} samples ended in errors"
+        console.print(f"errors   {told}; again: {command} --retry-errors", highlight=False, soft_wrap=True)
 
 
 def print_losses(summary: Summary, console: Console) -> None:

@@ -66,6 +66,7 @@ def command(
     sites: options.Sites = None,
     seed: options.Seed = None,
     skip_corrupt: options.SkipCorrupt = False,
+    retry_errors: options.RetryErrors = False,
     report: options.WriteReport = True,
     as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
     as_markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
@@ -79,7 +80,7 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
-    from webgym.cli._summary import all_failed, print_losses
+    from webgym.cli._summary import all_failed, print_losses, print_retry
     from webgym.collection import ServerChoice, collect
     from webgym.collection import resume as go_on
     from webgym.report import write_report
@@ -101,7 +102,13 @@ def command(
         servers = ServerChoice(url=server, sites_url=sites) if server or sites else None
         summary = _run.run(
             lambda: go_on(
-                folder, secrets=secrets, server=servers, skip_corrupt=skip_corrupt, show=show, tell=tell
+                folder,
+                secrets=secrets,
+                server=servers,
+                skip_corrupt=skip_corrupt,
+                retry_errors=retry_errors,
+                show=show,
+                tell=tell,
             )
         )
     else:
@@ -129,6 +136,7 @@ def command(
     _tell([evaluate(folder)], console, as_json, as_markdown, as_latex)
     print_losses(summary, console)
     console.print(f"\nrun      {folder}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True)
+    print_retry(summary, f"webgym eval --resume {folder}", console)
     if all_failed(summary):
         raise typer.Exit(1)
 

@@ -37,6 +37,7 @@ def command(
     sites: options.Sites = None,
     seed: options.Seed = None,
     skip_corrupt: options.SkipCorrupt = False,
+    retry_errors: options.RetryErrors = False,
     report: options.WriteReport = True,
 ) -> None:
     """Collect trajectories: attempt every task, judge, and keep all of it in a run folder.
@@ -46,7 +47,7 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
-    from webgym.cli._summary import all_failed, print_summary
+    from webgym.cli._summary import all_failed, print_retry, print_summary
     from webgym.collection import ServerChoice, collect
     from webgym.collection import resume as go_on
     from webgym.core.errors import UsageError
@@ -60,7 +61,13 @@ def command(
         folder, changed = resume, servers if server or sites else None
         summary = _run.run(
             lambda: go_on(
-                folder, secrets=secrets, server=changed, skip_corrupt=skip_corrupt, show=show, tell=tell
+                folder,
+                secrets=secrets,
+                server=changed,
+                skip_corrupt=skip_corrupt,
+                retry_errors=retry_errors,
+                show=show,
+                tell=tell,
             )
         )
     elif out is not None and resume is None:
@@ -85,6 +92,7 @@ def command(
     path = write_report(folder) if report else None
     print_summary(summary, console)
     console.print(f"\nrun      {folder}", highlight=False, soft_wrap=True)
+    print_retry(summary, f"webgym rollout --resume {folder}", console)
     if path is not None:
         console.print(f"report   {path}", highlight=False, soft_wrap=True)
     if all_failed(summary):

@@ -14,6 +14,14 @@ from functools import lru_cache
 _QUOTES = str.maketrans({"’": "'", "‘": "'", "“": '"', "”": '"', "–": "-", "—": "-", "−": "-"})
 
 
+def plain(text: str) -> str:
+    """A text of others on one line, without characters that a terminal would obey."""
+    return "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}"
+        for character in " ".join(text.split())
+    )
+
+
 def fold(text: str) -> str:
     """Compatibility forms, typographic quotes and dashes, case and white space made one."""
     return " ".join(unicodedata.normalize("NFKC", text).translate(_QUOTES).casefold().split())

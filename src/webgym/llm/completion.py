@@ -18,7 +18,8 @@ class Completion(msgspec.Struct, frozen=True):
     """A reply.
 
     Attributes:
-        text: what the model said; empty if it said nothing before it was stopped.
+        text: what the model said; empty if it said nothing before it was stopped. Tool calls that the
+            endpoint has parsed stand at its end as ``<tool_call>`` blocks, as models write them.
         finish_reason: as the endpoint gave it; empty if it gave none.
         prompt_tokens, completion_tokens: as the endpoint counted them; 0 if it did not.
         seconds: wall time of the try that succeeded, from request to last byte; 0 from a batch.
@@ -93,7 +94,7 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
     prompt_tokens = _count(usage.get("prompt_tokens"))
     known = _count(details.get("cached_tokens")) if isinstance(details, dict) else 0
     return Completion(
-        text=choice.message.content or "",
+        text=_text(choice.message),
         finish_reason=choice.finish_reason or "",
         prompt_tokens=prompt_tokens,
         completion_tokens=_count(usage.get("completion_tokens")),
@@ -110,9 +111,36 @@ def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = F
 
 class _Said(msgspec.Struct):
     content: str | None = None
+    tool_calls: Any = None
     refusal: Any = None
     reasoning: Any = None  # OpenRouter, and vLLM of late
     reasoning_content: Any = None  # vLLM, SGLang
+
+
+class _Function(msgspec.Struct):
+    name: str
+    arguments: Any = None  # a string of JSON, as the API has it; some endpoints send the object
+
+
+class _ToolCall(msgspec.Struct):
+    function: _Function
+
+
+def _text(said: _Said) -> str:
+    try:
+        calls = msgspec.convert(said.tool_calls or [], list[_ToolCall])
+    except msgspec.ValidationError:
+        calls = []
+    blocks = [_block(call.function) for call in calls]
+    return "\n".join([said.content, *blocks] if said.content else blocks)
+
+
+def _block(function: _Function) -> str:
+    """Arguments that are no JSON stay as they are: it is the reader who says what is wrong with them."""
+    given = function.arguments
+    arguments = given if isinstance(given, str) else msgspec.json.encode(given).decode()
+    name = msgspec.json.encode(function.name).decode()
+    return f'<tool_call>\n{{"name": {name}, "arguments": {arguments or "{}"}}}\n</tool_call>'
 
 
 def _thought(said: _Said) -> str:

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.agent.agent import Agent
 from webgym.core.action import Answer, BrowserAction, Navigate
-from webgym.core.errors import NavigationFailed, StoreError, WebGymError
+from webgym.core.errors import NavigationFailed, PolicyBadReply, StoreError, WebGymError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.task import StepBudget
@@ -220,6 +220,7 @@ class Attempt:
             self._clock = None
             self._move(None)
             self._seconds = time.monotonic() - self._started
+        self._refuse_without_action()
         await self._look_backstage()
 
     async def _play(self, session: BrowserSession) -> Ending:
@@ -231,9 +232,11 @@ class Attempt:
             await stage.store.put_image(view.observation.screenshot, view.image)
             self._move("thinking")
             at = time.monotonic() - self._started
+            self._final = view.observation  # if no reply comes, what was open is on record all the same
             step = await conversation.turn(view.observation, view.image, at)
+            self._final = None
             self._steps.append(step)
-            stage.progress.stepped()
+            stage.progress.stepped(is_valid=step.action is not None)
             if isinstance(step.action, Answer):
                 self._answer = step.action.text
                 return Ending.ANSWERED
@@ -257,6 +260,14 @@ class Attempt:
             if not refused or view.observation.status is not None:
                 return view
         raise NavigationFailed(f"{url} cannot be opened: {refused}")
+
+    def _refuse_without_action(self) -> None:
+        """A model that never once replied in the format was asked wrongly: no measure of what it can do."""
+        unread = [step.parse_error for step in self._steps if step.action is None]
+        if self._ending in (Ending.BUDGET_SPENT, Ending.STRAGGLER) and 0 < len(unread) == len(self._steps):
+            self._fail(
+                PolicyBadReply(f"none of {len(unread)} replies holds an action; the first: {unread[0]}")
+            )
 
     async def _look_backstage(self) -> None:
         truth = self.planned.task.truth

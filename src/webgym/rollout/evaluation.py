@@ -17,18 +17,20 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import msgspec
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from webgym.agent.policy import ORACLES
 from webgym.bootstrap import Counts, percentiles, resampled
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level, StepBudget
 from webgym.rollout.rates import Interval, Rate, Successes, wilson
 from webgym.rollout.rejudge import RECORDED, verdicts_of
 from webgym.rollout.store import RunReader
+from webgym.rollout.summary import oracle_note
 
 TEST_BUDGET: Final = StepBudget(30, 50, 70)
 """Steps per attempt in testing, by level (paper §5)."""
@@ -110,6 +112,7 @@ class Evaluation(msgspec.Struct, frozen=True):
         samples: planned per task.
         budget: steps by level; ``None`` if the run does not tell.
         rows: by level, and overall.
+        notes: what the figures must be read with, as in the run's summary.
     """
 
     run: str
@@ -119,6 +122,7 @@ class Evaluation(msgspec.Struct, frozen=True):
     samples: int
     budget: tuple[int, int, int] | None
     rows: dict[Group, Row]
+    notes: tuple[str, ...] = ()
 
 
 def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None = None) -> Evaluation:
@@ -140,7 +144,9 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
     policies: dict[str, None] = {}
     samples = list(_samples(reader, outcome_of, policies))
     levels = Counter(task.level for task in reader.drawn)
-    told = reader.summary or {}
+    told: Mapping[str, Any] = reader.summary or {
+        "notes": [oracle_note(each) for each in ORACLES & policies.keys()]
+    }
     attempt = settings.get("attempt")
     return Evaluation(
         run=run.resolve().name,
@@ -150,6 +156,7 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
         samples=per_task,
         budget=_budget(attempt) if isinstance(attempt, dict) else None,
         rows=rows_of(samples, levels, per_task, config),
+        notes=tuple(told.get("notes", ())),
     )
 
 

@@ -14,6 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from webgym.core.outcome import Outcome
+from webgym.core.text import plain
 from webgym.rollout.progress import STATES, Progress
 
 REFRESH_SECONDS = 0.25
@@ -54,9 +55,15 @@ def line(progress: Progress) -> str:
     outcomes = ", ".join(f"{count} {outcome}" for outcome, count in progress.outcomes.most_common())
     return (
         f"{progress.done}/{progress.total} done, {progress.steps} steps, "
-        f"{progress.steps_per_second:.1f} steps/s, success {_success(progress)}, "
+        f"{progress.steps_per_second:.1f} steps/s, success {_success(progress)}, {_invalid(progress)}"
         f"{duration(progress.seconds_left)} left ({outcomes or 'nothing ended yet'})"
+        f"{f'; {progress.note}' if progress.note else ''}"
     )
+
+
+def _invalid(progress: Progress) -> str:
+    """The share of replies without an action, where there are any."""
+    return f"{progress.invalid / progress.steps:.1%} of replies invalid, " if progress.invalid else ""
 
 
 def panel(progress: Progress, title: str = "webgym") -> RenderableType:
@@ -87,8 +94,14 @@ def panel(progress: Progress, title: str = "webgym") -> RenderableType:
             outcomes.append(f"{count}   ", style="bold")
     last = Table.grid(padding=(0, 2))
     for outcome, task_id, steps in progress.last:
-        last.add_row(Text(outcome, style=COLORS[outcome]), Text(f"{steps} steps", style="dim"), task_id)
-    return Panel(Group(head, figures, states, outcomes, last), title=title, title_align="left")
+        # As text: a task may come from anywhere, and square brackets in its id are no markup.
+        last.add_row(
+            Text(outcome, style=COLORS[outcome]), Text(f"{steps} steps", style="dim"), Text(plain(task_id))
+        )
+    warnings = [
+        Text(told, style="yellow") for told in (progress.note, _invalid(progress).rstrip(", ")) if told
+    ]
+    return Panel(Group(head, figures, states, outcomes, *warnings, last), title=title, title_align="left")
 
 
 @asynccontextmanager

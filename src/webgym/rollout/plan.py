@@ -52,10 +52,17 @@ class Plan:
         samples: attempts wanted for every time that a task comes.
         retries: how often a sample is attempted again after an error.
         recorded: what a run that is resumed has on disk.
+        retry_errors: begin anew with the retries of samples whose last attempt ended in an error.
     """
 
     def __init__(
-        self, tasks: Sequence[Task], *, samples: int, retries: int, recorded: Iterable[Entry] = ()
+        self,
+        tasks: Sequence[Task],
+        *,
+        samples: int,
+        retries: int,
+        recorded: Iterable[Entry] = (),
+        retry_errors: bool = False,
     ) -> None:
         self._retries = retries
         self._in_flight = 0
@@ -71,8 +78,11 @@ class Plan:
                 sample = taken[task.id]
                 taken[task.id] += 1
                 planned: Planned | None = Planned(task, sample)
-                for outcome in done.get((task.id, sample), ()):
+                outcomes = done.get((task.id, sample), [])
+                for outcome in outcomes:
                     planned = self._next(planned, outcome) if planned else None
+                if retry_errors and outcomes and outcomes[-1].is_retried:
+                    planned = Planned(task, sample, retry=len(outcomes))
                 if planned is None:
                     self._done += 1
                 else:

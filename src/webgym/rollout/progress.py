@@ -29,6 +29,8 @@ class Progress:
         states: how many attempts are in which state.
         outcomes: of the attempts that ended in this session.
         steps: taken in this session.
+        invalid: steps of this session whose replies hold no action.
+        note: what all of the figures must be read with; empty for nothing.
         last: the attempts that ended last, newest first: (outcome, task id, steps).
     """
 
@@ -38,6 +40,8 @@ class Progress:
     states: Counter[State] = field(default_factory=Counter)
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     steps: int = 0
+    invalid: int = 0
+    note: str = ""
     last: deque[tuple[Outcome, str, int]] = field(default_factory=lambda: deque(maxlen=6))
     started: float = field(default_factory=time.monotonic)
     _recent: deque[float] = field(default_factory=deque)
@@ -49,9 +53,10 @@ class Progress:
         if after is not None:
             self.states[after] += 1
 
-    def stepped(self) -> None:
-        """An attempt took a step."""
+    def stepped(self, *, is_valid: bool = True) -> None:
+        """An attempt took a step, by a reply with or without an action."""
         self.steps += 1
+        self.invalid += not is_valid
         now = time.monotonic()
         self._recent.append(now)
         while self._recent and now - self._recent[0] > RECENT_SECONDS:
@@ -101,6 +106,7 @@ class Progress:
             "done": self.done,
             "total": self.total,
             "steps": self.steps,
+            "invalid_replies": self.invalid,
             "steps_per_second": round(self.steps_per_second, 3),
             "states": {state: self.states[state] for state in STATES},
             "outcomes": {outcome.value: self.outcomes[outcome] for outcome in Outcome},

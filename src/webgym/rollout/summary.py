@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Literal, TypeAlias, TypedDict
 
+from webgym.agent.policy import ORACLES
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
 from webgym.core.trajectory import Step, Trajectory
@@ -17,6 +18,15 @@ from webgym.tasks.selection import splits_in
 
 UNKNOWN = "unknown"
 """Domain and website of a trajectory whose task the run does not hold."""
+
+
+MANY_INVALID = 0.05
+"""Share of replies without an action above which a run warns: the model was perhaps asked wrongly."""
+
+
+def oracle_note(policy: str) -> str:
+    """What must be said wherever an oracle's figures are shown."""
+    return f"the {policy} policy is an oracle: it plays known solutions and asks no model"
 
 
 class Quantiles(TypedDict):
@@ -98,6 +108,10 @@ class Summary(TypedDict):
         operation_milliseconds: per operation of the browser server, as it measured, and ``policy`` (one
             reply) and ``judge`` (one trajectory).
         by_level, by_domain, by_website: the same figures for a part of the attempts.
+        lost_samples: samples whose last attempt ended in an error of the environment or the policy.
+        invalid_replies: steps whose replies hold no action.
+        notes: what every figure here must be read with, a sentence each: that an oracle played, that many
+            replies held no action.
         losses: what ended attempts that carry no reward, by error code, or by outcome where there was no
             error (a website that blocks); most frequent first.
     """
@@ -124,6 +138,9 @@ class Summary(TypedDict):
     by_domain: dict[str, Group]
     by_website: dict[str, Group]
     losses: dict[str, Loss]
+    lost_samples: int
+    invalid_replies: int
+    notes: list[str]
 
 
 def quantiles(values: Sequence[float]) -> Quantiles:
@@ -213,13 +230,15 @@ class Tally:
         self._planned = Counter(place for task in tasks for place in _places(task))
         for place in self._planned:
             self._planned[place] *= samples
-        self._attempted: defaultdict[str, set[int]] = defaultdict(set)
+        self._attempted: defaultdict[str, dict[int, tuple[int, Outcome]]] = defaultdict(dict)
         self._policies: dict[str, None] = {}
         self._judges: dict[str, None] = {}
         self._spans: list[tuple[float, float]] = []
         self._waits = array("d")
         self._operations: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
         self._losses: dict[str, Loss] = {}
+        self._invalid = 0
+        self._first_invalid = ""
 
     def add(self, trajectory: Trajectory) -> None:
         """Count one trajectory."""
@@ -227,7 +246,9 @@ class Tally:
         task = self._tasks.get(episode.task_id)
         samples = self._attempted[episode.task_id]
         is_new = episode.sample not in samples
-        samples.add(episode.sample)
+        newest = samples.get(episode.sample)
+        if newest is None or newest[0] <= episode.retry:
+            samples[episode.sample] = (episode.retry, trajectory.outcome)
         for place in _places(task):
             self._counts[place].add(trajectory)
             # More than the run says it planned, as of a task that it does not hold.
@@ -238,6 +259,11 @@ class Tally:
         self._spans.append((episode.started_at, episode.started_at + episode.seconds))
         self._time(trajectory)
         self._lose(trajectory)
+        for step in episode.steps:
+            if step.action is None:
+                self._invalid += 1
+                told = f"{step.parse_error} ({episode.attempt_id}, step {step.index})"
+                self._first_invalid = self._first_invalid or told
 
     def _time(self, trajectory: Trajectory) -> None:
         episode = trajectory.episode
@@ -264,6 +290,15 @@ class Tally:
         )
         loss["count"] += 1
         loss["outcomes"][outcome] = loss["outcomes"].get(outcome, 0) + 1
+
+    def _notes(self, policies: Iterable[str]) -> Iterator[str]:
+        for name in policies:
+            if name in ORACLES:
+                yield oracle_note(name)
+        steps = self._counts["all", ""].steps
+        if steps and self._invalid / steps > MANY_INVALID:
+            share = f"{self._invalid / steps:.1%} of {steps:,} replies hold no action"
+            yield f"{share}; the first: {self._first_invalid}"
 
     def _group(self, place: _Place) -> Group:
         return (self._counts[place] if place in self._counts else _Count()).group(self._planned[place])
@@ -313,6 +348,13 @@ class Tally:
             "by_level": levels,
             "by_domain": self._groups("domain"),
             "by_website": self._groups("website"),
+            "lost_samples": sum(
+                last in (Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR)
+                for samples in self._attempted.values()
+                for _, last in samples.values()
+            ),
+            "invalid_replies": self._invalid,
+            "notes": list(self._notes(self._policies)),
             "losses": dict(sorted(self._losses.items(), key=lambda item: -item[1]["count"])),
         }
 

@@ -13,17 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from webgym.core.task import FactGroup, Task
+from webgym.core.text import plain
 from webgym.tasks.index import TaskIndex, website_key
 
 LEVEL_COLORS = {"easy": "green", "medium": "yellow", "hard": "red"}
-
-
-def plain(text: str) -> str:
-    """Text that a terminal shows and does not obey, on one line."""
-    return "".join(
-        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}"
-        for character in " ".join(text.split())
-    )
 
 
 def row_of(task: Task) -> tuple[str, ...]:

@@ -1,0 +1,116 @@
+"""One attempt, with a browser session and a policy that do as the test says."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+from tests.rollout.test_summary import task
+
+from webgym.agent.agent import Agent
+from webgym.agent.config import AgentConfig
+from webgym.agent.policy import OpensNothing, Turn
+from webgym.core.action import BrowserAction
+from webgym.core.errors import PolicyTimeout
+from webgym.core.observation import Observation
+from webgym.core.outcome import Ending
+from webgym.core.trajectory import Episode, Reply
+from webgym.rollout.attempt import Attempt, AttemptConfig, Stage
+from webgym.rollout.plan import Planned
+from webgym.rollout.progress import Progress
+from webgym.server import SessionOptions, View
+
+CALL = '{"name": "computer_use", "arguments": {"action": "wait", "time": 1}}'
+ACTS = f"Action: wait\n<tool_call>\n{CALL}\n</tool_call>"
+
+
+class Pages:
+    """A browser whose page is another at every look."""
+
+    id = "s"
+
+    def __init__(self) -> None:
+        self.looks = 0
+        self.kept: set[str] = set()
+
+    async def open(self, options: SessionOptions | None = None) -> Pages:
+        del options
+        return self
+
+    async def step(self, action: BrowserAction | None = None) -> View:
+        del action
+        self.looks += 1
+        image = b"page %d" % self.looks
+        name = hashlib.sha256(image).hexdigest()
+        return View(Observation(name, f"http://a.test/{self.looks}", "A", (1280, 768), status=200), image)
+
+    async def close(self) -> None:
+        pass
+
+    async def put_image(self, name: str, data: bytes) -> None:
+        del data
+        self.kept.add(name)
+
+
+class Says(OpensNothing):
+    """Replies one after the other; fails where there is none left."""
+
+    name = "says"
+    wants_elements = False
+
+    def __init__(self, *replies: str) -> None:
+        self._replies = list(replies)
+
+    def begin(self, task: object, seed: int) -> Says:
+        del task, seed
+        return self
+
+    async def reply(self, turn: Turn) -> Reply:
+        del turn
+        if not self._replies:
+            raise PolicyTimeout("no reply came in 60 s")
+        return Reply(self._replies.pop(0), "says")
+
+
+async def made(policy: Says, budget: int = 3) -> tuple[Episode, Pages, Progress]:
+    pages, progress = Pages(), Progress(total=1)
+    stage = Stage(
+        client=pages,
+        agent=Agent(policy, AgentConfig(image_max_side=None)),
+        store=pages,
+        config=AttemptConfig(budget_easy=budget),
+        progress=progress,
+        backstage=None,
+        run_id="r",
+        seed=0,
+    )
+    attempt = Attempt(stage, Planned(task("t", 1), 0))
+    await attempt.run(pages)
+    return attempt.episode(), pages, progress
+
+
+async def test_an_attempt_without_one_valid_reply_is_the_policys_error_and_no_failure() -> None:
+    episode, _, progress = await made(Says("I would click", "", "<tool_call>{</tool_call>"))
+    assert episode.ending is Ending.POLICY_FAILED
+    assert episode.failure is not None
+    assert episode.failure.code == "policy_bad_reply"
+    assert "none of 3 replies holds an action; the first: " in episode.failure.message
+    assert (progress.invalid, progress.steps) == (3, 3)
+
+
+async def test_one_valid_reply_is_enough_to_be_judged() -> None:
+    episode, _, progress = await made(Says("I would click", ACTS, ""))
+    assert episode.ending is Ending.BUDGET_SPENT
+    assert episode.failure is None
+    assert progress.invalid == 2
+
+
+@pytest.mark.parametrize("before", [0, 1])
+async def test_a_turn_that_fails_is_kept_with_its_cause_and_the_page_that_was_open(before: int) -> None:
+    episode, pages, _ = await made(Says(*[ACTS] * before))
+    assert episode.ending is Ending.POLICY_FAILED
+    assert episode.failure is not None
+    assert episode.failure.message == "no reply came in 60 s"
+    assert episode.final is not None
+    assert episode.final.url == f"http://a.test/{before + 1}"
+    assert episode.final.screenshot in pages.kept

@@ -17,7 +17,7 @@ from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontext
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, model_validator
 
@@ -25,12 +25,13 @@ from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
 from webgym.agent.factory import create_policy
 from webgym.agent.policy import ORACLES, Policy
+from webgym.agent.preflight import check_policy
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile, profile_of
 from webgym.core.errors import ConfigError, RunFolderError, Unauthorized
 from webgym.core.task import Task
 from webgym.judge import Judge
-from webgym.judge.factory import JudgeChoice, open_judge, refuse_unjudgeable
+from webgym.judge.factory import JudgeChoice, check_judge, open_judge, refuse_unjudgeable
 from webgym.llm.config import ChatConfig
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
@@ -43,7 +44,7 @@ from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
-from webgym.rollout.store import RunReader, RunWriter
+from webgym.rollout.store import RunReader, RunWriter, refuse_taken
 from webgym.rollout.summary import Summary, oracle_note, summarise
 from webgym.rollout.unjudged import judge_again
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
@@ -58,15 +59,20 @@ class _Settings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
+FEW: Final = 20
+"""Tasks of a run that does not say how many, where nobody has put a file together for it."""
+
+
 class TaskChoice(Selection):
     """Which tasks. Training tasks, unless ``split`` says otherwise."""
 
     file: Path | None = None
     """A task file; without one, the tasks of the offline web."""
 
-    count: int | None = Field(default=None, ge=1)
-    """How many, drawn at random without replacement; ``None`` takes all. With a ``ratio``, which needs a
-    count, a task comes again once all of its level have come."""
+    count: Annotated[int, Field(ge=1)] | Literal["all"] | None = None
+    """How many, drawn at random without replacement, or ``all``. By default all of a file, and
+    :data:`FEW` of the offline web, which has thousands. With a ``ratio``, which needs a count, a task comes
+    again once all of its level have come."""
 
     spread: bool = False
     """Draw from every website, all of a brand's being one, before drawing from one again: small samples
@@ -74,9 +80,16 @@ class TaskChoice(Selection):
 
     @model_validator(mode="after")
     def _check_count(self) -> TaskChoice:
-        if self.ratio is not None and (self.count is None or self.spread):
+        if self.ratio is not None and (not isinstance(self.count, int) or self.spread):
             raise ValueError("a ratio needs a count, and goes without spread")
         return self
+
+    @property
+    def drawn(self) -> int | None:
+        """How many are drawn; ``None`` for all."""
+        if self.count is None:
+            return FEW if self.file is None else None
+        return None if self.count == "all" else self.count
 
 
 class PolicyChoice(_Settings):
@@ -91,6 +104,10 @@ class PolicyChoice(_Settings):
 
     chat: ChatConfig | None = None
     """Of the openai policy: endpoint and model."""
+
+    check: bool = True
+    """Of the openai policy: ask for one reply before anything else starts, and refuse a model that does not
+    reply with an action (:mod:`webgym.agent.preflight`)."""
 
     @model_validator(mode="before")
     @classmethod
@@ -225,13 +242,13 @@ def _given(tasks: Sequence[Task], config: RunConfig) -> Chosen:
 
 
 def _drawn(tasks: list[Task], config: RunConfig) -> list[Task]:
-    choice = config.tasks
-    if choice.ratio is not None and choice.count is not None:
+    choice, count = config.tasks, config.tasks.drawn
+    if choice.ratio is not None and count is not None:
         selected_already = SamplerConfig(split="all", ratio=choice.ratio, seed=config.seed)
-        return Sampler(tasks, selected_already).draw(choice.count)
+        return Sampler(tasks, selected_already).draw(count)
     if choice.spread:
-        return draw_spread(tasks, choice.count, config.seed, key=lambda task: brand_or_text(task.website))
-    return draw(tasks, choice.count, config.seed)
+        return draw_spread(tasks, count, config.seed, key=lambda task: brand_or_text(task.website))
+    return draw(tasks, count, config.seed)
 
 
 async def collect(
@@ -258,10 +275,12 @@ async def collect(
     Raises:
         WebGymError: the run could not start, or could not go on; what was collected is on disk.
     """
+    refuse_taken(out)  # before anything is asked or started; the folder itself is made later
     if policy is not None:
         config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
     config = resolved(config, policy, tell)
-    chosen = choose_tasks(config) if tasks is None else _given(tasks, config)
+    given = tasks
+    chosen = choose_tasks(config) if given is None else _given(given, config)
     tasks, selected = chosen.tasks, chosen.selected
     refuse_unjudgeable(config.judge, tasks)
     # As it came out, for the record: what a set without splits was taken as, which subdomains were drawn.
@@ -269,6 +288,9 @@ async def collect(
     config = config.model_copy(update={"tasks": config.tasks.model_copy(update=update)})
     if told := selected.told():
         _say(tell, f"{len(selected.tasks):,} tasks to draw from, split {selected.split!r}; left out: {told}")
+    if given is None and config.tasks.count is None and len(tasks) < len(selected.tasks):
+        told = f"{len(tasks):,} of {len(selected.tasks):,} tasks are drawn"
+        _say(tell, f"{told}; --limit (tasks.count) takes another number, or all")
     for line in chosen.broken:
         _say(tell, f"skipped {line}")
     if aside := chosen.set_aside:
@@ -399,15 +421,17 @@ class _Company:
 async def _company(
     config: RunConfig, secrets: Secrets, tasks: Sequence[Task], policy: Policy | None, tell: Tell | None
 ) -> AsyncIterator[_Company]:
-    choice, profile = config.policy, _profile(config, policy)
+    choice, profile, is_ours = config.policy, _profile(config, policy), policy is None
     policy = policy or create_policy(
         choice.name, mistake_rate=choice.mistakes, chat=choice.chat, profile=profile
     )
-    async with (
-        open_judge(config.judge) as judge,
-        _places(config, secrets, tasks, tell) as (backstage, client),
-        Agent(policy, config.agent, profile) as agent,
-    ):
+    async with AsyncExitStack() as stack:
+        judge = await stack.enter_async_context(open_judge(config.judge))
+        agent = await stack.enter_async_context(Agent(policy, config.agent, profile))
+        if is_ours and choice.name == "openai" and choice.check:
+            await check_policy(agent, config.attempt.viewport)
+            await check_judge(config.judge)
+        backstage, client = await stack.enter_async_context(_places(config, secrets, tasks, tell))
         yield _Company(backstage, client, agent, judge)
 
 

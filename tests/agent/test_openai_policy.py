@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import base64
+import json
 from collections.abc import AsyncIterator
 from typing import Any
 
@@ -140,3 +141,26 @@ async def test_a_call_that_was_only_thought_of_is_none(
     assert ("it was too long and was cut off" in str(second.messages[-1])) == (finish_reason == "length")
     assert "I could" not in str(second.messages)
     assert "Hm." not in str(second.messages)
+
+
+@pytest.mark.parametrize("as_text", [True, False])
+@pytest.mark.parametrize("content", [None, "Memory: {}\nAction: Click it"])
+async def test_tool_calls_that_the_endpoint_has_parsed_are_read(
+    endpoint: Chooses, png: bytes, *, as_text: bool, content: str | None
+) -> None:
+    arguments: Any = {"action": "left_click", "coordinate": [512, 300]}
+    function = {
+        "name": "computer_use",
+        "arguments": json.dumps(arguments) if as_text else arguments,
+    }
+    call = {"id": "1", "type": "function", "function": function}
+    message = {"role": "assistant", "content": content, "tool_calls": [call]}
+    endpoint.choice = {"message": message, "finish_reason": "tool_calls"}
+    (step,) = await talk(endpoint.url("choice"), png)
+    assert step.action == CLICK
+    endpoint.choice["message"] = message | {"tool_calls": [call, call]}
+    (step,) = await talk(endpoint.url("choice"), png)
+    assert step.action is None, "two calls are no one action"
+    endpoint.choice["message"] = message | {"tool_calls": [{"function": 7}]}
+    (step,) = await talk(endpoint.url("choice"), png)
+    assert step.action is None

@@ -39,6 +39,24 @@ SplitOf: TypeAlias = Annotated[
         show_default="train; every task where none says its split",
     ),
 ]
+
+
+def _count(told: str) -> int | str:
+    if told != "all" and not (told.isascii() and told.isdecimal() and int(told) > 0):
+        raise typer.BadParameter(f"{told!r} is neither a number from 1 nor all")
+    return told if told == "all" else int(told)
+
+
+Limit: TypeAlias = Annotated[
+    Any,
+    typer.Option(
+        "--limit",
+        metavar="N|all",
+        parser=_count,
+        help="Draw so many tasks.",
+        show_default="all of a file, 20 of the offline web",
+    ),
+]
 Samples: TypeAlias = Annotated[
     int | None, typer.Option("--samples", min=1, help="Attempts per task.", show_default="1")
 ]

@@ -38,9 +38,7 @@ def command(
         help="train, test, all, or unsplit (tasks that do not say); whatever --config says.",
         show_default="test; every task where none says its split",
     ),
-    limit: int | None = typer.Option(
-        None, "--limit", min=1, help="Draw so many tasks, from all websites in turn.", show_default=False
-    ),
+    limit: options.Limit = None,
     samples: options.Samples = None,
     budget: str | None = typer.Option(
         None, "--budget", help="Steps for easy, medium and hard tasks.", show_default="30,50,70"
@@ -184,13 +182,13 @@ def _as_a_test(settings: RunConfig) -> RunConfig:
     The paper's test budgets; and no attempt is cut short by the clock because others have ended: in a test
     that would take from the slow ones what the fast ones had.
     """
-    from webgym.rollout.evaluation import TEST_BUDGET
+    from webgym.rollout.evaluation import TEST_BUDGET, TEST_SECONDS
 
     wanted = {
         "budget_easy": TEST_BUDGET.easy,
         "budget_medium": TEST_BUDGET.medium,
         "budget_hard": TEST_BUDGET.hard,
-        "longest_seconds": 3600.0,
+        "longest_seconds": TEST_SECONDS,
     }
     attempt = {name: value for name, value in wanted.items() if name not in settings.attempt.model_fields_set}
     collector = settings.collector

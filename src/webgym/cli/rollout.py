@@ -15,7 +15,7 @@ def command(
     config: options.Config = None,
     tasks: options.Tasks = None,
     split: options.SplitOf = None,
-    limit: int | None = typer.Option(None, "--limit", min=1, help="Draw so many tasks.", show_default=False),
+    limit: options.Limit = None,
     samples: options.Samples = None,
     sessions: options.Sessions = None,
     policy: options.PolicyName = None,

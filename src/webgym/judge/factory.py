@@ -9,7 +9,7 @@ from typing import Final
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from webgym.core.errors import ConfigError
+from webgym.core.errors import ConfigError, JudgeError, LLMError
 from webgym.core.task import Task
 from webgym.judge.base import Judge
 from webgym.judge.config import STAGES, JudgeConfig, PanelConfig, Stage, StageConfig
@@ -86,6 +86,25 @@ def _check(choice: JudgeChoice) -> None:
         raise ConfigError(
             f"there is no judge {choice.name!r}", hint=f"choose one of {', '.join(JUDGE_NAMES)}"
         )
+
+
+async def check_judge(choice: JudgeChoice) -> None:
+    """Ask every model of a rubric judge for one word, before a run rests on it.
+
+    Raises:
+        JudgeError: an endpoint does not answer, or refuses the key or the model.
+    """
+    if choice.name != "rubric" or choice.rubric is None:
+        return
+    chats = {chat.model_dump_json(): chat for chat in map(choice.rubric.chat_of, STAGES)}
+    for chat in chats.values():
+        async with ChatClient(chat) as client:
+            try:
+                await client.complete([{"role": "user", "content": "Reply with the word yes."}])
+            except LLMError as error:
+                raise JudgeError(
+                    f"the judge's model does not reply: {error.message}", hint=error.hint
+                ) from error
 
 
 @asynccontextmanager

@@ -62,6 +62,24 @@ _OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, SUMMARY, REPORT, LOC
 T = TypeVar("T")
 
 
+def refuse_taken(path: Path) -> None:
+    """Refuse a folder in which no run can be made.
+
+    Raises:
+        RunFolderError: it holds a run or something else already, or cannot be read.
+    """
+    try:
+        held = {entry.name for entry in path.iterdir()} if path.exists() else set()
+    except OSError as error:
+        raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
+    if CONFIG in held:
+        raise RunFolderError(
+            f"{path} holds a run already", hint="go on with --resume, or choose another folder"
+        )
+    if foreign := sorted(name for name in held - _OURS if not name.endswith(TORN)):
+        raise RunFolderError(f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder")
+
+
 class StoreLimits(BaseModel):
     """What a writer may use."""
 
@@ -153,20 +171,13 @@ class RunWriter:
     def _create(cls, path: Path, config: Mapping[str, Any], tasks: list[Task], limits: StoreLimits) -> Self:
         try:
             path.mkdir(parents=True, exist_ok=True)
-            held = {entry.name for entry in path.iterdir()}
         except OSError as error:
             raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
-        if foreign := sorted(name for name in held - _OURS if not name.endswith(TORN)):
-            raise RunFolderError(
-                f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder"
-            )
+        refuse_taken(path)
         with disk_errors(f"making {path}"):
             writer = cls(path, limits, take_lock(path))
             try:
-                if (path / CONFIG).exists():
-                    raise RunFolderError(
-                        f"{path} holds a run already", hint="go on with --resume, or choose another folder"
-                    )
+                refuse_taken(path)  # again: nobody else can make it now
                 writer._make_folders()
                 write_whole(path / TASKS, b"".join(msgspec.json.encode(task) + b"\n" for task in tasks))
                 text = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)

@@ -1,0 +1,141 @@
+"""One reply before a run: an endpoint that cannot play is found out before anything else starts."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.llm.endpoint import Endpoint, serve
+
+from webgym import collection
+from webgym.agent.prompts import render_reply
+from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
+from webgym.core.action import LeftClick, Target
+from webgym.core.errors import ConfigError, JudgeError, RunFolderError, WebGymError
+from webgym.judge.config import JudgeConfig
+from webgym.judge.factory import JudgeChoice
+from webgym.llm.config import ChatConfig, Retry
+from webgym.offline.app import SitesConfig
+
+SMALL = SitesConfig(per_family=1)
+CLICK = render_reply(LeftClick(Target(coordinate=(90.0, 80.0))), "memory", description="Click")
+
+
+@pytest.fixture
+async def endpoint() -> AsyncIterator[Endpoint]:
+    async with serve() as endpoint:
+        endpoint.text = CLICK
+        yield endpoint
+
+
+@pytest.fixture(autouse=True)
+def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Notes that browsers or websites were to be started, and goes no further."""
+    found: list[str] = []
+
+    def refuse(*_: Any) -> Any:
+        found.append("places")
+        raise WebGymError("far enough")
+
+    monkeypatch.setattr(collection, "_places", refuse)
+    return found
+
+
+def config(endpoint: Endpoint, behaviour: str = "fine", **changes: Any) -> RunConfig:
+    chat = ChatConfig(
+        base_url=endpoint.url(behaviour), model="tiny", retry=Retry(tries=2, first_seconds=0.01)
+    )
+    settings: dict[str, Any] = {
+        "tasks": TaskChoice(count=2),
+        "sites": SMALL,
+        "policy": PolicyChoice(chat=chat),
+    }
+    return RunConfig(**settings | changes)
+
+
+async def test_a_model_that_acts_is_asked_once(
+    endpoint: Endpoint, tmp_path: Path, started: list[str]
+) -> None:
+    with pytest.raises(WebGymError, match="far enough"):
+        await collect(config(endpoint), tmp_path / "run")
+    assert len(endpoint.requests) == 1
+    assert started
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "text", "told"),
+    [
+        ("401", CLICK, "401"),
+        ("fine", "I cannot help with that.", "replied 3 times about a test page and never with an action"),
+        ("nothing", CLICK, "empty reply"),
+    ],
+)
+async def test_one_that_does_not_stops_the_run_before_browsers(
+    endpoint: Endpoint, tmp_path: Path, started: list[str], behaviour: str, text: str, told: str
+) -> None:
+    endpoint.text = text
+    with pytest.raises(WebGymError, match=told):
+        await collect(config(endpoint, behaviour), tmp_path / "run")
+    assert not started
+    assert not (tmp_path / "run").exists()
+
+
+async def test_it_can_be_let_through(endpoint: Endpoint, tmp_path: Path, started: list[str]) -> None:
+    given = config(endpoint)
+    policy = given.policy.model_copy(update={"check": False})
+    with pytest.raises(WebGymError, match="far enough"):
+        await collect(given.model_copy(update={"policy": policy}), tmp_path / "run")
+    assert not endpoint.requests
+    assert started
+
+
+async def test_a_judge_that_refuses_the_key_stops_it_too(
+    endpoint: Endpoint, tmp_path: Path, started: list[str]
+) -> None:
+    chat = ChatConfig(base_url=endpoint.url("401"), model="judge")
+    judge = JudgeChoice(name="rubric", rubric=JudgeConfig(chat=chat))
+    with pytest.raises(JudgeError, match=r"the judge's model does not reply: .*401"):
+        await collect(config(endpoint, judge=judge), tmp_path / "run")
+    assert not started
+
+
+async def test_a_folder_that_holds_a_run_is_refused_before_anything_is_asked(
+    endpoint: Endpoint, tmp_path: Path
+) -> None:
+    (tmp_path / "config.yaml").touch()
+    with pytest.raises(RunFolderError, match="holds a run already") as refused:
+        await collect(config(endpoint), tmp_path)
+    assert "--resume" in (refused.value.hint or "")
+    assert not endpoint.requests
+
+
+def test_an_endpoint_is_never_played_by_the_oracle() -> None:
+    chat = {"base_url": "http://127.0.0.1:1/v1", "model": "m"}
+    assert RunConfig.model_validate({"policy": {"chat": chat}}).policy.name == "openai"
+    assert RunConfig().policy.name == "scripted"
+    with pytest.raises(ValueError, match="the scripted policy asks no model"):
+        PolicyChoice.model_validate({"name": "scripted", "chat": chat})
+
+
+def test_a_model_without_an_endpoint_is_refused(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "webgym", "rollout", "--model", "m", "--out", str(tmp_path / "run")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode != 0
+    assert "needs an endpoint and a model" in done.stderr
+
+
+def test_a_run_without_a_count_is_small() -> None:
+    assert len(collection.choose_tasks(RunConfig(sites=SMALL)).tasks) == collection.FEW
+    every = collection.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(count="all"))).tasks
+    assert len(every) > 100
+    assert {task.split for task in every} == {"train"}
+    with pytest.raises(ConfigError, match="no task"):
+        collection.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(split="unsplit")))

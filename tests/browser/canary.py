@@ -8,6 +8,8 @@ from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from ipaddress import ip_address
 
+from aiodns.error import ARES_ENOTFOUND, DNSError
+
 from webgym.browser.egress.hosts import Address
 from webgym.browser.egress.machine import Machine
 
@@ -84,13 +86,13 @@ class Names(Machine):
         self.answers = {name: list(given) for name, given in (answers or {}).items()}
         self.asked: list[str] = []
 
-    def lookup(self, name: str) -> list[Address]:
+    async def lookup(self, name: str) -> list[Address]:
         self.asked.append(name)
         if name == "localhost":
             return [ip_address("127.0.0.1"), ip_address("::1")]
         given = self.answers.get(name)
         if not given:
-            raise socket.gaierror(socket.EAI_NONAME, "no such name")
+            raise DNSError(ARES_ENOTFOUND, "no such name")
         if isinstance(given[0], str):
             return [ip_address(str(one)) for one in given]
         answer = given.pop(0) if len(given) > 1 else given[0]

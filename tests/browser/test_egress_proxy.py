@@ -15,13 +15,16 @@ import subprocess
 import sys
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 from contextlib import asynccontextmanager
+from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
 import pytest
 import uvloop
+from aiodns.error import ARES_ESERVFAIL, DNSError
 
 from webgym.browser import Egress, EgressConfig
+from webgym.browser.egress import Door
 from webgym.browser.egress.hosts import Address
 from webgym.browser.egress.machine import Machine
 
@@ -49,9 +52,19 @@ async def proxy(*allow: str, machine: Machine | None = None, **limits: Any) -> A
     egress = Egress(EgressConfig(allow=allow or (HERE,), **limits), machine or Names())
     async with egress:
         yield egress
-    assert not egress._tasks
+    assert not egress.waiting
     assert not egress._books.transports
     assert egress.load.open == 0
+
+
+class Silent(Names):
+    """Names of ``slow.test`` are never answered."""
+
+    async def lookup(self, name: str) -> list[Address]:
+        if name.endswith("slow.test"):
+            self.asked.append(name)
+            await asyncio.Event().wait()
+        return await super().lookup(name)
 
 
 async def until(what: Callable[[], object]) -> None:
@@ -60,7 +73,7 @@ async def until(what: Callable[[], object]) -> None:
             await asyncio.sleep(0.005)
 
 
-async def knock(egress: Egress, say: bytes = b"") -> Streams:
+async def knock(egress: Egress | Door, say: bytes = b"") -> Streams:
     reader, writer = await asyncio.open_connection(HERE, egress.port)
     writer.write(say)
     return reader, writer
@@ -71,12 +84,19 @@ def request(host: str | bytes, port: int, command: int = 1) -> bytes:
     return b"\5\1\0" + bytes((5, command, 0, 3, len(name))) + name + port.to_bytes(2, "big")
 
 
-async def ask(egress: Egress, host: str | bytes, port: int) -> tuple[int, Streams]:
+async def ask(egress: Egress | Door, host: str | bytes, port: int) -> tuple[int, Streams]:
     """The reply's code, and the connection."""
     streams = await knock(egress, request(host, port))
     said = await asyncio.wait_for(streams[0].readexactly(12), SECONDS)
     assert said[:2] == b"\5\0"
     return said[3], streams
+
+
+async def hang_up(*all_streams: Streams) -> None:
+    for _, writer in all_streams:
+        writer.close()
+        with contextlib.suppress(ConnectionError):
+            await writer.wait_closed()
 
 
 async def closed(streams: Streams) -> bytes:
@@ -239,10 +259,10 @@ def free_port() -> int:
 
 def test_each_failure_has_its_reason(run: Run) -> None:
     class Failing(Names):
-        def lookup(self, name: str) -> list[Address]:
+        async def lookup(self, name: str) -> list[Address]:
             if name == "broken.test":
-                raise socket.gaierror(socket.EAI_AGAIN, "try again")
-            return super().lookup(name)
+                raise DNSError(ARES_ESERVFAIL, "try again")
+            return await super().lookup(name)
 
         def is_online(self) -> bool:
             return True
@@ -344,7 +364,7 @@ def test_politeness_spares_what_a_rule_allows(run: Run) -> None:
 def test_this_machines_own_addresses_are_refused_though_public(run: Run) -> None:
     class Rented(Names):
         def own_addresses(self) -> frozenset[Address]:
-            return frozenset(self.lookup("me.test"))
+            return frozenset({ip_address("8.8.8.8")})
 
     async def scene() -> None:
         async with proxy(machine=Rented({"me.test": ["8.8.8.8"]})) as egress:
@@ -550,32 +570,66 @@ def test_many_connections_come_and_go_and_leave_nothing(run: Run) -> None:
     run(scene())
 
 
+def test_a_page_whose_names_are_never_answered_holds_up_no_other_session(run: Run) -> None:
+    async def scene() -> None:
+        async with serve(echo) as port, proxy("*", machine=Silent({"here.test": [HERE]})) as egress:
+            door = await egress.open_door()
+            asking = [request(f"{nth}.domain-{nth % 50}.slow.test", 80) for nth in range(200)]
+            greedy = [await knock(door, asked) for asked in asking]
+            most = egress.config.session_lookups
+            await until(lambda: egress.load.results["too_many"] == len(asking) - most)
+            assert egress.waiting == most
+            neighbour = await egress.open_door()
+            said, one = await ask(neighbour, "here.test", port)
+            assert said == 0
+            door.renew()  # the page is gone, and with it all that it waits for
+            await until(lambda: not egress.waiting)
+            said, other = await ask(door, "here.test", port)
+            assert said == 0, "the next session has a whole budget"
+            await hang_up(*greedy, one, other)
+
+    run(scene())
+
+
+def test_a_session_has_so_many_connections_names_and_bytes(run: Run) -> None:
+    async def scene() -> None:
+        limits = {"session_connections": 3, "session_names": 2, "session_bytes": 100_000}
+        names = {f"{name}.test": [HERE] for name in "abc"}
+        async with serve(echo) as port, proxy("*", machine=Names(names), **limits) as egress:
+            door = await egress.open_door()
+            first = [await ask(door, name, port) for name in ("a.test", "b.test", "b.test")]
+            assert [said for said, _ in first] == [0, 0, 0]
+            said, fourth = await ask(door, "a.test", port)
+            assert said == 2, "a fourth at once"
+            door.renew()
+            second = [await ask(door, name, port) for name in ("a.test", "b.test", "c.test", "b.test")]
+            assert [said for said, _ in second] == [0, 0, 2, 0], "a third name"
+            door.renew()
+            _, (reader, writer) = await ask(door, "a.test", port)
+            writer.write(b"x" * 150_000)
+            assert len(await closed((reader, writer))) < 100_000
+            said, after = await ask(door, "a.test", port)
+            assert said == 2
+            assert egress.load.open == len(first) + len(second) - 1
+            await hang_up(fourth, after, *(streams for _, streams in (*first, *second)))
+
+    run(scene())
+
+
 def test_browsers_that_go_in_the_middle_leave_nothing(run: Run) -> None:
     async def scene() -> None:
-        class Silent(Names):
-            def lookup(self, name: str) -> list[Address]:
-                return super().lookup("none.test") if name != "slow.test" else release(name)
-
-        stop = asyncio.Event()
-        loop = asyncio.get_running_loop()
-
-        def release(name: str) -> list[Address]:
-            self_asked.append(name)
-            asyncio.run_coroutine_threadsafe(stop.wait(), loop).result()
-            return []
-
-        self_asked: list[str] = []
+        machine = Silent()
         with socket.create_server((HERE, 0), backlog=0) as full:
             port = full.getsockname()[1]
-            async with proxy("slow.test", HERE, machine=Silent()) as egress:
+            async with proxy("slow.test", HERE, machine=machine) as egress:
                 waiting = [await knock(egress, request("slow.test", 80)) for _ in range(5)]
                 waiting += [await knock(egress, request(HERE, port)) for _ in range(5)]
-                await until(lambda: self_asked and len(egress._tasks) >= 5)
+                await until(lambda: machine.asked and egress.waiting >= 5)
                 for _, writer in waiting:
                     writer.transport.abort()
-                await until(lambda: not egress._tasks and not egress._books.transports)
+                await until(lambda: not egress.waiting and not egress._books.transports)
                 assert egress.load.results["abandoned"] >= 5
-                stop.set()
+                assert not egress._dialer._resolver._flights, "what nobody waits for is not asked any more"
 
     run(scene())
 
@@ -594,7 +648,7 @@ def test_stopped_it_ends_everything_at_once(run: Run) -> None:
             for streams in (*standing, begun):
                 assert await closed(streams) == b""
             await until(lambda: not egress._books.transports)
-            assert not egress._tasks
+            assert not egress.waiting
 
     run(scene())
 
@@ -608,7 +662,7 @@ async def main():
     async with Egress(EgressConfig(allow=("*",))) as egress:
         for host in ("example.com", "8.8.8.8", "2606:4700::1"):
             try:
-                await egress.connect(host, 80)
+                await egress.connect(host, 80, egress.main.budget)
             except NotConnected as failure:
                 print(failure.reason)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import threading
 from ipaddress import IPv4Address, IPv6Address, IPv6Network, ip_address
+from typing import cast
 
 import pytest
+from aiodns import DNSResolver
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
@@ -266,26 +267,30 @@ class Slow(Names):
 
     def __init__(self) -> None:
         super().__init__({"quick.test": ["1.1.1.1"]})
-        self.release = threading.Event()
+        self.release = asyncio.Event()
+        self.given_up = 0
 
-    def lookup(self, name: str) -> list[Address]:
-        if name.endswith("slow.test"):
-            self.asked.append(name)
-            self.release.wait(10)
-            return [PUBLIC]
-        return super().lookup(name)
+    async def lookup(self, name: str) -> list[Address]:
+        if not name.endswith("slow.test"):
+            return await super().lookup(name)
+        self.asked.append(name)
+        try:
+            await self.release.wait()
+        except asyncio.CancelledError:
+            self.given_up += 1
+            raise
+        return [PUBLIC]
 
 
 async def test_slow_names_hold_up_no_others() -> None:
     machine = Slow()
-    resolver = Resolver(EgressConfig(resolver_threads=4, resolver_share=0.5, resolve_seconds=5), machine)
-    slow = [asyncio.create_task(resolver.resolve(f"{nth}.slow.test")) for nth in range(20)]
-    while len(machine.asked) < 2:
+    resolver = Resolver(EgressConfig(), machine)
+    slow = [asyncio.create_task(resolver.resolve(f"{nth}.a{nth}.slow.test")) for nth in range(500)]
+    while len(machine.asked) < 500:
         await asyncio.sleep(0.001)
     assert await resolver.resolve("quick.test") == (ip_address("1.1.1.1"),)
-    assert len([name for name in machine.asked if "slow" in name]) == 2, "its share of the threads"
     machine.release.set()
-    assert await asyncio.gather(*slow) == [(PUBLIC,)] * 20
+    assert await asyncio.gather(*slow) == [(PUBLIC,)] * 500
     await resolver.close()
 
 
@@ -295,8 +300,76 @@ async def test_a_name_that_is_never_answered_is_given_up_and_asked_for_once() ->
     both = await asyncio.gather(resolver.resolve("a.slow.test"), resolver.resolve("a.slow.test"))
     assert tuple(both) == ("dns_timed_out", "dns_timed_out")
     assert machine.asked == ["a.slow.test"]
-    machine.release.set()
+    await asyncio.sleep(0)
+    assert machine.given_up == 1
+    assert not resolver._flights
     await resolver.close()
+
+
+async def test_a_lookup_lasts_as_long_as_somebody_waits_for_it() -> None:
+    machine = Slow()
+    resolver = Resolver(EgressConfig(), machine)
+    one, other = (asyncio.create_task(resolver.resolve("a.slow.test")) for _ in range(2))
+    await asyncio.sleep(0.01)
+    one.cancel()
+    await asyncio.sleep(0.01)
+    assert machine.given_up == 0
+    other.cancel()
+    await asyncio.sleep(0.01)
+    assert machine.given_up == 1
+    again = asyncio.create_task(resolver.resolve("a.slow.test"))
+    await asyncio.sleep(0.01)
+    machine.release.set()
+    assert await again == (PUBLIC,)
+    await resolver.close()
+
+
+class NameServer(asyncio.DatagramProtocol):
+    """Answers A with 1.2.3.4 for ``here.test``, that there is none for ``none.test``, and nothing else."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        self._transport = cast(asyncio.DatagramTransport, transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        labels, at = [], 12
+        while data[at]:
+            labels.append(data[at + 1 : at + 1 + data[at]].decode())
+            at += 1 + data[at]
+        name, kind, question = ".".join(labels), data[at + 2], data[12 : at + 5]
+        self.asked.append(name)
+        if name not in ("here.test", "none.test"):
+            return
+        answer = b"\xc0\x0c\0\1\0\1\0\0\0\x3c\0\4\1\2\3\4" if (name, kind) == ("here.test", 1) else b""
+        flags = b"\x81\x83" if name == "none.test" else b"\x81\x80"
+        counts = b"\0\1" + (b"\0\1" if answer else b"\0\0") + b"\0\0\0\0"
+        self._transport.sendto(data[:2] + flags + counts + question + answer, addr)
+
+
+async def test_a_real_name_server_that_leaves_names_unanswered() -> None:
+    loop = asyncio.get_running_loop()
+    transport, server = await loop.create_datagram_endpoint(NameServer, local_addr=("127.0.0.1", 0))
+    machine = Machine()
+    machine._resolver = DNSResolver(
+        nameservers=["127.0.0.1"],
+        udp_port=transport.get_extra_info("sockname")[1],
+        timeout=30,
+        tries=1,
+        domains=[],
+    )
+    resolver = Resolver(EgressConfig(), machine)
+    slow = [asyncio.create_task(resolver.resolve(f"a.domain-{nth}.test")) for nth in range(100)]
+    while len(set(server.asked)) < 100:
+        await asyncio.sleep(0.005)
+    assert await resolver.resolve("here.test") == (ip_address("1.2.3.4"),)
+    assert await resolver.resolve("none.test") == "no_such_name"
+    for task in slow:
+        task.cancel()
+    await asyncio.gather(*slow, return_exceptions=True)
+    await resolver.close()
+    transport.close()
 
 
 async def test_answers_are_kept_for_a_while_and_failures_are_not() -> None:
@@ -327,11 +400,13 @@ async def test_the_cache_is_bounded() -> None:
         await resolver.resolve(f"{nth}.test")
     assert len(resolver._cache) == 10
     assert not resolver._flights
-    assert not resolver._sites
+    assert not resolver._waiting
     await resolver.close()
 
 
-def test_the_machine_knows_its_own_addresses() -> None:
-    assert IPv4Address("127.0.0.1") in Machine().own_addresses()
-    assert ip_address("127.0.0.1") in Machine().lookup("localhost")
+async def test_the_machine_knows_its_own_addresses() -> None:
+    machine = Machine()
+    assert IPv4Address("127.0.0.1") in machine.own_addresses()
+    assert ip_address("127.0.0.1") in await machine.lookup("localhost")
+    await machine.close()
     assert isinstance(Machine().is_online(), bool)

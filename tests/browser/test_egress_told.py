@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import pytest_asyncio
+from aiodns.error import ARES_ESERVFAIL, DNSError
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
@@ -31,10 +32,10 @@ class Network(Names):
 
     is_plugged_in = True
 
-    def lookup(self, name: str) -> list[Address]:
+    async def lookup(self, name: str) -> list[Address]:
         if name == "broken.test":
-            raise socket.gaierror(socket.EAI_AGAIN, "try again")
-        return super().lookup(name)
+            raise DNSError(ARES_ESERVFAIL, "try again")
+        return await super().lookup(name)
 
     def is_online(self) -> bool:
         return self.is_plugged_in

@@ -121,7 +121,7 @@ async def bare_browsers(
         egress = await stack.enter_async_context(Egress(config.egress))
         processes = []
         for _ in range(browsers):
-            process, _ = await launch_sandboxed(config, executable, ProfileRoot(), None, egress)
+            process, _ = await launch_sandboxed(config, executable, ProfileRoot(), None, egress.main)
             stack.push_async_callback(process.kill)
             processes.append(process)
         yield BareBrowsers(processes, [await _tab(process) for process in processes for _ in range(tabs)])

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from webgym.browser.cdp import CommandFailed, Connection
 from webgym.browser.config import BrowserConfig
-from webgym.browser.egress import Egress
+from webgym.browser.egress import Door
 from webgym.browser.memory import bound
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState, examined, is_to_blame, planned_sandbox, remedy
@@ -268,9 +268,9 @@ def _tail(profile: Path) -> str:
     return " | ".join(reasons[-_LOG_LINES:] or lines[-_LOG_LINES:])
 
 
-def _arguments(executable: Path, profile: Path, sandbox: SandboxState, egress: Egress) -> list[str]:
+def _arguments(executable: Path, profile: Path, sandbox: SandboxState, door: Door) -> list[str]:
     folder = f"--user-data-dir={profile}{os.sep}profile"
-    arguments = [str(executable), *_FLAGS, *egress.browser_flags, folder]
+    arguments = [str(executable), *_FLAGS, *door.browser_flags, folder]
     if not sandbox.on:
         arguments.append("--no-sandbox")
     return arguments
@@ -334,7 +334,7 @@ async def _new_profile(root: ProfileRoot) -> Path:
 
 
 async def _started(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, egress: Egress
+    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, door: Door
 ) -> tuple[BrowserProcess, socket.socket]:
     """A browser and our end of its pipe, or nothing at all of it."""
     profile = await _new_profile(root)
@@ -345,7 +345,7 @@ async def _started(
             undo.callback(ours.close)
             ours.setblocking(False)
             with theirs:
-                pid = _spawn(_arguments(executable, profile, sandbox, egress), theirs, profile)
+                pid = _spawn(_arguments(executable, profile, sandbox, door), theirs, profile)
             process = BrowserProcess(pid, Connection(), profile, root, config.kill_seconds)
         except OSError as error:
             if pid is not None:
@@ -359,14 +359,14 @@ async def _started(
 
 
 async def launch(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, egress: Egress
+    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, door: Door
 ) -> BrowserProcess:
-    """Start a browser that reaches the network through ``egress`` alone, and wait for its first answer.
+    """Start a browser that reaches the network through ``door`` alone, and wait for its first answer.
 
     Raises:
         BrowserLaunchFailed: it cannot be started, ended at once, or did not answer in time.
     """
-    process, ours = await _started(config, executable, root, sandbox, egress)
+    process, ours = await _started(config, executable, root, sandbox, door)
     connection = process.connection
     try:
         await asyncio.get_running_loop().create_unix_connection(lambda: connection, sock=ours)
@@ -390,7 +390,7 @@ async def launch_sandboxed(
     executable: Path,
     root: ProfileRoot,
     sandbox: SandboxState | None,
-    egress: Egress,
+    door: Door,
 ) -> tuple[BrowserProcess, SandboxState]:
     """Start a browser with its sandbox if that can be had; what was found out is said in the log.
 
@@ -402,9 +402,9 @@ async def launch_sandboxed(
     """
     state = sandbox or planned_sandbox(config)
     if sandbox is not None or not state.on:
-        process = await launch(config, executable, root, state, egress)
+        process = await launch(config, executable, root, state, door)
     else:
-        process, state = await _launch_first(config, executable, root, egress)
+        process, state = await _launch_first(config, executable, root, door)
     if sandbox is None and not state.on:
         mend = "" if config.sandbox == "off" else f"; to mend it: {remedy()}"
         log.warning("Chromium runs WITHOUT its sandbox: %s%s", state.reason, mend)
@@ -412,11 +412,11 @@ async def launch_sandboxed(
 
 
 async def _launch_first(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, egress: Egress
+    config: BrowserConfig, executable: Path, root: ProfileRoot, door: Door
 ) -> tuple[BrowserProcess, SandboxState]:
     """Start a browser with its sandbox, or without it if that is the only way and allowed."""
     try:
-        return await _launch_examined(config, executable, root, SandboxState(True), egress)
+        return await _launch_examined(config, executable, root, SandboxState(True), door)
     except BrowserLaunchFailed as error:
         if not is_to_blame(error.message):
             raise
@@ -426,15 +426,15 @@ async def _launch_first(
             ) from error
         log.info("%s", error.message)
     state = SandboxState(False, "this machine does not let Chromium build it")
-    process, _ = await _launch_examined(config, executable, root, state, egress)
+    process, _ = await _launch_examined(config, executable, root, state, door)
     return process, state
 
 
 async def _launch_examined(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, planned: SandboxState, egress: Egress
+    config: BrowserConfig, executable: Path, root: ProfileRoot, planned: SandboxState, door: Door
 ) -> tuple[BrowserProcess, SandboxState]:
     """Start a browser, see that it renders, and whether its pages are contained."""
-    process = await launch(config, executable, root, planned, egress)
+    process = await launch(config, executable, root, planned, door)
     try:
         seen = await examined(process.connection, process.processes, config.open_seconds)
         if config.sandbox == "on" and not seen.on:

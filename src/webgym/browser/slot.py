@@ -18,7 +18,7 @@ from webgym.browser.actions import is_led_on
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
-from webgym.browser.egress import Egress
+from webgym.browser.egress import Door, Egress
 from webgym.browser.gestures import AnyAction, carry_out
 from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
@@ -87,6 +87,7 @@ class Slot:
         self._executable = executable
         self._profiles = profiles
         self._egress = egress
+        self._door: Door | None = None
         self._process: BrowserProcess | None = None
         self._context = ""
         self._page: Page | None = None
@@ -182,9 +183,14 @@ class Slot:
             BrowserLaunchFailed: it does not come up.
         """
         await self.stop()
-        self._process, self.sandbox = await launch_sandboxed(
-            self.config, self._executable, self._profiles, self.sandbox, self._egress
-        )
+        self._door = await self._egress.open_door()
+        try:
+            self._process, self.sandbox = await launch_sandboxed(
+                self.config, self._executable, self._profiles, self.sandbox, self._door
+            )
+        except BaseException:
+            await self.stop()
+            raise
         self.launches += 1
         self._episodes = 0
         connection = self._process.connection
@@ -209,6 +215,9 @@ class Slot:
             await page.close()
         if process is not None:
             await process.kill()
+        door, self._door = self._door, None
+        if door is not None:
+            await door.close()
 
     def _on_attached(self, attached: AttachedToTarget) -> None:
         if attached.target_info.opener_id:
@@ -264,6 +273,8 @@ class Slot:
             await self.start()
         await self.warm()
         assert self._page is not None
+        assert self._door is not None
+        self._door.renew()
         try:
             await self._page.begin(options)
         except (CommandFailed, TargetGone) as error:

@@ -94,7 +94,9 @@ async def try_browser(executable: Path, seconds: float) -> Trial:
     try:
         async with asyncio.timeout(seconds):
             async with Egress(config.egress) as egress:
-                process, sandbox = await launch_sandboxed(config, executable, ProfileRoot(), None, egress)
+                process, sandbox = await launch_sandboxed(
+                    config, executable, ProfileRoot(), None, egress.main
+                )
                 try:
                     fonts, picture = await _draw(process, seconds)
                 finally:

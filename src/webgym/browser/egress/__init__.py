@@ -6,6 +6,7 @@ policy.py      what may be connected to: the operator's rules, then the kinds of
 hosts.py       every spelling of a host, read as a URL parser reads it
 addresses.py   what kind of address this is
 resolver.py    names to addresses, so that a slow name holds up no other
+budget.py      what one session may use of all that
 politeness.py  how often one host is connected to
 machine.py     what this machine's network says
 config.py      every limit, with its unit and its reason
@@ -15,6 +16,6 @@ from __future__ import annotations
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import NotConnected, Reason
-from webgym.browser.egress.proxy import Egress, EgressLoad
+from webgym.browser.egress.proxy import Door, Egress, EgressLoad
 
-__all__ = ["Egress", "EgressConfig", "EgressLoad", "NotConnected", "Reason"]
+__all__ = ["Door", "Egress", "EgressConfig", "EgressLoad", "NotConnected", "Reason"]

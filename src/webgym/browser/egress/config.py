@@ -47,17 +47,26 @@ class EgressConfig(BaseModel):
 
     # --- names ------------------------------------------------------------------------------------
 
-    resolver_threads: int = Field(default=48, gt=0)
-    """Lookups at once, each in a blocking call of the system's resolver."""
-
-    resolver_share: float = Field(default=0.25, gt=0, le=1)
-    """Of these threads, for the names of one site (its last two labels): slow ones hold up no others."""
-
     cache_seconds: float = Field(default=30.0, ge=0)
     """How long a lookup's result is used again. The check of the address is made at every connection."""
 
     cache_names: int = Field(default=4096, gt=0)
     """Names kept in the cache, and failures kept to be told."""
+
+    # --- one session ------------------------------------------------------------------------------
+
+    session_lookups: int = Field(default=64, gt=0)
+    """Names that one session looks up at once. A page of a newspaper with its advertisements asks for 40."""
+
+    session_names: int = Field(default=4096, gt=0)
+    """Different names that one session asks for, from its beginning to its end."""
+
+    session_connections: int = Field(default=512, gt=0)
+    """Connections of one session at once, those included that are being made. Chromium itself keeps to 256,
+    and to 255 WebSockets."""
+
+    session_bytes: int = Field(default=8 * 2**30, gt=0)
+    """Passed on for one session, in both directions: two hours of video."""
 
     # --- politeness -------------------------------------------------------------------------------
 

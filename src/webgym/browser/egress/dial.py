@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Literal, TypeAlias, TypeVar
 
 from webgym.browser.egress.addresses import plain
+from webgym.browser.egress.budget import Budget, Spent
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address, Host, read_host
 from webgym.browser.egress.machine import Machine
@@ -88,18 +89,19 @@ class Dialer:
         self._politeness = Politeness(config.rate, config.burst, config.wait_seconds)
         self._own: frozenset[Address] = frozenset()
         self._own_until = 0.0
-        self.own_port = 0
+        self.own_ports: set[int] = set()
         """The proxy's, which must not be led to itself."""
 
     async def close(self) -> None:
         """Stop looking up names."""
         await self._resolver.close()
 
-    async def dial(self, text: str, port: int, protocol: Callable[[], P]) -> P:
+    async def dial(self, text: str, port: int, budget: Budget, protocol: Callable[[], P]) -> P:
         """Connect to a host, to an address that was checked.
 
         Args:
             text: the host, in any spelling.
+            budget: of the session that asks.
             protocol: makes what is connected.
 
         Raises:
@@ -111,12 +113,14 @@ class Dialer:
             raise NotConnected("malformed", f"{text[:80]!r} cannot be connected to: {error}") from None
         try:
             route = self._policy.route(host, port)
-            addresses = await self._resolve(route.place.host)
+            addresses = await self._resolve(route.place.host, budget)
             admitted = self._policy.admit(route, addresses, self._own_addresses())
         except Nowhere:
             raise NotConnected("no_such_name") from None
         except Forbidden as error:
             raise NotConnected("forbidden", f"refused by the egress policy: {error}") from None
+        except Spent as error:
+            raise NotConnected("too_many", f"refused: {error}") from None
         self._keep_from_itself(admitted, route)
         if not admitted.is_allowed:
             await self._take_turn(str(host))
@@ -124,10 +128,11 @@ class Dialer:
 
     # --- names --------------------------------------------------------------------------------------
 
-    async def _resolve(self, host: Host) -> tuple[Address, ...]:
+    async def _resolve(self, host: Host, budget: Budget) -> tuple[Address, ...]:
         if not isinstance(host, str):
             return (host,)
-        answer = await self._resolver.resolve(host)
+        with budget.lookup(host):
+            answer = await self._resolver.resolve(host)
         if isinstance(answer, tuple):
             return answer
         if answer != "no_such_name" and not self._machine.is_online():
@@ -142,7 +147,7 @@ class Dialer:
         return self._own
 
     def _keep_from_itself(self, admitted: Admitted, route: Route) -> None:
-        if route.place.port != self.own_port:
+        if route.place.port not in self.own_ports:
             return
         for address in admitted.addresses:
             here = plain(address)

@@ -7,6 +7,7 @@ import socket
 from ipaddress import ip_address
 
 import psutil
+from aiodns import DNSResolver
 
 from webgym.browser.egress.hosts import Address
 
@@ -16,17 +17,33 @@ _ELSEWHERE = ((socket.AF_INET, "198.51.100.1"), (socket.AF_INET6, "2001:db8::1")
 _ANY_PORT = 9
 
 
-class Machine:
-    """This machine, as the system tells."""
+_DNS_SECONDS = 1.5
+"""For a name server to answer, before it or the next one is asked again."""
 
-    def lookup(self, name: str) -> list[Address]:
-        """The addresses of a name, the system's preference first. Blocks.
+_DNS_TRIES = 3
+
+
+class Machine:
+    """This machine, as the system tells: its hosts file and its name servers (c-ares)."""
+
+    _resolver: DNSResolver | None = None
+
+    async def lookup(self, name: str) -> list[Address]:
+        """The addresses of a name, those that this machine reaches best first (RFC 6724).
 
         Raises:
-            OSError: as :func:`socket.getaddrinfo` does.
+            aiodns.error.DNSError: there are none, and why.
         """
-        found = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
-        return [ip_address(str(where[0]).partition("%")[0]) for *_, where in found]
+        if self._resolver is None:  # now, as it belongs to the loop that runs
+            self._resolver = DNSResolver(timeout=_DNS_SECONDS, tries=_DNS_TRIES)
+        found = await self._resolver.getaddrinfo(name, type=socket.SOCK_STREAM)
+        return [ip_address(node.addr[0].decode().partition("%")[0]) for node in found.nodes]
+
+    async def close(self) -> None:
+        """Ask no more."""
+        resolver, self._resolver = self._resolver, None
+        if resolver is not None:
+            await resolver.close()
 
     def own_addresses(self) -> frozenset[Address]:
         """Of all its interfaces."""

@@ -1,4 +1,4 @@
-"""The proxy: SOCKS5 on loopback, one per worker process.
+"""The proxy: SOCKS5 on loopback, one per worker process, with a door of its own for every browser.
 
 A browser asks for a name; whether and where that may be connected to is decided here, and the connection
 is made to the very address that was checked. What another lookup would say a moment later never matters.
@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
+from webgym.browser.egress.budget import Budget, Spent
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import Dialer, NotConnected, Reason
 from webgym.browser.egress.hosts import read_host
@@ -72,8 +73,8 @@ class Egress:
         self.config = config or EgressConfig()
         self._dialer = Dialer(self.config, machine or Machine())
         self._books = Books(self.config)
-        self._server: asyncio.Server | None = None
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._main: Door | None = None
+        self._doors: set[Door] = set()
         self._failures: OrderedDict[tuple[str, int], NotConnected] = OrderedDict()
 
     # --- life ---------------------------------------------------------------------------------------
@@ -86,29 +87,132 @@ class Egress:
         await self.stop()
 
     async def start(self) -> None:
-        """Listen."""
-        loop = asyncio.get_running_loop()
-        self._server = await loop.create_server(lambda: _Handshake(self), _LOOPBACK, 0, backlog=_BACKLOG)
-        self._dialer.own_port = self.port
+        """Listen, at the door for those who have none of their own."""
+        self._main = await self.open_door()
 
     async def stop(self) -> None:
         """End every connection. Safe to call twice, and before :meth:`start`."""
-        server, self._server = self._server, None
-        if server is None:
+        main, self._main = self._main, None
+        if main is None:
             return
-        server.close()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await asyncio.gather(*(door.close() for door in tuple(self._doors)))
         await self._books.empty()
         await self._dialer.close()
-        await server.wait_closed()
+
+    async def open_door(self) -> Door:
+        """A way in with a budget of its own."""
+        door = Door(self)
+        await door._open()
+        self._doors.add(door)
+        self._dialer.own_ports.add(door.port)
+        return door
+
+    @property
+    def main(self) -> Door:
+        """The door for those who have none of their own."""
+        assert self._main is not None, "the proxy was not started"
+        return self._main
 
     @property
     def port(self) -> int:
         """Where it listens, on 127.0.0.1."""
-        assert self._server is not None, "the proxy was not started"
-        return cast(int, self._server.sockets[0].getsockname()[1])
+        return self.main.port
+
+    # --- what is seen -------------------------------------------------------------------------------
+
+    @property
+    def load(self) -> EgressLoad:
+        """At this moment."""
+        books = self._books
+        return EgressLoad(books.open, dict(books.results), books.sent, books.received)
+
+    @property
+    def waiting(self) -> int:
+        """Connections that are being made."""
+        return sum(len(door._tasks) for door in self._doors)
+
+    def failure(self, url: str) -> NotConnected | None:
+        """Why the last connection to a URL's host and port that failed did so, if it is still known."""
+        try:
+            parts = urlsplit(url)
+            port = parts.port or _DEFAULT_PORTS.get(parts.scheme, 0)
+        except ValueError:
+            return None
+        return self._failures.get((_spelt(parts.hostname or ""), port))
+
+    # --- connections --------------------------------------------------------------------------------
+
+    async def connect(self, host: str, port: int, budget: Budget) -> ServerEnd:
+        """A connection to a host, if it may and can be had. The books say how it went.
+
+        It counts in the budget from here on, and whoever has it must end that.
+
+        Raises:
+            NotConnected: and why.
+        """
+        result = "abandoned"
+        is_counted = False
+        try:
+            try:
+                budget.enter()
+            except Spent as error:
+                raise NotConnected("too_many", f"refused: {error}") from None
+            is_counted = True
+            server = await self._dialer.dial(host, port, budget, lambda: ServerEnd(self._books, budget))
+            result = "connected"
+            return server
+        except NotConnected as failure:
+            result = failure.reason
+            key = (_spelt(host), port)
+            self._failures[key] = failure
+            self._failures.move_to_end(key)
+            if len(self._failures) > self.config.cache_names:
+                self._failures.popitem(last=False)
+            raise
+        finally:
+            self._books.results[result] += 1
+            if is_counted and result != "connected":
+                budget.leave()
+
+
+class Door:
+    """A browser's own way to the proxy, and the budget of the session that it serves.
+
+    Made by :meth:`Egress.open_door`.
+    """
+
+    def __init__(self, egress: Egress) -> None:
+        self._egress = egress
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._server: asyncio.Server | None = None
+        self.budget = Budget(egress.config)
+
+    async def _open(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(lambda: _Handshake(self), _LOOPBACK, 0, backlog=_BACKLOG)
+        self._port = cast(int, self._server.sockets[0].getsockname()[1])
+
+    async def close(self) -> None:
+        """Take no more connections; what is being connected is given up. Safe to call twice."""
+        server, self._server = self._server, None
+        if server is None:
+            return
+        server.close()
+        self.renew()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._egress._dialer.own_ports.discard(self._port)
+        self._egress._doors.discard(self)
+
+    def renew(self) -> None:
+        """Another session begins, with a whole budget. What the last one still waits for is given up."""
+        for task in self._tasks:
+            task.cancel()
+        self.budget = Budget(self._egress.config)
+
+    @property
+    def port(self) -> int:
+        """Where it is, on 127.0.0.1."""
+        return self._port
 
     @property
     def browser_flags(self) -> tuple[str, ...]:
@@ -123,46 +227,9 @@ class Egress:
             "--force-webrtc-ip-handling-policy=disable_non_proxied_udp",
         )
 
-    # --- what is seen -------------------------------------------------------------------------------
-
-    @property
-    def load(self) -> EgressLoad:
-        """At this moment."""
-        books = self._books
-        return EgressLoad(books.open, dict(books.results), books.sent, books.received)
-
     def failure(self, url: str) -> NotConnected | None:
-        """Why the last connection to a URL's host and port that failed did so, if it is still known."""
-        try:
-            parts = urlsplit(url)
-            port = parts.port or _DEFAULT_PORTS.get(parts.scheme, 0)
-        except ValueError:
-            return None
-        return self._failures.get((_spelt(parts.hostname or ""), port))
-
-    # --- connections --------------------------------------------------------------------------------
-
-    async def connect(self, host: str, port: int) -> ServerEnd:
-        """A connection to a host, if it may and can be had. The books say how it went.
-
-        Raises:
-            NotConnected: and why.
-        """
-        result = "abandoned"
-        try:
-            server = await self._dialer.dial(host, port, lambda: ServerEnd(self._books))
-            result = "connected"
-            return server
-        except NotConnected as failure:
-            result = failure.reason
-            key = (_spelt(host), port)
-            self._failures[key] = failure
-            self._failures.move_to_end(key)
-            if len(self._failures) > self.config.cache_names:
-                self._failures.popitem(last=False)
-            raise
-        finally:
-            self._books.results[result] += 1
+        """As :meth:`Egress.failure`."""
+        return self._egress.failure(url)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
         task = asyncio.get_running_loop().create_task(work)
@@ -185,9 +252,10 @@ class _Handshake(asyncio.Protocol):
     _transport: asyncio.Transport
     _deadline: asyncio.TimerHandle
 
-    def __init__(self, egress: Egress) -> None:
-        self._egress = egress
-        self._books = egress._books
+    def __init__(self, door: Door) -> None:
+        self._door = door
+        self._egress = door._egress
+        self._books = self._egress._books
         self._held = b""
         self._is_greeted = False
         self._task: asyncio.Task[None] | None = None
@@ -239,23 +307,25 @@ class _Handshake(asyncio.Protocol):
         if request.command != CONNECT:  # UDP and listening are not for web pages
             self._answer(reply(NO_COMMAND))
             return
-        self._task = self._egress._spawn(self._connect(request))
+        self._task = self._door._spawn(self._connect(request))
 
     def _answer(self, last_words: bytes) -> None:
         self._transport.write(last_words)
         self._transport.close()
 
     async def _connect(self, request: Request) -> None:
+        budget = self._door.budget
         try:
-            server = await self._egress.connect(request.host, request.port)
+            server = await self._egress.connect(request.host, request.port, budget)
         except NotConnected as failure:
             self._answer(reply(_REPLIES.get(failure.reason, FAILED)))
             return
         if self._transport.is_closing():
+            budget.leave()
             server.transport.abort()
             return
         self._deadline.cancel()
-        browser = BrowserEnd(self._books)
+        browser = BrowserEnd(self._books, budget)
         browser.connection_made(self._transport)
         self._transport.set_protocol(browser)
         self._transport.write(reply(SUCCEEDED))

@@ -12,6 +12,7 @@ import struct
 from collections import Counter
 from typing import cast
 
+from webgym.browser.egress.budget import Budget
 from webgym.browser.egress.config import EgressConfig
 
 _KEEPALIVE_PROBES = 4
@@ -53,8 +54,9 @@ class _End(asyncio.Protocol):
     transport: asyncio.Transport
     """There from :meth:`connection_made` on."""
 
-    def __init__(self, books: Books) -> None:
+    def __init__(self, books: Books, budget: Budget) -> None:
         self._books = books
+        self._budget = budget
         self.other: _End | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -66,6 +68,14 @@ class _End(asyncio.Protocol):
     def connection_lost(self, _: Exception | None) -> None:
         """It is gone."""
         self._books.leave(self.transport)
+
+    def _pass_on(self, data: bytes, other: _End) -> None:
+        """Write at the other end. A session that has passed all that it may loses both."""
+        if self._budget.take(len(data)):
+            other.transport.write(data)
+        else:
+            other.transport.abort()
+            self.transport.abort()
 
     def pause_writing(self) -> None:
         """This end takes no more: stop reading at the other."""
@@ -86,12 +96,13 @@ class BrowserEnd(_End):
     def data_received(self, data: bytes) -> None:
         """To the server."""
         self._books.sent += len(data)
-        self.other.transport.write(data)
+        self._pass_on(data, self.other)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The browser is done, in both directions, as it never closes but one: so is the server."""
         super().connection_lost(exc)
         self._books.open -= 1
+        self._budget.leave()
         self.other.transport.close()
 
     def end(self, error: Exception | None) -> None:
@@ -109,8 +120,8 @@ class ServerEnd(_End):
 
     other: BrowserEnd | None
 
-    def __init__(self, books: Books) -> None:
-        super().__init__(books)
+    def __init__(self, books: Books, budget: Budget) -> None:
+        super().__init__(books, budget)
         self._early: list[bytes] = []
         self._is_over = False
         self._error: Exception | None = None
@@ -142,7 +153,7 @@ class ServerEnd(_End):
             self._early.append(data)
             return
         self._books.received += len(data)
-        self.other.transport.write(data)
+        self._pass_on(data, self.other)
 
     def eof_received(self) -> bool:
         """The server says no more, but may still listen."""

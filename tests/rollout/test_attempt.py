@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 
 import pytest
 from tests.rollout.test_summary import task
@@ -12,7 +13,7 @@ from webgym.agent.config import AgentConfig
 from webgym.agent.policy import OpensNothing, Turn
 from webgym.core.action import BrowserAction
 from webgym.core.errors import PolicyTimeout
-from webgym.core.observation import Observation
+from webgym.core.observation import Notice, Observation
 from webgym.core.outcome import Ending
 from webgym.core.trajectory import Episode, Reply
 from webgym.rollout.attempt import Attempt, AttemptConfig, Stage
@@ -29,9 +30,10 @@ class Pages:
 
     id = "s"
 
-    def __init__(self) -> None:
+    def __init__(self, failures: Mapping[int, str]) -> None:
         self.looks = 0
         self.kept: set[str] = set()
+        self._failures = failures
 
     async def open(self, options: SessionOptions | None = None) -> Pages:
         del options
@@ -42,7 +44,11 @@ class Pages:
         self.looks += 1
         image = b"page %d" % self.looks
         name = hashlib.sha256(image).hexdigest()
-        return View(Observation(name, f"http://a.test/{self.looks}", "A", (1280, 768), status=200), image)
+        failed = self._failures.get(self.looks)
+        notices = (Notice("navigation_failed", failed),) if failed else ()
+        url = f"http://a.test/{self.looks}"
+        status = None if failed else 200
+        return View(Observation(name, url, "A", (1280, 768), status=status, notices=notices), image)
 
     async def close(self) -> None:
         pass
@@ -72,8 +78,10 @@ class Says(OpensNothing):
         return Reply(self._replies.pop(0), "says")
 
 
-async def made(policy: Says, budget: int = 3) -> tuple[Episode, Pages, Progress]:
-    pages, progress = Pages(), Progress(total=1)
+async def made(
+    policy: Says, budget: int = 3, failures: Mapping[int, str] | None = None
+) -> tuple[Episode, Pages, Progress]:
+    pages, progress = Pages(failures or {}), Progress(total=1)
     stage = Stage(
         client=pages,
         agent=Agent(policy, AgentConfig(image_max_side=None)),
@@ -114,3 +122,36 @@ async def test_a_turn_that_fails_is_kept_with_its_cause_and_the_page_that_was_op
     assert episode.final is not None
     assert episode.final.url == f"http://a.test/{before + 1}"
     assert episode.final.screenshot in pages.kept
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        "http://a.test/2: net::ERR_CONNECTION_REFUSED",
+        "http://a.test: net::ERR_NAME_NOT_RESOLVED",
+        "http://a.test/2 gave no answer within 15 s",
+        "http://b.test/ (which leads to http://a.test/2): net::ERR_CONNECTION_RESET",
+        "http://a.test/2: the page broke off, net::ERR_CONNECTION_RESET",
+    ],
+)
+async def test_a_website_that_goes_away_under_an_attempt_is_no_failure_of_the_agents(told: str) -> None:
+    episode, _, _ = await made(Says(ACTS, ACTS, ACTS), failures={2: told})
+    assert episode.ending is Ending.ENVIRONMENT_FAILED
+    assert episode.failure is not None
+    assert told in episode.failure.message
+    assert len(episode.steps) == 1
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        "http://a.test:81/: net::ERR_CONNECTION_REFUSED",  # made up by the agent
+        "http://b.test/: net::ERR_NAME_NOT_RESOLVED",
+        "http://a.test/2: net::ERR_CACHE_MISS, this page was the answer to a form, which is not sent again",
+        "http://a.test/2 (which leads to http://b.test/): net::ERR_CONNECTION_REFUSED",
+        '"http://a.test/2" was not opened: only http and https addresses are',
+    ],
+)
+async def test_a_navigation_that_fails_otherwise_is_the_agents_to_deal_with(told: str) -> None:
+    episode, _, _ = await made(Says(ACTS, ACTS, ACTS), failures={2: told})
+    assert episode.ending is Ending.BUDGET_SPENT

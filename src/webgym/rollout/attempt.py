@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import re
 import time
 from dataclasses import dataclass
 from typing import Any, Generic, Protocol, TypeVar
@@ -21,6 +22,18 @@ from webgym.core.trajectory import Episode, Failure, Step
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress, State
 from webgym.server import Cookie, SessionOptions, View
+
+_ORIGIN = re.compile(r"https?://[^/\s?#\"]+", re.IGNORECASE)
+_CONNECTION = re.compile(
+    r"gave no answer within|too many new connections|"
+    r"net::ERR_(CONNECTION|NAME|DNS|ADDRESS|INTERNET|NETWORK|EMPTY_RESPONSE|TIMED_OUT|SOCKS|INSUFFICIENT)"
+)
+"""In what a browser says when a navigation failed: the way to the website is broken, not the page."""
+
+
+def _origin(url: str) -> str:
+    found = _ORIGIN.findall(url)
+    return found[-1].lower().rstrip(":") if found else ""
 
 
 class BrowserSession(Protocol):
@@ -169,6 +182,7 @@ class Attempt:
         self._answer: str | None = None
         self._ending = Ending.CANCELLED
         self._failure: Failure | None = None
+        self._reached: set[str] = set()
         self._session = ""
         self._state: State | None = None
         self._clock: asyncio.Timeout | None = None
@@ -242,6 +256,7 @@ class Attempt:
                 return Ending.ANSWERED
             self._move("acting")
             view = await session.step(step.action)
+            self._check_connection(view.observation)
             changed = view.observation.screenshot != step.observation.screenshot
             self._steps[-1] = msgspec.structs.replace(step, changed=changed)
         await stage.store.put_image(view.observation.screenshot, view.image)
@@ -258,8 +273,27 @@ class Attempt:
             notices = view.observation.notices
             refused = next((notice.text for notice in notices if notice.kind == "navigation_failed"), "")
             if not refused or view.observation.status is not None:
+                self._check_connection(view.observation)
                 return view
         raise NavigationFailed(f"{url} cannot be opened: {refused}")
+
+    def _check_connection(self, seen: Observation) -> None:
+        """A website that could be reached, and now cannot, is the environment's failure, not the agent's.
+
+        An address that never answered may be the agent's own invention.
+
+        Raises:
+            NavigationFailed: it cannot be reached any more.
+        """
+        for notice in seen.notices:
+            if (
+                notice.kind == "navigation_failed"
+                and _CONNECTION.search(notice.text)
+                and _origin(notice.text) in self._reached
+            ):
+                raise NavigationFailed(f"the website went away under the attempt: {notice.text}")
+        if seen.status is not None:
+            self._reached.add(_origin(seen.url))
 
     def _refuse_without_action(self) -> None:
         """A model that never once replied in the format was asked wrongly: no measure of what it can do."""

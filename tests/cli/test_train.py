@@ -118,8 +118,8 @@ def test_a_stop_says_how_to_go_on(
     found, printed = calls.run("train", settings, "--out", folder)
     assert found == code
     assert said in printed
-    (line,) = [each for each in printed.splitlines() if each.startswith("go on with:")]
-    assert line == f"go on with: webgym train --resume '{folder}'"
+    (line,) = [each for each in printed.splitlines() if "go on with:" in each]
+    assert line == f"what is done is kept; go on with: webgym train --resume '{folder}'"
     assert "Traceback" not in printed
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import os
+import shlex
 import signal
+import sys
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
 from pathlib import Path
@@ -17,6 +19,7 @@ from rich.markup import escape
 
 from webgym.collection import RunConfig, Secrets
 from webgym.core.errors import ConfigError
+from webgym.rollout.files import CONFIG
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
 from webgym.settings import first_problem, merged, read_settings, without_none
@@ -27,8 +30,12 @@ SERVER_TOKEN = "WEBGYM_TOKEN"  # noqa: S105 - a variable's name
 SITES_TOKEN = "WEBGYM_SITES_TOKEN"  # noqa: S105 - a variable's name
 
 
-def run(job: Callable[[], Coroutine[Any, Any, T]]) -> T:
+def run(job: Callable[[], Coroutine[Any, Any, T]], *, resumed_by: tuple[str, Path] | None = None) -> T:
     """Run a coroutine; Ctrl-C and SIGTERM cancel it, so that what is in flight is recorded.
+
+    Args:
+        job: what to run.
+        resumed_by: a command, and the folder that it goes on with: told if the job does not come to its end.
 
     Raises:
         KeyboardInterrupt: it was cancelled.
@@ -44,8 +51,14 @@ def run(job: Callable[[], Coroutine[Any, Any, T]]) -> T:
         except asyncio.CancelledError:
             raise KeyboardInterrupt from None
 
-    with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
-        return runner.run(guarded())
+    try:
+        with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
+            return runner.run(guarded())
+    except BaseException:
+        if resumed_by is not None and (resumed_by[1] / CONFIG).is_file():
+            command = f"{resumed_by[0]} --resume {shlex.quote(str(resumed_by[1]))}"
+            print(f"what is done is kept; go on with: {command}", file=sys.stderr)
+        raise
 
 
 def secrets(server_token_file: Path | None = None) -> Secrets:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import shlex
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
@@ -18,7 +17,6 @@ from rich.table import Table
 from webgym.cli import _run
 from webgym.collection import Secrets
 from webgym.report import write_training_report
-from webgym.rollout.files import CONFIG
 from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, panel
 from webgym.rollout.progress import Progress
 from webgym.train.loop import TrainConfig
@@ -137,11 +135,6 @@ def carry_out(
         ):
             await training.run()
 
-    try:
-        _run.run(train)
-    except BaseException:
-        if (folder / CONFIG).is_file():
-            view.tell(f"go on with: webgym train --resume {shlex.quote(str(folder))}")
-        raise
+    _run.run(train, resumed_by=("webgym train", folder))
     report = write_training_report(folder)
     view.tell(f"report   {report}")

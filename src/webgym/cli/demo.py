@@ -109,7 +109,10 @@ def command(
         f"{tasks} tasks on unseen websites, {sessions} browser sessions, {config.policy.name} policy",
         highlight=False,
     )
-    summary = run(lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)))
+    summary = run(
+        lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)),
+        resumed_by=("webgym rollout", folder),
+    )
     report = write_report(folder)
     print_summary(summary, console)
     console.print(f"\nreport   {report}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True)

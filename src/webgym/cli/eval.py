@@ -107,7 +107,8 @@ def command(
                 retry_errors=retry_errors,
                 show=show,
                 tell=tell,
-            )
+            ),
+            resumed_by=("webgym eval", folder),
         )
     else:
         overrides: dict[str, Any] = {
@@ -128,7 +129,10 @@ def command(
             )
         )
         folder = out or _new_folder()
-        summary = _run.run(lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell))
+        summary = _run.run(
+            lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell),
+            resumed_by=("webgym eval", folder),
+        )
     if report:
         write_report(folder)
     _tell([evaluate(folder)], console, as_json, as_markdown, as_latex)

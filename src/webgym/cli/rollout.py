@@ -68,7 +68,8 @@ def command(
                 retry_errors=retry_errors,
                 show=show,
                 tell=tell,
-            )
+            ),
+            resumed_by=("webgym rollout", folder),
         )
     elif out is not None and resume is None:
         folder = out
@@ -86,7 +87,10 @@ def command(
             (policy, mistakes, base_url, model),
             (judge, judge_base_url, judge_model),
         )
-        summary = _run.run(lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell))
+        summary = _run.run(
+            lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell),
+            resumed_by=("webgym rollout", folder),
+        )
     else:
         raise UsageError("give either --out or --resume", hint="--out makes a run, --resume goes on with one")
     path = write_report(folder) if report else None

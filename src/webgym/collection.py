@@ -475,7 +475,11 @@ async def _carry_out(
         retry_errors=retry_errors,
     )
     name = company.agent.policy.name
-    progress = Progress(total=plan.total, note=oracle_note(name) if name in ORACLES else "")
+    progress = Progress(
+        total=plan.total,
+        note=oracle_note(name) if name in ORACLES else "",
+        trouble=lambda: getattr(company.agent.policy, "trouble", ""),
+    )
     judge = company.judge
     stage = Stage(
         client=company.client,

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import time
 from collections.abc import Callable
 from typing import Any
@@ -260,3 +261,22 @@ def test_settings_out_of_range(changes: dict[str, Any]) -> None:
 
 def test_a_trailing_slash_does_no_harm() -> None:
     assert config("http://host:8000/v1/").base_url == "http://host:8000/v1"
+
+
+@pytest.mark.parametrize(
+    ("behaviour", "slow", "told"),
+    [("500", 99.0, "1 of 1 requests are sent again: .* answered 500"), ("silent", 0.05, "is silent for 0 s")],
+)
+async def test_who_waits_is_told_what_for(
+    endpoint: Endpoint, monkeypatch: pytest.MonkeyPatch, behaviour: str, slow: float, told: str
+) -> None:
+    monkeypatch.setattr("webgym.llm.client._SLOW_SECONDS", slow)
+    patient = config(endpoint.url(behaviour), retry=Retry(first_seconds=5))
+    async with ChatClient(patient) as client, asyncio.timeout(10):
+        asking = asyncio.create_task(client.complete(MESSAGES))
+        while not client.trouble:
+            await asyncio.sleep(0.01)
+        assert re.search(told, client.trouble)
+        asking.cancel()
+        await asyncio.gather(asking, return_exceptions=True)
+        assert client.trouble == ""

@@ -8,8 +8,8 @@ import ipaddress
 import os
 import random
 import time
-from collections.abc import AsyncIterator, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from types import TracebackType
 from typing import Any, Final, Self
 
@@ -41,6 +41,8 @@ _TRY_AGAIN: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
 _TOO_BUSY: Final = frozenset({429, 503, 529})
 _QUOTA: Final = "insufficient_quota"
 """How endpoints name a 429 that no waiting helps against."""
+_SLOW_SECONDS: Final = 30.0
+"""A request that is under way for longer is said to hold up."""
 _MOST_DOUBLINGS: Final = 60
 """Of a pause; more would not fit into a number."""
 _READING_TOKENS: Final = 50
@@ -98,6 +100,7 @@ class ChatClient:
         self._ledger = ledger or Ledger(cache)
         self._gate = Gate(config.concurrency, config.adapt)
         self._http: httpx.AsyncClient | None = None
+        self._under_way: set[_Progress] = set()
 
     @property
     def sampling(self) -> Sampling:
@@ -220,6 +223,7 @@ class ChatClient:
             kept: takes over what the successful try holds.
         """
         progress = _Progress(self.config.total_seconds)
+        kept.enter_context(self._watched(progress))
         retry = self.config.retry
         refused = failed = 0
         while True:
@@ -242,6 +246,30 @@ class ChatClient:
                 if is_last or progress.left_seconds <= 0:
                     raise failure.error from failure.error.__cause__
             await asyncio.sleep(pause)
+
+    @contextmanager
+    def _watched(self, progress: _Progress) -> Iterator[None]:
+        self._under_way.add(progress)
+        try:
+            yield
+        finally:
+            self._under_way.discard(progress)
+
+    @property
+    def trouble(self) -> str:
+        """What holds requests up at this moment, for a person who waits; empty for nothing."""
+        requests = tuple(self._under_way)
+        refused = [request for request in requests if request.last is not None]
+        if refused:
+            newest = max(refused, key=lambda request: request.began)
+            assert newest.last is not None
+            return f"{len(refused)} of {len(requests)} requests are sent again: {newest.last.message}"
+        oldest = min(requests, key=lambda request: request.began, default=None)
+        waited = time.monotonic() - oldest.began if oldest else 0.0
+        if oldest is None or waited < _SLOW_SECONDS:
+            return ""
+        so_far = f"has sent {size(oldest.received)}" if oldest.received else "is silent"
+        return f"{self._where()} {so_far} for {waited:.0f} s"
 
     async def _try(self, content: bytes, turn: Turn, progress: _Progress) -> Stored:
         """One try; the gate is told how it went.
@@ -372,6 +400,7 @@ class _Progress:
         """Begin a try."""
         self.answered = False
         self.received = 0
+        self.began = time.monotonic()
 
 
 class _TryAgain(Exception):

@@ -57,7 +57,7 @@ def line(progress: Progress) -> str:
         f"{progress.done}/{progress.total} done, {progress.steps} steps, "
         f"{progress.steps_per_second:.1f} steps/s, success {_success(progress)}, {_invalid(progress)}"
         f"{duration(progress.seconds_left)} left ({outcomes or 'nothing ended yet'})"
-        f"{f'; {progress.note}' if progress.note else ''}"
+        + "".join(f"; {plain(told)}" for told in (progress.note, progress.trouble()) if told)
     )
 
 
@@ -98,9 +98,8 @@ def panel(progress: Progress, title: str = "webgym") -> RenderableType:
         last.add_row(
             Text(outcome, style=COLORS[outcome]), Text(f"{steps} steps", style="dim"), Text(plain(task_id))
         )
-    warnings = [
-        Text(told, style="yellow") for told in (progress.note, _invalid(progress).rstrip(", ")) if told
-    ]
+    told = (progress.note, _invalid(progress).rstrip(", "), progress.trouble())
+    warnings = [Text(plain(each), style="yellow") for each in told if each]
     return Panel(Group(head, figures, states, outcomes, *warnings, last), title=title, title_align="left")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
@@ -31,6 +32,7 @@ class Progress:
         steps: taken in this session.
         invalid: steps of this session whose replies hold no action.
         note: what all of the figures must be read with; empty for nothing.
+        trouble: says what the attempts wait for at this moment, if it is out of the ordinary.
         last: the attempts that ended last, newest first: (outcome, task id, steps).
     """
 
@@ -42,6 +44,7 @@ class Progress:
     steps: int = 0
     invalid: int = 0
     note: str = ""
+    trouble: Callable[[], str] = str
     last: deque[tuple[Outcome, str, int]] = field(default_factory=lambda: deque(maxlen=6))
     started: float = field(default_factory=time.monotonic)
     _recent: deque[float] = field(default_factory=deque)

@@ -26,6 +26,7 @@ from webgym.core.errors import (
     ProtocolError,
     ServerUnreachable,
     TooManySessions,
+    TooManyWaiting,
     Unauthorized,
     WorkerLost,
 )
@@ -38,6 +39,7 @@ from webgym.server import (
     SessionOptions,
     running_gateway,
 )
+from webgym.server.line import Line
 from webgym.server.messages import (
     GENERATION_HEADER,
     SECRET_HEADER,
@@ -175,6 +177,22 @@ async def test_one_line_first_come_first_served(gateway: RunningGateway, client:
     await held[1].close()
     for other in others:
         await other.__aexit__()
+
+
+async def test_the_line_has_an_end() -> None:
+    line = Line({}, 2)
+    waiting = [asyncio.create_task(line.turn(10)) for _ in range(2)]
+    await asyncio.sleep(0)
+    with pytest.raises(TooManyWaiting, match="2 callers wait"):
+        await line.turn(10)
+    assert len(line) == 2
+    again = asyncio.create_task(line.turn(10, again=True))  # its worker went away: it has waited before
+    waiting[0].cancel()
+    await asyncio.sleep(0)
+    assert len(line) == 2
+    for task in (*waiting, again):
+        task.cancel()
+    await asyncio.gather(*waiting, again, return_exceptions=True)
 
 
 async def test_a_client_has_its_limit_over_all_workers(client: BrowserClient) -> None:

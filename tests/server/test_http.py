@@ -7,6 +7,7 @@ import contextlib
 import json
 import socket
 from collections.abc import AsyncIterator
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -21,11 +22,14 @@ from webgym.core.errors import (
     ProtocolError,
     ServerUnreachable,
     TooManySessions,
+    TooManyWaiting,
     Unauthorized,
 )
 from webgym.server import BrowserClient, RunningServer, ServerConfig, SessionOptions, running_server
+from webgym.server.front import error_response
 from webgym.server.messages import Watched
 from webgym.server.operations import OPERATIONS
+from webgym.server.pool import Pool
 
 from .conftest import TOKEN, quick
 
@@ -305,3 +309,10 @@ async def test_whoever_watches_hears_of_every_change(http: httpx.AsyncClient, cl
         async with asyncio.timeout(10):
             while msgspec.json.decode(await anext(lines), type=Watched).slots.free < 2:
                 pass
+
+
+async def test_who_finds_the_line_full_is_told_when_to_come_again() -> None:
+    with pytest.raises(TooManyWaiting, match="0 callers wait for a slot already") as refused:
+        await Pool(ServerConfig(waiting=0), Path("browser")).acquire()
+    answer = error_response(refused.value)
+    assert (answer.status_code, answer.headers["retry-after"]) == (429, "5")

@@ -24,7 +24,8 @@
     │   ├── LeaseLost          the session expired, was closed or belongs to a successor
     │   │   └── WorkerLost     the process or machine that held the session is gone
     │   ├── NoCapacity         every slot stayed taken for as long as we may wait
-    │   │   └── TooManySessions  one client holds as many as it may
+    │   │   ├── TooManySessions  one client holds as many as it may
+    │   │   └── TooManyWaiting   as many wait for a slot as may
     │   └── ProtocolError      a request or reply that breaks the contract
     ├── SitesError             the offline web, or the way to it, did it
     ├── LLMError               a model's endpoint did it; agent and judge say whose model it was
@@ -221,6 +222,17 @@ class TooManySessions(NoCapacity):
     """One client holds as many sessions as a client may."""
 
     code = "too_many_sessions"
+
+
+class TooManyWaiting(NoCapacity):
+    """As many callers wait for a slot as may; come back later."""
+
+    code = "too_many_waiting"
+
+    @classmethod
+    def of(cls, count: int) -> TooManyWaiting:
+        """With the number of those who wait."""
+        return cls(f"{count:,} callers wait for a slot already", hint="ask again later, or start more slots")
 
 
 class ProtocolError(ServerError):

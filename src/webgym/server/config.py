@@ -86,6 +86,10 @@ class ServerConfig(BaseModel):
     allocate_seconds: float = Field(default=60.0, ge=0)
     """How long a caller waits in line for a free slot before ``no_capacity``."""
 
+    waiting: int = Field(default=4096, ge=0)
+    """Callers who may wait in that line, each with a connection of its own; more are sent away with
+    ``too_many_waiting`` (429)."""
+
     ttl_seconds: float = Field(default=60.0, gt=0)
     """A lease that is not renewed for so long is taken back, unless its holder asked for another time."""
 

@@ -24,6 +24,7 @@ from webgym.core.errors import (
     ProtocolError,
     ServerUnreachable,
     TooManySessions,
+    TooManyWaiting,
     Unauthorized,
     WebGymError,
 )
@@ -41,6 +42,7 @@ _STATUS_OF: dict[type[WebGymError], int] = {
     Unauthorized: 401,
     LeaseLost: 410,
     TooManySessions: 429,
+    TooManyWaiting: 429,
     NoCapacity: 503,
     ServerUnreachable: 502,
     ProtocolError: 400,
@@ -49,6 +51,8 @@ _STATUS_OF: dict[type[WebGymError], int] = {
     WebGymError: 500,
 }
 """The first class of an error's ancestry that stands here decides."""
+
+_HEADERS_OF = {401: {"www-authenticate": "Bearer"}, 429: {"retry-after": "5"}}
 
 
 class _TooLarge(ProtocolError):
@@ -210,7 +214,7 @@ def error_response(error: WebGymError, status: int | None = None) -> Response:
     public = next(cls for cls in type(error).__mro__ if cls.__module__ == WebGymError.__module__)
     code = getattr(public, "code", WebGymError.code)
     body = ErrorReply(ErrorBody(code, error.message, error.hint))
-    headers = {"www-authenticate": "Bearer"} if status == 401 else None
+    headers = _HEADERS_OF.get(status)
     return Response(msgspec.json.encode(body), status_code=status, media_type=JSON, headers=headers)
 
 

@@ -77,7 +77,7 @@ class Gateway:
     def __init__(self, config: ServerConfig, fleet_config: GatewayConfig, hosts: Hosts, token: str) -> None:
         self.config = config
         self.fleet = Fleet(hosts, fleet_config, token, self._on_change)
-        self.line = Line(self.fleet.workers)
+        self.line = Line(self.fleet.workers, config.waiting)
         self.feed = Feed(self._watched, config.beat_seconds)
         self._quota = Quota(config.sessions_per_client)
         self._asked = 0

@@ -6,7 +6,7 @@ import asyncio
 from collections import deque
 from collections.abc import Mapping
 
-from webgym.core.errors import NoCapacity
+from webgym.core.errors import NoCapacity, TooManyWaiting
 from webgym.server.workers import Worker
 
 
@@ -18,10 +18,12 @@ class Line:
 
     Args:
         workers: those that are up.
+        longest: callers who may wait.
     """
 
-    def __init__(self, workers: Mapping[str, Worker]) -> None:
+    def __init__(self, workers: Mapping[str, Worker], longest: int) -> None:
         self._workers = workers
+        self._longest = longest
         self._waiting: deque[asyncio.Future[Worker]] = deque()
 
     def __len__(self) -> int:
@@ -35,6 +37,7 @@ class Line:
 
         Raises:
             NoCapacity: none had one in time.
+            TooManyWaiting: there is none, and as many wait as may.
         """
         turn: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
         if again:
@@ -42,6 +45,9 @@ class Line:
         else:
             self._waiting.append(turn)
         self.serve()
+        if not (again or turn.done()) and len(self) > self._longest:
+            turn.cancel()
+            raise TooManyWaiting.of(self._longest)
         try:
             async with asyncio.timeout(seconds):
                 return await turn

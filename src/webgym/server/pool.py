@@ -13,7 +13,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.browser.memory import MemoryWatch
 from webgym.browser.process import BrowserProcess
 from webgym.browser.sandbox import SandboxState
-from webgym.core.errors import BrowserError, NoCapacity
+from webgym.core.errors import BrowserError, NoCapacity, TooManyWaiting
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SlotLoad
 
@@ -107,9 +107,12 @@ class Pool:
 
         Raises:
             NoCapacity: none became free within ``allocate_seconds``.
+            TooManyWaiting: there is none, and as many wait as may.
             BrowserLaunchFailed: none can become free, because no browser comes up.
         """
         self._check_health()
+        if self._free.empty() and self._waiting >= self._config.waiting:
+            raise TooManyWaiting.of(self._waiting)
         self._waiting += 1
         self.on_change()
         try:

@@ -192,6 +192,26 @@ async def test_http_status_and_redirects(site: Site, tab: Tab) -> None:
     assert (look.observation.url, look.observation.status) == (site.url("/end"), 200)
 
 
+LOOPS = {
+    "reload": "<script>location.reload()</script>",
+    "refresh": "<meta http-equiv=refresh content=0>",
+    "itself": "<script>location.href = '?' + Math.random()</script>",
+    "timer": "<script>setTimeout(() => location.reload(), 20)</script>",
+}
+
+
+@pytest.mark.parametrize("body", LOOPS.values(), ids=LOOPS.keys())
+async def test_a_page_that_leads_on_and_on_is_held_and_can_be_left(site: Site, tab: Tab, body: str) -> None:
+    home = site.page("<p>Home</p>", "/home")
+    await tab.goto(site.page(f"<p>Still here</p><a href='{home}'>Out</a>{body}"))
+    most = tab.slot.config.most_documents
+    assert tab.notices == [("still_loading", f"the page led on {most} times; it is held here for now")]
+    assert "Still here" in tab.text
+    await tab.step(LeftClick(tab.at("Out")))
+    assert tab.text == ["Home"]
+    assert tab.notices == []
+
+
 async def test_a_crashed_renderer_is_brought_back(site: Site, tab: Tab) -> None:
     home = site.page("<title>Home</title><p>alive</p>")
     await tab.goto(home)

@@ -104,6 +104,11 @@ class BrowserConfig(BaseModel):
     screenshot_retry_seconds: float = Field(default=0.05, gt=0)
     """Pause after "Unable to capture screenshot", which Chromium says while a page comes or goes."""
 
+    most_documents: int = Field(default=12, ge=1)
+    """Documents that may follow one another in the tab after an action. A page that leads on and on, as one
+    that reloads itself, is then held where it is until the next action, so that it can be looked at. Signing
+    in somewhere takes five or six."""
+
     # --- settling -----------------------------------------------------------------------------------
 
     settle_seconds: float = Field(default=10.0, gt=0)

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import logging
 import time
+from collections.abc import Callable
 from typing import Any, TypeVar
 from urllib.parse import urldefrag
 
@@ -27,6 +28,7 @@ from webgym.browser.wire import (
     Nothing,
     RequestedNavigation,
     RequestFailed,
+    RequestPaused,
     ResponseReceived,
     ScheduledNavigation,
 )
@@ -135,6 +137,10 @@ class Page:
         """Where this action wanted to lead, and was said not to."""
         self._leaving_for = ""
         """Loader of the navigation that was begun last."""
+        self._documents = 0
+        """That have been there since the action began."""
+        self._forget_hold: Callable[[], None] | None = None
+        """Set while the tab is kept at its document."""
         self.worlds = Worlds(session, target_id, config)
         self.popups = Popups(self)
         self.workers = Workers(self)
@@ -213,7 +219,11 @@ class Page:
     def begin_action(self) -> None:
         """An action starts: what is limited per action is counted anew."""
         self._happened.clear()
-        self._dialogs = 0
+        self._dialogs = self._documents = 0
+        if self._forget_hold is not None:
+            self._forget_hold()
+            self._forget_hold = None
+            self.session.send("Fetch.disable")
         self.returned = None
         self._told_unopened = ""
         self.popups.begin_action()
@@ -374,6 +384,9 @@ class Page:
         frame = event.frame
         if frame.id != self.target_id:
             return
+        self._documents += 1
+        if self._documents > self.config.most_documents and self._forget_hold is None:
+            self._hold()
         self.url = (frame.unreachable_url or frame.url) + frame.url_fragment
         self.status = self._statuses.get(frame.loader_id)
         self.loader = frame.loader_id
@@ -387,6 +400,20 @@ class Page:
         self.changes = -1
         self.timers_set = 0
         self.points = {}
+
+    def _hold(self) -> None:
+        """Keep the tab at its document until the next action."""
+        self._forget_hold = self.session.on("Fetch.requestPaused", RequestPaused, self._on_paused)
+        self.session.send("Fetch.enable", {"patterns": [{"urlPattern": "*", "resourceType": "Document"}]})
+        self.note(
+            "still_loading", f"the page led on {self.config.most_documents} times; it is held here for now"
+        )
+
+    def _on_paused(self, event: RequestPaused) -> None:
+        if event.frame_id != self.target_id:
+            self.session.send("Fetch.continueRequest", {"requestId": event.request_id})
+        else:  # a document whose successor is only made to wait is never drawn
+            self.session.send("Fetch.failRequest", {"requestId": event.request_id, "errorReason": "Aborted"})
 
     def _on_within_document(self, event: NavigatedWithinDocument) -> None:
         if event.frame_id == self.target_id:

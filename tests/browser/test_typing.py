@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from webgym.browser import BrowserConfig
 from webgym.browser.keyboard import ENTER, key_of, runs, strokes
 from webgym.core.action import LeftClick, Target, Type
 
@@ -115,15 +116,30 @@ async def test_codes_and_numbers_of_keys(site: Site, tab: Tab) -> None:
 
 
 @browser
-async def test_a_long_text_ends_in_a_key(site: Site, tab: Tab) -> None:
+async def test_a_field_that_lives_on_keys_gets_every_one(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page(
-            "<input aria-label=Field><p id=out></p><script>addEventListener('keyup', (event) => {"
-            "if (event.key !== 'Enter') out.textContent = 'found ' + event.target.value; })</script>"
+            "<input aria-label=Field><p id=out></p><script>const f = document.querySelector('input');"
+            "f.addEventListener('keydown', (event) => { if (event.key.length > 1) return;"
+            "event.preventDefault(); f.value += event.key; })</script>"
         )
     )
     await tab.step(Type(tab.at("Field"), "a longer search for boots"))
-    assert tab.text[-1] == "found a longer search for boots"
+    assert value(tab, "Field") == "a longer search for boots"
+
+
+@browser
+async def test_a_very_long_text_is_inserted_and_ends_in_a_key(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(typed_keys=8))
+    await tab.goto(
+        site.page(
+            "<input aria-label=Field><p id=out></p><script>let keys = 0;"
+            "addEventListener('keydown', () => (keys += 1)); addEventListener('keyup', (event) => {"
+            "if (event.key !== 'Enter') out.textContent = `${keys} found ${event.target.value}`; })</script>"
+        )
+    )
+    await tab.step(Type(tab.at("Field"), "a longer search for boots"))
+    assert tab.text[-1] == "1 found a longer search for boots"
 
 
 @browser

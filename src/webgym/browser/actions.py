@@ -199,12 +199,11 @@ async def _compose(page: Page, text: str) -> None:
     )
 
 
-async def _write(page: Page, text: str, most_keys: int) -> None:
-    for way, run in strokes(text, most_keys):
+async def _write(page: Page, text: str) -> None:
+    for way, run in strokes(text, page.config.typed_keys):
         match way:
             case "keys":
-                for character in run:
-                    await _press(page, key_of(character))
+                await asyncio.gather(*(_press(page, key_of(character)) for character in run))
             case "compose":
                 await _compose(page, run)
             case "insert":
@@ -265,15 +264,13 @@ async def type_at(
         case "chosen":
             return
         case "keys" | "none" | "frame":
-            if len(text) > config.watched_keys:
-                raise ActionFailed(
-                    f"this is no text field; it takes {config.watched_keys} key presses at most"
-                )
-            await _write(page, text, config.watched_keys)
+            if len(text) > config.typed_keys:
+                raise ActionFailed(f"this is no text field; it takes {config.typed_keys} key presses at most")
+            await _write(page, text)
         case "text" if text:
             if not replace:
                 await press(page, "Control", "End")  # the selection gives way to a caret behind it
-            await _write(page, text, config.watched_keys if field.keyed else config.typed_keys)
+            await _write(page, text)
         case "text" if field.filled and replace:
             await _press(page, BACKSPACE)
     if enter:

@@ -172,14 +172,11 @@ class BrowserConfig(BaseModel):
     scroll_fraction: float = Field(default=0.75, gt=0, le=2)
     """Of the viewport's height, per scroll. A quarter stays in view, so that no line is skipped."""
 
-    typed_keys: int = Field(default=8, ge=1)
-    """A text of up to this many characters is typed key by key. A key costs about 1 ms of CPU, as much as
-    inserting a whole text, so a longer one is inserted up to its last character, which is a key again: a
-    page that listens to keys alone hears of the change."""
-
-    watched_keys: int = Field(default=200, ge=1)
-    """The same for fields that look at every key: numbers, codes, masks. Also the longest text for
-    something that is no field but takes keys, such as a board."""
+    typed_keys: int = Field(default=200, ge=1)
+    """A text of up to this many characters is typed key by key: there is no telling which fields look at
+    every key. A key costs about 1 ms of CPU, as much as inserting a whole text, so a longer one is inserted
+    up to its last character, which is a key again. Also the longest text for something that is no field but
+    takes keys, such as a board."""
 
     url_length: int = Field(default=16_384, gt=0)
     """Longest address that is opened, characters: a model that repeats itself writes longer ones."""

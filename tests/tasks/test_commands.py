@@ -251,3 +251,23 @@ def test_sample_prefers_what_succeeded_half_the_time(calls: Calls, tmp_path: Pat
     assert len(set(output.split()) & {task.id for task in tasks[100:]}) >= 7
     code, output = calls.run("tasks", "sample", whole, "--curriculum", run, "--spread-websites")
     assert (code, "two ways of weighing" in output) == (2, True)
+
+
+@pytest.mark.parametrize("command", ["sample", "validate", "check", "stats", "split", "show", "convert"])
+def test_a_terminal_obeys_nothing_that_a_task_file_says(calls: Calls, tmp_path: Path, command: str) -> None:
+    """Neither markup nor escape codes: not from a task that can be read, and not from one that cannot."""
+    evil = "[/x][red]\x1b[2J\x9b2J\u202e"
+    held = [
+        msgspec.structs.replace(task(f"{evil}{number}"), domain=evil, subdomain=evil, instruction=evil)
+        for number in range(2)
+    ]
+    path = tmp_path / "evil.jsonl"
+    write_tasks(path, [*held, msgspec.structs.replace(held[0], website=evil, id="third", parent_id=evil)])
+    path.write_bytes(path.read_bytes() * 2)  # the second time round, their ids are taken
+    more = {"split": ("--out", tmp_path / "out"), "convert": (tmp_path / "out.jsonl",)}.get(command, ())
+    few = {"sample": ("--split", "unsplit"), "split": ("--test", 1)}.get(command, ())
+    code, output = calls.run("tasks", command, path, *more, *few)
+    assert code == (1 if command in ("validate", "check", "convert") else 0), output
+    assert "Error" not in output
+    assert not any(character in output for character in "\x1b\x9b\u202e")
+    assert "[/x][red]" in output

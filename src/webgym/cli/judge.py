@@ -172,7 +172,7 @@ def _print(state: Judging, spent: Cost, console: Console) -> None:
     from webgym.cli._judging import cost_line, outcomes_line
     from webgym.cli._summary import REASONS, line
 
-    console.print(f"judge      {state.judge}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"judge      {line(state.judge)}", highlight=False, soft_wrap=True, markup=False)
     unjudged = sum(state.failures.values())
     told = f"{state.done - unjudged} of {state.total} attempts judged, {state.earlier} of them earlier"
     skipped = f"; {state.skipped} did not end of their own" if state.skipped else ""
@@ -194,14 +194,16 @@ def _print_comparison(one: str, other: str, comparison: Any, console: Console) -
     both, agreed = comparison.both, comparison.agreed
     share = f"{agreed / both:.1%}" if both else "–"
     console.print()
-    console.print(f"compared   {one}\nwith       {other}", highlight=False, soft_wrap=True, markup=False)
+    console.print(
+        f"compared   {line(one)}\nwith       {line(other)}", highlight=False, soft_wrap=True, markup=False
+    )
     console.print(
         f"agreement  {agreed} of {both} rewards ({share}); {comparison.unjudged} without two rewards"
     )
     for difference in comparison.differences:
         outcomes = f"{difference.one.outcome} / {difference.other.outcome}"
         console.print(
-            f"  {difference.attempt_id}: {outcomes}: {line(difference.why(), 600)}",
+            f"  {line(difference.attempt_id)}: {outcomes}: {line(difference.why(), 600)}",
             highlight=False,
             soft_wrap=True,
             markup=False,

@@ -57,7 +57,7 @@ def line(progress: Progress) -> str:
         f"{progress.done}/{progress.total} done, {progress.steps} steps, "
         f"{progress.steps_per_second:.1f} steps/s, success {_success(progress)}, {_invalid(progress)}"
         f"{duration(progress.seconds_left)} left ({outcomes or 'nothing ended yet'})"
-        f"{f'; {progress.note}' if progress.note else ''}"
+        f"{f'; {plain(progress.note)}' if progress.note else ''}"
     )
 
 
@@ -99,7 +99,7 @@ def panel(progress: Progress, title: str = "webgym") -> RenderableType:
             Text(outcome, style=COLORS[outcome]), Text(f"{steps} steps", style="dim"), Text(plain(task_id))
         )
     warnings = [
-        Text(told, style="yellow") for told in (progress.note, _invalid(progress).rstrip(", ")) if told
+        Text(plain(told), style="yellow") for told in (progress.note, _invalid(progress).rstrip(", ")) if told
     ]
     return Panel(Group(head, figures, states, outcomes, *warnings, last), title=title, title_align="left")
 
@@ -120,7 +120,7 @@ async def showing(progress: Progress, console: Console) -> AsyncIterator[None]:
             yield
         finally:
             await _stop(task)
-    console.print(line(progress), highlight=False, soft_wrap=True)
+    console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
 
 
 async def _refresh(live: Live, progress: Progress) -> None:
@@ -132,7 +132,7 @@ async def _refresh(live: Live, progress: Progress) -> None:
 async def _print_lines(progress: Progress, console: Console) -> None:
     while True:
         await asyncio.sleep(LINE_SECONDS)
-        console.print(line(progress), highlight=False, soft_wrap=True)
+        console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
 
 
 async def _stop(task: asyncio.Task[None]) -> None:

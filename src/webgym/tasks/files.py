@@ -22,6 +22,7 @@ from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Rubric, Task
+from webgym.core.text import plain
 from webgym.tasks.absent import is_no_fact
 
 BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
@@ -45,7 +46,7 @@ class BrokenRecord:
     reason: str
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}: {self.reason}"
+        return plain(f"{self.file}:{self.line}: {self.reason}")
 
 
 @dataclass(frozen=True)

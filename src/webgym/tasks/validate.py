@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
 from webgym.core.task import Task
+from webgym.core.text import plain
 from webgym.core.websites import site_of, site_or_text
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.published import DIFFICULTY_DIFFERS
@@ -52,7 +53,7 @@ class Offender:
     detail: str
 
     def __str__(self) -> str:
-        return f"{self.rule}: {self.id} ({self.website}): {self.detail}"
+        return plain(f"{self.rule}: {self.id} ({self.website}): {self.detail}")
 
 
 @dataclass(frozen=True, slots=True)

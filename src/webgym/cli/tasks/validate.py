@@ -45,6 +45,7 @@ def validate(
 
 
 def _tell(report: Report, broken: Sequence[str], lines: int) -> None:
+    from webgym.core.text import plain
     from webgym.tasks.validate import RULES
 
     print(
@@ -60,7 +61,7 @@ def _tell(report: Report, broken: Sequence[str], lines: int) -> None:
         print(f"BAD every record can be read: {len(broken):,} cannot")
         _some(broken, lines)
     if report.orphans:
-        some = ", ".join(report.orphans[:3])
+        some = plain(", ".join(report.orphans[:3]))
         print(f"{len(report.orphans):,} derived tasks have no parent here, which is no offence: {some}, ...")
 
 

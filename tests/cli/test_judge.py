@@ -123,7 +123,7 @@ def test_a_judge_that_always_fails_is_told_with_its_reason(
     assert webgym("judge", run, "--judge", "failing_judges:never", "--limit", "3") == 1
     said = capsys.readouterr().out
     assert "judged     0 of" in said
-    assert "  3 failing_judges:never failed: ValueError: no [31m idea" in said
+    assert "  3 failing_judges:never failed: ValueError: no\N{REPLACEMENT CHARACTER}[31m idea" in said
     assert "\x1b" not in said
 
 

@@ -49,8 +49,7 @@ class LiveRun:
         ended = list(attempts)
         if any(attempts[row["id"]].outcome != row["outcome"] for row in self.rows):
             self.rows, self.overview = [], Overview(self.reader)  # some have a verdict now
-        for attempt_id in ended[len(self.rows) :]:
-            trajectory = self.reader.trajectory(attempt_id)
+        for trajectory in self.reader.trajectories(ended[len(self.rows) :]):
             self.overview.add(trajectory)
             self.rows.append(row(trajectory, self.reader.tasks.get(trajectory.episode.task_id)))
 

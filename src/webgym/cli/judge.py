@@ -137,7 +137,7 @@ def judge_a_run(
         without_rubric=without_rubric,
         default=own_choice(RunReader(run).config),
     )
-    refuse_unjudgeable(choice, list(RunReader(run).tasks.values()))
+    refuse_unjudgeable(choice, list(RunReader(run, skip_corrupt=True).tasks.values()))
     known = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
     settings = RejudgeConfig(judges=concurrency, limit=limit, again=again)
 
@@ -177,6 +177,11 @@ def _print(state: Judging, spent: Cost, console: Console) -> None:
     told = f"{state.done - unjudged} of {state.total} attempts judged, {state.earlier} of them earlier"
     skipped = f"; {state.skipped} did not end of their own" if state.skipped else ""
     console.print(f"judged     {told}{skipped}", highlight=False, soft_wrap=True)
+    if state.left_out:
+        records = "1 record" if len(state.left_out) == 1 else f"{len(state.left_out)} records"
+        console.print(f"left out   {records} that cannot be judged", highlight=False)
+        for why in state.left_out[:REASONS]:
+            console.print(f"  {line(why)}", highlight=False, soft_wrap=True, markup=False)
     console.print("outcomes  ", outcomes_line(state))
     for message, count in state.failures.most_common(REASONS):
         console.print(f"  {count} {line(message)}", highlight=False, soft_wrap=True, markup=False)

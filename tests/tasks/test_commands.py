@@ -82,13 +82,23 @@ def test_validate_names_offenders_in_any_files(calls: Calls, tmp_path: Path) -> 
     ]
 
 
+@pytest.mark.parametrize("collection", ["large", "small"])
+def test_our_own_set_is_valid(calls: Calls, tmp_path: Path, collection: str) -> None:
+    path = tmp_path / "offline.jsonl"
+    few = ("--collection", collection, "--per-family", 6)
+    assert calls.run("tasks", "offline", "--out", path, *few)[0] == 0
+    code, output = calls.run("tasks", "validate", path)
+    assert code == 0, output
+    assert " 0 for testing" not in output
+
+
 def test_validate_fails_over_a_broken_record_and_over_tasks_without_a_split(
     calls: Calls, tmp_path: Path
 ) -> None:
     path = tmp_path / "tasks.jsonl"
     path.write_bytes(msgspec.json.encode(task("a/1")) + b"\nnonsense\n")
     code, output = calls.run("tasks", "validate", path, "--unsplit")
-    assert code == 1
+    assert code == 2
     assert "every record can be read: 1 cannot" in output
     path.write_bytes(msgspec.json.encode(task("a/1")) + b"\n")
     code, output = calls.run("tasks", "validate", path, "--unsplit")
@@ -267,7 +277,7 @@ def test_a_terminal_obeys_nothing_that_a_task_file_says(calls: Calls, tmp_path: 
     more = {"split": ("--out", tmp_path / "out"), "convert": (tmp_path / "out.jsonl",)}.get(command, ())
     few = {"sample": ("--split", "unsplit"), "split": ("--test", 1)}.get(command, ())
     code, output = calls.run("tasks", command, path, *more, *few)
-    assert code == (1 if command in ("validate", "check", "convert") else 0), output
+    assert code == (2 if command in ("validate", "check", "convert") else 0), output
     assert "Error" not in output
     assert not any(character in output for character in "\x1b\x9b\u202e")
     assert "[/x][red]" in output

@@ -77,6 +77,18 @@ def disk_errors(doing: str) -> Iterator[None]:
         raise StoreError(f"cannot go on {doing}: {error}") from error
 
 
+def make_folder(path: Path) -> None:
+    """Make the folder that a command was given to write to.
+
+    Raises:
+        RunFolderError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFolderError(f"cannot make the folder {path}: {error.strerror}") from error
+
+
 def sync_folder(path: Path) -> None:
     """Make names in a folder as durable as the files they name."""
     fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY)

@@ -51,6 +51,7 @@ from webgym.rollout.files import (
     disk_errors,
     image_path,
     last_line_end,
+    make_folder,
     sync_folder,
     take_lock,
     write_whole,
@@ -160,10 +161,7 @@ class RunWriter:
 
     @classmethod
     def _create(cls, path: Path, config: Mapping[str, Any], tasks: list[Task], limits: StoreLimits) -> Self:
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
+        make_folder(path)
         refuse_taken(path)
         with disk_errors(f"making {path}"):
             writer = cls(path, limits, take_lock(path))

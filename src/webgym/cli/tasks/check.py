@@ -15,6 +15,7 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from webgym.cli import EXIT_USAGE
     from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.task import LEVELS
     from webgym.core.text import plain
@@ -39,4 +40,4 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     for record in found.broken:
         console.print(str(record), highlight=False, markup=False, soft_wrap=True)
     if found.broken:
-        raise typer.Exit(1)
+        raise typer.Exit(EXIT_USAGE)

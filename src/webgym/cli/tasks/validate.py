@@ -26,6 +26,7 @@ def validate(
     """
     import msgspec
 
+    from webgym.cli import EXIT_FAILED, EXIT_USAGE
     from webgym.cli.tasks._files import read_all, tell_set_aside
     from webgym.tasks.files import whole_file
     from webgym.tasks.validate import validate as check
@@ -40,8 +41,10 @@ def validate(
             file.write(msgspec.json.format(msgspec.json.encode(whole)))
     _tell(report, broken, lines)
     tell_set_aside(held.set_aside)
-    if broken or not report.ok:
-        raise typer.Exit(1)
+    if broken:
+        raise typer.Exit(EXIT_USAGE)
+    if not report.ok:
+        raise typer.Exit(EXIT_FAILED)
 
 
 def _tell(report: Report, broken: Sequence[str], lines: int) -> None:

@@ -51,6 +51,7 @@ from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, Se
 from webgym.settings import first_problem
 from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
 from webgym.tasks.brands import brand_or_text
+from webgym.tasks.files import unfit
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.selection import Selected, Selection, select
 
@@ -238,6 +239,9 @@ def _given(tasks: Sequence[Task], config: RunConfig) -> Chosen:
     selected = select(tasks, config.tasks)
     if len(selected.tasks) != len(tasks):
         raise ConfigError(f"of {len(tasks)} given tasks some must not be attempted: {selected.told()}")
+    for task in tasks:
+        if why := unfit(task):
+            raise ConfigError(f"the task {task.id[:80]} must not be attempted: {why}")
     return Chosen(list(tasks), [], [], selected)
 
 
@@ -280,7 +284,8 @@ async def collect(
         config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
     config = resolved(config, policy, tell)
     given = tasks
-    chosen = choose_tasks(config) if given is None else _given(given, config)
+    # A file of hundreds of thousands of tasks takes seconds, and the caller's loop has others to serve.
+    chosen = await asyncio.to_thread(lambda: choose_tasks(config) if given is None else _given(given, config))
     tasks, selected = chosen.tasks, chosen.selected
     refuse_unjudgeable(config.judge, tasks)
     # As it came out, for the record: what a set without splits was taken as, which subdomains were drawn.
@@ -340,7 +345,7 @@ async def resume(
     config, run_id = read_config(reader)
     if server is not None:
         config = config.model_copy(update={"server": server})
-    tasks = reader.drawn
+    tasks = await asyncio.to_thread(lambda: reader.drawn)
     refuse_unjudgeable(config.judge, tasks)
     async with (
         await RunWriter.reopen(out, skip_corrupt=skip_corrupt) as store,

@@ -120,13 +120,14 @@ def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _nearest(key: str, keys: list[str]) -> str | None:
-    """A key of the same section that is spelt alike, else one of another section that is called the same."""
+    """A key of the same section that is spelt alike, else one of another that is called the same, or alike."""
     section, _, name = key.rpartition(".")
     beside = [each for each in keys if each.rpartition(".")[0] == section]
     close = get_close_matches(name, [each.rpartition(".")[2] for each in beside], n=1)
     if close:
         return f"{section}.{close[0]}" if section else close[0]
-    named = [each for each in keys if each.rpartition(".")[2] == name]
+    alike = get_close_matches(name, {each.rpartition(".")[2] for each in keys}, n=1, cutoff=0.8)
+    named = [each for each in keys if each.rpartition(".")[2] in alike]
     return min(named, key=len) if named else None
 
 

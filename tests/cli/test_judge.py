@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
 import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 from tests.judge.judge_model import Asked, JudgeModel, serve_judge
 from tests.report.conftest import build_run
 
 from webgym.cli import main
+from webgym.rollout.judging import JUDGED
+from webgym.rollout.records import decode
+from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import read_verdicts
 
 
@@ -112,6 +117,30 @@ def test_a_function_of_ones_own(run: Path, tmp_path: Path, monkeypatch: pytest.M
     assert len(held) == 3
 
 
+def test_records_that_cannot_be_judged_are_named_and_the_others_are_judged(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    reader = RunReader(run)
+    changed, odd, lost, *_ = (one for one in reader.trajectories() if one.episode.ending in JUDGED)
+    shard, tasks = run / "trajectories/00000.jsonl", run / "tasks.jsonl"
+    lines = shard.read_bytes().splitlines(keepends=True)
+    places = [next(at for at, line in enumerate(lines) if decode(line) == one) for one in (changed, odd)]
+    lines[places[0]] = lines[places[0]].replace(b"Memory", b"memory", 1)
+    body = msgspec.json.encode(odd).replace(b'"steps":[', b'"steps":[7,', 1)  # its checksum is right
+    digest = hashlib.sha256(body).hexdigest().encode()
+    lines[places[1]] = b'{"sha256":"' + digest + b'","trajectory":' + body + b"}\n"
+    shard.write_bytes(b"".join(lines))
+    tasks.write_bytes(tasks.read_bytes().replace(lost.episode.task_id.encode(), b"another", 1))
+    assert webgym("judge", run, "--judge", ANY) == 0
+    said = capsys.readouterr().out
+    assert "left out   3 records that cannot be judged" in said
+    for place in places:
+        assert f"trajectories/00000.jsonl line {place + 1}: " in said
+    assert f"the run does not hold its task {lost.episode.task_id}" in said
+    (held,) = read_verdicts(run).values()
+    assert f"judged     {len(held)} of {len(held)} attempts" in said
+
+
 def test_a_judge_that_always_fails_is_told_with_its_reason(
     run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -123,7 +152,7 @@ def test_a_judge_that_always_fails_is_told_with_its_reason(
     assert webgym("judge", run, "--judge", "failing_judges:never", "--limit", "3") == 1
     said = capsys.readouterr().out
     assert "judged     0 of" in said
-    assert "  3 failing_judges:never failed: ValueError: no [31m idea" in said
+    assert "  3 failing_judges:never failed: ValueError: no\N{REPLACEMENT CHARACTER}[31m idea" in said
     assert "\x1b" not in said
 
 

@@ -16,7 +16,7 @@ from tests.judge.test_webjudge import REAL
 
 from webgym.cli import main
 from webgym.core.errors import ConfigError, UsageError
-from webgym.core.task import LEVELS, Task
+from webgym.core.task import LEVELS, WHOLE_TASK, Task
 from webgym.core.trajectory import Episode
 from webgym.judge.agreement import (
     METRICS,
@@ -30,7 +30,7 @@ from webgym.judge.agreement import (
 )
 from webgym.judge.factory import JudgeChoice, open_judge
 from webgym.judge.figures import draw_agreement
-from webgym.judge.without_rubric import PREFIX, WHOLE_TASK
+from webgym.judge.without_rubric import PREFIX
 
 QUICK = AgreementConfig(resamples=200)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 from contextlib import suppress
 from pathlib import Path
@@ -45,6 +47,15 @@ def test_what_is_written_reads_back(as_json: bool, written: list[HumanLabel]) ->
     assert not read.broken
     assert read.is_ours
     assert render_labels(read.labels, as_json=as_json) == data
+
+
+def test_a_spreadsheet_carries_nothing_out() -> None:
+    said = ['=HYPERLINK("http://a.example")', "+1", "-1", "@SUM(A1)", "'=1", "''@", "'quoted'", "a=1"]
+    data = render_labels([HumanLabel("success", each, each, each, each) for each in said])
+    cells = {cell for row in csv.reader(io.StringIO(data.decode())) for cell in row}
+    assert not any(cell[0] in "=+-@" for cell in cells if cell)
+    assert {"'+1", "''=1", "'quoted'"} <= cells
+    assert [label.note for label in parse_labels(data).labels] == said
 
 
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 import httpx
@@ -14,10 +15,11 @@ from pydantic import SecretStr, ValidationError
 from webgym.core.errors import SitesError
 from webgym.offline import latency
 from webgym.offline.app import VISITOR_COOKIE, RunningSites, SitesConfig, serving
-from webgym.offline.web import OfflineWeb
-from webgym.offline.website import Behaviour
+from webgym.offline.web import CollectionName, OfflineWeb
+from webgym.offline.website import Behaviour, Visit
 
 TOKEN = "a token for tests"
+FORM = {"content-type": "application/x-www-form-urlencoded"}
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +54,39 @@ async def test_the_host_decides_which_website_answers(web: OfflineWeb) -> None:
                 assert web.specs[host].brand.replace("&", "&amp;") in answer.text
         stranger = await client.get("/", headers={"host": "nobody.webgym.test"})
         assert stranger.status_code == 404
+
+
+LONG = "9" * 10_000
+
+
+@pytest.mark.parametrize("collection", ["large", "small"])
+def test_a_long_number_is_refused_by_every_page_that_takes_one(collection: CollectionName) -> None:
+    web = OfflineWeb(11, per_family=2, collection=collection)
+    for site in (web.website(host) for host in web.specs):
+        assert site is not None
+        names = {"page", "step", "floor", "top", "time", "people", "servings", "count", "number", "since"}
+        for route in site.routes:
+            path = site.path(route.pattern, **dict.fromkeys(re.findall(r"{(\w+)}", route.pattern), LONG))
+            query = dict.fromkeys(names, LONG)
+            form = query if route.method == "POST" else {}
+            lists = {name: [value] for name, value in query.items()}
+            visit = Visit(method=route.method, path=path, query=query, lists=lists, form=form, state={})
+            assert site.handle(visit).status in (400, 403), path
+
+
+async def test_a_form_that_no_page_has_is_refused_and_the_next_one_is_taken(web: OfflineWeb) -> None:
+    host = {"host": host_of(web)}
+    async with served(web) as (_, client):
+        for content in (b"choice=" + b"x" * 60_000_000, b"x" * 60_000_000):
+            with suppress(httpx.WriteError):  # it is not read to its end
+                large = await client.post("/consent", content=content, headers=host | FORM)
+                assert large.status_code == 413
+        torn = {"content-type": "multipart/form-data; boundary=x"}
+        answer = await client.post("/consent", content=b"nothing", headers=host | torn)
+        assert answer.status_code == 400
+        many = await client.post("/consent", data={"choice": LONG}, headers=host)
+        assert many.status_code == 400
+        await consent(client, host["host"], "a", "all")
 
 
 async def test_assets_and_pictures_come_with_their_types(web: OfflineWeb) -> None:

@@ -32,6 +32,8 @@ async def test_the_page_forbids_foreign_scripts(client: httpx.AsyncClient) -> No
     policy = reply.headers["content-security-policy"]
     assert "default-src 'none'" in policy
     assert "script-src 'sha256-" in policy
+    assert "frame-ancestors 'none'" in policy
+    assert reply.headers["x-frame-options"] == "DENY"
     assert reply.text.count('"outcome":') >= 12
 
 
@@ -41,8 +43,10 @@ async def test_news_are_what_came_after(client: httpx.AsyncClient) -> None:
     last = (await client.get("/api/news", params={"after": 11})).json()
     assert last["rows"] == all_rows[11:]
     assert "Success rate" in last["overview"]
-    assert (await client.get("/api/news", params={"after": 12})).json() == {"rows": [], "overview": ""}
-    assert (await client.get("/api/news", params={"after": "-1"})).status_code == 400
+    nothing = await client.get("/api/news", params={"after": 12, "whole": "true"})
+    assert nothing.json() == {"rows": [], "whole": True, "overview": ""}
+    for after in ("-1", "9" * 5_000):
+        assert (await client.get("/api/news", params={"after": after})).status_code == 400
 
 
 async def test_a_trajectory_by_its_id(client: httpx.AsyncClient, run_folder: Path) -> None:

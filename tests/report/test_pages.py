@@ -273,8 +273,27 @@ async def test_pictures_beyond_the_budget_come_from_the_folder(
     context = await browser.new_context()
     page = await context.new_page()
     await page.goto(address(report, run, 0, 2))
-    await expect(page.locator(".stage .absent")).to_have_text("This picture is not in the run folder.")
+    absent = page.locator(".stage .absent")
+    await expect(absent).to_contain_text(f"screenshots/{gone.parent.name}/{gone.name} is not beside it")
+    await page.goto("about:blank")
+    await page.goto(address(report.rename(tmp_path / "moved.html"), run, 0))
+    await expect(absent).to_contain_text("If it was moved, move it back into its folder.")
     await context.close()
+
+
+async def test_tiles_have_borders_at_any_width(browser: Browser, report: Path) -> None:
+    """A line at the left of all but the first column, and at the top of all but the first row."""
+    for width, columns in ((1280, 6), (800, 2)):
+        async with opened(browser, report.as_uri(), viewport={"width": width, "height": 800}) as page:
+            lines = await page.locator(".tile").evaluate_all(
+                """(tiles) => tiles.map((tile) => {
+                  const [box, whole] = [tile, tile.parentElement].map((each) => each.getBoundingClientRect());
+                  const style = getComputedStyle(tile);
+                  return [style.borderLeftWidth === "1px" && box.x > whole.x + 1,
+                          style.borderTopWidth === "1px" && box.y > whole.y + 1];
+                })"""
+            )
+        assert lines == [[place % columns > 0, place >= columns] for place in range(len(lines))]
 
 
 async def _brightness(page: Page) -> float:
@@ -379,3 +398,6 @@ async def test_a_run_in_progress_is_followed(browser: Browser, run_folder: Path,
             await expect(page.locator("#rows-body tr")).to_have_count(3)
             await expect(page.locator(".tiles")).to_contain_text("Attempts3")
             await expect(page.locator("#live")).to_have_text("live, 3 attempts")
+            await writer.write_summary({"attempts": 3})
+            await expect(page.locator("#live")).to_have_text("finished, 3 attempts")
+            await expect(page.locator(".headline")).not_to_contain_text("not finished")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import base64
+import hashlib
 import json
 import os
 import re
@@ -12,13 +14,16 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+import msgspec
 import pytest
+from msgspec.structs import replace
 
 from webgym.cli import main
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
+from webgym.core.trajectory import Trajectory
 from webgym.report import ReportConfig, write_report
-from webgym.rollout.store import RunWriter
+from webgym.rollout.store import RunReader, RunWriter
 
 SMALL = ReportConfig(image_width=160)
 
@@ -82,6 +87,49 @@ def test_corrupt_records_are_counted_on_the_page(run: Path) -> None:
     assert isinstance(rows, list)
     assert len(rows) == 11
     assert "not finished" in text  # the summary tells of twelve
+
+
+@pytest.mark.parametrize(
+    "forged",
+    [
+        {"screenshot": "../../secret"},
+        {"screenshot": "\0"},
+        {"screenshot": "f" * 63},
+        {"viewport": (0, 768)},
+        {"viewport": (10**400, 768)},
+    ],
+)
+def test_a_forged_record_is_named_and_left_out(run: Path, forged: dict[str, object]) -> None:
+    write_report(run, config=SMALL)  # there are folders now that a name could lead out of
+    (run.parent / "secret.webp").write_bytes(b"hidden elsewhere")
+    good = next(RunReader(run).trajectories())
+    step = replace(good.episode.steps[0], observation=replace(good.episode.steps[0].observation, **forged))
+    with (run / "trajectories/00000.jsonl").open("ab") as shard:
+        episode = replace(good.episode, attempt_id="forged#0.0", steps=(step,))
+        shard.write(sealed(replace(good, episode=episode)))
+        deep = b"[" * 100_000 + b"]" * 100_000
+        body = msgspec.json.encode(replace(good, episode=replace(episode, attempt_id="deep#0.0")))
+        shard.write(line_of(body.replace(b'"steps"', b'"final_state":{"a":' + deep + b'},"steps"', 1)))
+    with (run / "tasks.jsonl").open("ab") as tasks:
+        tasks.write(b"no task\n")
+    text = write_report(run, config=SMALL).read_text()
+    assert "3 corrupt records are left out: tasks.jsonl line 13: " in text
+    assert "trajectories/00000.jsonl line 13: " in text
+    assert "trajectories/00000.jsonl line 14: " in text
+    assert base64.b64encode(b"hidden elsewhere").decode() not in text
+    rows = _data(text, "rows")
+    assert isinstance(rows, list)
+    assert len(rows) == 12
+
+
+def sealed(trajectory: Trajectory) -> bytes:
+    """A record whose checksum is right, whatever it says."""
+    return line_of(msgspec.json.encode(trajectory))
+
+
+def line_of(body: bytes) -> bytes:
+    digest = hashlib.sha256(body).hexdigest().encode()
+    return b'{"sha256":"' + digest + b'","trajectory":' + body + b"}\n"
 
 
 async def test_a_run_without_a_trajectory_has_a_report(tmp_path: Path) -> None:

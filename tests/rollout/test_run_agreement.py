@@ -11,12 +11,12 @@ from tests.judge.test_agreement import Command, command  # noqa: F401 - a fixtur
 from tests.report.conftest import build_run
 
 from webgym.core.outcome import Outcome
-from webgym.core.task import Task
+from webgym.core.task import WHOLE_TASK, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import FactJudgement, Judgement, Verdict
 from webgym.judge.base import Pictures
 from webgym.judge.labels import HumanLabel
-from webgym.judge.without_rubric import PREFIX, WHOLE_TASK, WithoutRubric
+from webgym.judge.without_rubric import PREFIX, WithoutRubric
 from webgym.rollout.agreement import pairs_of
 from webgym.rollout.labels import LabelBook, labels_path
 from webgym.rollout.rejudge import RECORDED, judge_run

@@ -15,6 +15,7 @@ from webgym.tasks.published import task_of
 
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
 spoken = text.filter(lambda said: not is_no_fact(said) and not is_absent(said))
+addresses = st.from_regex(r"(https?://)?[a-z]{2,9}\.example(:80)?(/[ -~]{0,9})?", fullmatch=True)
 json_values = st.recursive(
     st.none()
     | st.booleans()
@@ -49,7 +50,7 @@ def tasks(ids: st.SearchStrategy[str] = spoken) -> st.SearchStrategy[Task]:
         Task,
         id=ids,
         instruction=spoken,
-        website=spoken,
+        website=addresses,
         domain=text,
         subdomain=text,
         rubric=rubrics,
@@ -107,7 +108,7 @@ def published_rows(draw: st.DrawFn, number: int) -> dict[str, Any]:
     row: dict[str, Any] = {
         "task_id": draw(st.sampled_from([number, f"Amazon--{number}", f"deepshop/{number}"])),
         "task_name": draw(spoken),
-        "website": draw(spoken),
+        "website": draw(addresses),
         "evaluator_reference": draw(references),
     }
     optional = {

@@ -82,13 +82,23 @@ def test_validate_names_offenders_in_any_files(calls: Calls, tmp_path: Path) -> 
     ]
 
 
+@pytest.mark.parametrize("collection", ["large", "small"])
+def test_our_own_set_is_valid(calls: Calls, tmp_path: Path, collection: str) -> None:
+    path = tmp_path / "offline.jsonl"
+    few = ("--collection", collection, "--per-family", 6)
+    assert calls.run("tasks", "offline", "--out", path, *few)[0] == 0
+    code, output = calls.run("tasks", "validate", path)
+    assert code == 0, output
+    assert " 0 for testing" not in output
+
+
 def test_validate_fails_over_a_broken_record_and_over_tasks_without_a_split(
     calls: Calls, tmp_path: Path
 ) -> None:
     path = tmp_path / "tasks.jsonl"
     path.write_bytes(msgspec.json.encode(task("a/1")) + b"\nnonsense\n")
     code, output = calls.run("tasks", "validate", path, "--unsplit")
-    assert code == 1
+    assert code == 2
     assert "every record can be read: 1 cannot" in output
     path.write_bytes(msgspec.json.encode(task("a/1")) + b"\n")
     code, output = calls.run("tasks", "validate", path, "--unsplit")
@@ -251,3 +261,23 @@ def test_sample_prefers_what_succeeded_half_the_time(calls: Calls, tmp_path: Pat
     assert len(set(output.split()) & {task.id for task in tasks[100:]}) >= 7
     code, output = calls.run("tasks", "sample", whole, "--curriculum", run, "--spread-websites")
     assert (code, "two ways of weighing" in output) == (2, True)
+
+
+@pytest.mark.parametrize("command", ["sample", "validate", "check", "stats", "split", "show", "convert"])
+def test_a_terminal_obeys_nothing_that_a_task_file_says(calls: Calls, tmp_path: Path, command: str) -> None:
+    """Neither markup nor escape codes: not from a task that can be read, and not from one that cannot."""
+    evil = "[/x][red]\x1b[2J\x9b2J\u202e"
+    held = [
+        msgspec.structs.replace(task(f"{evil}{number}"), domain=evil, subdomain=evil, instruction=evil)
+        for number in range(2)
+    ]
+    path = tmp_path / "evil.jsonl"
+    write_tasks(path, [*held, msgspec.structs.replace(held[0], website=evil, id="third", parent_id=evil)])
+    path.write_bytes(path.read_bytes() * 2)  # the second time round, their ids are taken
+    more = {"split": ("--out", tmp_path / "out"), "convert": (tmp_path / "out.jsonl",)}.get(command, ())
+    few = {"sample": ("--split", "unsplit"), "split": ("--test", 1)}.get(command, ())
+    code, output = calls.run("tasks", command, path, *more, *few)
+    assert code == (2 if command in ("validate", "check", "convert") else 0), output
+    assert "Error" not in output
+    assert not any(character in output for character in "\x1b\x9b\u202e")
+    assert "[/x][red]" in output

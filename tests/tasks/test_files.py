@@ -8,9 +8,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from webgym.core.errors import TaskFileError
-from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.errors import ConfigError, TaskFileError
+from webgym.core.task import WHOLE_TASK, FactGroup, Rubric, Task
+from webgym.judge.config import JudgeConfig
+from webgym.judge.factory import JudgeChoice, refuse_unjudgeable
+from webgym.llm.config import ChatConfig
 from webgym.tasks import draw, draw_spread, read_tasks, write_tasks
+from webgym.tasks.taxonomy import DOMAIN_OF
+
+RUBRIC = JudgeConfig(chat=ChatConfig(base_url="http://127.0.0.1:9/v1", model="m"))
 
 
 def task(number: int) -> Task:
@@ -26,11 +32,48 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
     assert read_tasks(path).broken == []
 
 
+def own(**said: object) -> bytes:
+    """A record of somebody's own, as short as it may be."""
+    return msgspec.json.encode({"instruction": "Look.", "website": "localhost:8000", **said})
+
+
+def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
+    path = tmp_path / "mine.jsonl"
+    path.write_bytes(own() + b"\n" + own(website="https://a.example/", id="own/7", notes="not read") + b"\n")
+    found = read_tasks(path)
+    assert not found.broken
+    first, second = found.tasks
+    assert (first.id, first.rubric, first.source, second.id) == ("mine/1", WHOLE_TASK, "own", "own/7")
+    assert DOMAIN_OF[first.subdomain] == first.domain
+    write_tasks(tmp_path / "again.jsonl", found.tasks)
+    assert read_tasks(tmp_path / "again.jsonl").tasks == found.tasks
+    refuse_unjudgeable(JudgeChoice(name="rubric", rubric=RUBRIC, without_rubric=True), found.tasks)
+    with pytest.raises(ConfigError, match="2 of 2 tasks: mine/1 has no rubric"):
+        refuse_unjudgeable(JudgeChoice(name="rubric", rubric=RUBRIC), found.tasks)
+
+
 @pytest.mark.parametrize(
     ("line", "reason"),
     [
         (b'{"id": "t9", ', "malformed|truncated"),
-        (b'{"id": "t9"}', "missing required field"),
+        (b'{"id": "t9"}', "instruction: it is missing; website: it is missing"),
+        (
+            b'{"instructoin": 7, "website": 7}',
+            "did you mean instruction.*website: expected.*missing",
+        ),
+        (own(website="not a url"), "'not a url' names no website"),
+        (own(website="file:///etc/passwd"), "no http or https address"),
+        (own(website="javascript:alert(1)"), "no http or https address"),
+        (own(website="http://169.254.169.254/latest/meta-data"), "metadata service"),
+        (own(website="http://[fe80::1]/"), "metadata service"),
+        (own(website="2852039166"), "metadata service"),
+        (own(website="http://metadata.google.internal./computeMetadata"), "metadata service"),
+        (
+            own(instruction="x" * 160_000_000, website="x" * 9_000),
+            "160,000,000 characters.*website: it",
+        ),
+        (own(rubric={"groups": []}), "rubric: a rubric needs"),
+        (own(refrence_answer="7"), "'refrence_answer'; did you mean reference_answer"),
         (b"not json", "malformed"),
         (b'{"extra": {"a": ' + b"[" * 100_000, "recursion"),
         (b'{"id": "\xff"}', "utf-8"),

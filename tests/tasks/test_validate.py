@@ -6,6 +6,7 @@ import pytest
 from tests.tasks.making import rubric, task
 
 from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.text import plain
 from webgym.tasks.decompose import derive
 from webgym.tasks.published import DIFFICULTY_DIFFERS
 from webgym.tasks.validate import RULES, Rule, validate
@@ -66,7 +67,7 @@ def test_an_offender_is_named(offender: Task, rule: Rule, detail: str) -> None:
     assert named.id == offender.id
     assert detail in named.detail
     assert named.website in ("good.example", "tested.example", "other.example", "not a website")
-    assert str(named).startswith(f"{rule}: {offender.id} ({named.website}): ")
+    assert str(named).startswith(plain(f"{rule}: {offender.id} ({named.website}): "))
 
 
 def test_a_relative_by_a_parent_that_is_missing_is_one() -> None:

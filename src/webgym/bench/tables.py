@@ -7,11 +7,13 @@ from collections.abc import Iterable, Iterator, Sequence
 import msgspec
 from rich.console import Console
 from rich.table import Table as RichTable
+from rich.text import Text
 
 from webgym.bench.ceiling import SERVER, Ceiling
 from webgym.bench.server import Burst, Cost, Density, ServerFigures, Thinking
 from webgym.bench.stepping import Paced, quantile
 from webgym.bench.usage import MEGABYTE
+from webgym.core.text import plain
 
 _KINDS = {name: name for name in ("client", "server", "browser", "renderer")} | {"gpu-process": "gpu"}
 """Columns by kind of process; the others are small and counted in the sum alone."""
@@ -28,11 +30,11 @@ class Table(msgspec.Struct, frozen=True):
 def show(tables: Iterable[Table], console: Console) -> None:
     """Print tables to a terminal."""
     for table in tables:
-        rich = RichTable(title=table.title, title_justify="left", title_style="bold")
+        rich = RichTable(title=Text(plain(table.title)), title_justify="left", title_style="bold")
         for index, column in enumerate(table.columns):
             rich.add_column(column, justify="right" if index else "left")
         for row in table.rows:
-            rich.add_row(*row)
+            rich.add_row(*(Text(plain(cell)) for cell in row))
         console.print(rich)
 
 
@@ -41,8 +43,9 @@ def markdown(tables: Iterable[Table]) -> str:
     parts = []
     for table in tables:
         rules = ["---", *("---:" for _ in table.columns[1:])]
-        lines = [table.columns, tuple(rules), *table.rows]
-        parts.append("\n".join([f"**{table.title}**", "", *(f"| {' | '.join(line)} |" for line in lines)]))
+        lines = [table.columns, tuple(rules), *(tuple(map(plain, row)) for row in table.rows)]
+        title = f"**{plain(table.title)}**"
+        parts.append("\n".join([title, "", *(f"| {' | '.join(line)} |" for line in lines)]))
     return "\n\n".join(parts) + "\n"
 
 

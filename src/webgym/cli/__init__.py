@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import typer
 
 from webgym.core.errors import UsageError, WebGymError
+from webgym.core.text import plain
 
 EXIT_FAILED = 1
 EXIT_USAGE = 2
@@ -135,7 +136,7 @@ def _report(error: BaseException, verb: str, *, debug: bool) -> int:
     else:
         advice = "" if debug else "; run again with --debug"
         line, code = f"unexpected error {type(cause).__name__}: {cause}{advice}", EXIT_FAILED
-    print("webgym:", " ".join(line.split()), file=sys.stderr)
+    print("webgym:", plain(line), file=sys.stderr)
     return code
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import typer
 
 from webgym.core.errors import UsageError
+from webgym.core.text import plain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -132,7 +133,7 @@ def agreement_command(
         _print_json(found, held, config)
     elif as_markdown or as_latex:
         for note in _notes(found, held, config):
-            Console(stderr=True).print(note, highlight=False, soft_wrap=True, markup=False)
+            Console(stderr=True).print(plain(note), highlight=False, soft_wrap=True, markup=False)
         print((latex if as_latex else markdown)(_tables(found)), end="")
     else:
         _print(found, held, config, console)
@@ -273,7 +274,7 @@ def _print(found: Agreement, held: _Held, config: AgreementConfig, console: Cons
 
     def block(title: str, rows: Sequence[tuple[Group, str, Mapping[Metric, Estimate]]], signed: bool) -> None:
         console.print()
-        console.print(title, style="bold", highlight=False, soft_wrap=True, markup=False)
+        console.print(plain(title), style="bold", highlight=False, soft_wrap=True, markup=False)
         table = RichTable(box=None, pad_edge=False, padding=(0, 1 if signed else 2, 0, 0), header_style="dim")
         table.add_column("", no_wrap=True, min_width=len("overall"))
         for name in ("n", *_METRICS.values()):
@@ -294,7 +295,7 @@ def _print(found: Agreement, held: _Held, config: AgreementConfig, console: Cons
         block(f"{one.judge} − {one.baseline}", rows, signed=True)
     console.print()
     for note in _notes(found, held, config):
-        console.print(note, highlight=False, soft_wrap=True, markup=False)
+        console.print(plain(note), highlight=False, soft_wrap=True, markup=False)
 
 
 def _confusion(counts: Confusion) -> str:

@@ -10,6 +10,7 @@ from rich.table import Table as RichTable
 
 from webgym.bench.tables import Table
 from webgym.cli._paper import DASH
+from webgym.core.text import plain
 from webgym.rollout.evaluation import GROUPS, Evaluation, Row
 from webgym.rollout.rates import Interval
 
@@ -51,7 +52,7 @@ def show(one: Evaluation, console: Console) -> None:
     console.print(table)
     console.print()
     for note in notes(one):
-        console.print(note, highlight=False, soft_wrap=True, markup=False)
+        console.print(plain(note), highlight=False, soft_wrap=True, markup=False)
 
 
 def notes(one: Evaluation) -> Iterator[str]:

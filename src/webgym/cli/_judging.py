@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from webgym.core.outcome import Outcome
+from webgym.core.text import plain
 from webgym.core.verdict import Cost
 from webgym.llm.ledger import Ledger
 from webgym.llm.usage import Usage
@@ -71,7 +72,7 @@ def print_account(ledger: Ledger, console: Console) -> None:
     for (purpose, model), usage in sorted(ledger.rows.items()):
         table.add_row(
             purpose,
-            model,
+            Text(plain(model)),
             f"{usage.calls:,}",
             f"{usage.hits:,}",
             f"{usage.prompt_tokens:,}",

@@ -15,10 +15,11 @@ from typing import Any, TypeVar
 import uvloop
 from pydantic import SecretStr, ValidationError
 from rich.console import Console
-from rich.markup import escape
+from rich.text import Text
 
 from webgym.collection import RunConfig, Secrets
 from webgym.core.errors import ConfigError
+from webgym.core.text import plain
 from webgym.rollout.files import CONFIG
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
@@ -144,4 +145,4 @@ def show_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManage
 
 def tell_on(console: Console) -> Callable[[str], None]:
     """Remarks on this console."""
-    return lambda line: console.print(f"[yellow]note[/] {escape(line)}", highlight=False, soft_wrap=True)
+    return lambda line: console.print(Text.assemble(("note ", "yellow"), plain(line)), soft_wrap=True)

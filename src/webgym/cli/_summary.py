@@ -88,12 +88,13 @@ def print_retry(summary: Summary, command: str, console: Console) -> None:
     """How to attempt again what errors took, where there is any."""
     if count := summary["lost_samples"]:
         told = "1 sample ended in an error" if count == 1 else f"{count} samples ended in errors"
-        console.print(f"errors   {told}; again: {command} --retry-errors", highlight=False, soft_wrap=True)
+        told = f"errors   {told}; again: {command} --retry-errors"
+        console.print(told, highlight=False, soft_wrap=True, markup=False)
 
 
 def print_losses(summary: Summary, console: Console) -> None:
     """Why attempts carry no reward, the commonest reasons first."""
     for code, loss in list(summary["losses"].items())[:REASONS]:
         reason = f": {line(loss['message'])}" if loss["message"] else ""
-        told = f"  {loss['count']} {code}{reason} ({loss['attempt_id']})"
-        console.print(told, highlight=False, soft_wrap=True, markup=False)
+        told = plain(f"{loss['count']} {code}{reason} ({loss['attempt_id']})")
+        console.print(f"  {told}", highlight=False, soft_wrap=True, markup=False)

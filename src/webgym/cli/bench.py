@@ -319,7 +319,7 @@ def reward(
     async def run(folder: Path) -> list[Hacked]:
         found: list[Hacked] = []
         async for one in measure(
-            config, tasks, solved, folder, only, lambda line: said.print(line, style="dim")
+            config, tasks, solved, folder, only, lambda line: said.print(line, style="dim", markup=False)
         ):
             found.append(one)
             keep(found)

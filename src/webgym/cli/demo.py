@@ -115,7 +115,8 @@ def command(
     )
     report = write_report(folder)
     print_summary(summary, console)
-    console.print(f"\nreport   {report}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True)
+    told = f"\nreport   {report}\nbrowse   webgym view {folder}"
+    console.print(told, highlight=False, soft_wrap=True, markup=False)
     if all_failed(summary):
         raise typer.Exit(1)
 
@@ -145,4 +146,5 @@ def _learn(
     carry_out(config, folder, resume=False, secrets=secrets(None), console=console)
     for line in before_and_after(folder):
         console.print(line, highlight=False, soft_wrap=True)
-    console.print(f"browse   webgym view {folder}/evaluations", highlight=False, soft_wrap=True)
+    told = f"browse   webgym view {folder}/evaluations"
+    console.print(told, highlight=False, soft_wrap=True, markup=False)

@@ -137,7 +137,8 @@ def command(
         write_report(folder)
     _tell([evaluate(folder)], console, as_json, as_markdown, as_latex)
     print_losses(summary, console)
-    console.print(f"\nrun      {folder}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True)
+    told = f"\nrun      {folder}\nbrowse   webgym view {folder}"
+    console.print(told, highlight=False, soft_wrap=True, markup=False)
     print_retry(summary, f"webgym eval --resume {folder}", console)
     if all_failed(summary):
         raise typer.Exit(1)
@@ -153,6 +154,7 @@ def _tell(
     from webgym.bench.tables import show as show_tables
     from webgym.cli._evaluation import notes, show, tables
     from webgym.cli._paper import latex
+    from webgym.core.text import plain
 
     if as_json:
         told = msgspec.json.encode(found[0] if len(found) == 1 else found)
@@ -168,7 +170,7 @@ def _tell(
     for one in found:
         for note in notes(one):
             name = f"{one.run}: " if len(found) > 1 else ""
-            console.print(f"{name}{note}", highlight=False, soft_wrap=True, markup=False)
+            console.print(plain(f"{name}{note}"), highlight=False, soft_wrap=True, markup=False)
 
 
 def _budgets(told: str | None) -> dict[str, int]:

@@ -137,7 +137,7 @@ def judge_a_run(
         without_rubric=without_rubric,
         default=own_choice(RunReader(run).config),
     )
-    refuse_unjudgeable(choice, list(RunReader(run).tasks.values()))
+    refuse_unjudgeable(choice, list(RunReader(run, skip_corrupt=True).tasks.values()))
     known = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
     settings = RejudgeConfig(judges=concurrency, limit=limit, again=again)
 
@@ -172,11 +172,16 @@ def _print(state: Judging, spent: Cost, console: Console) -> None:
     from webgym.cli._judging import cost_line, outcomes_line
     from webgym.cli._summary import REASONS, line
 
-    console.print(f"judge      {state.judge}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"judge      {line(state.judge)}", highlight=False, soft_wrap=True, markup=False)
     unjudged = sum(state.failures.values())
     told = f"{state.done - unjudged} of {state.total} attempts judged, {state.earlier} of them earlier"
     skipped = f"; {state.skipped} did not end of their own" if state.skipped else ""
     console.print(f"judged     {told}{skipped}", highlight=False, soft_wrap=True)
+    if state.left_out:
+        records = "1 record" if len(state.left_out) == 1 else f"{len(state.left_out)} records"
+        console.print(f"left out   {records} that cannot be judged", highlight=False)
+        for why in state.left_out[:REASONS]:
+            console.print(f"  {line(why)}", highlight=False, soft_wrap=True, markup=False)
     console.print("outcomes  ", outcomes_line(state))
     for message, count in state.failures.most_common(REASONS):
         console.print(f"  {count} {line(message)}", highlight=False, soft_wrap=True, markup=False)
@@ -194,14 +199,16 @@ def _print_comparison(one: str, other: str, comparison: Any, console: Console) -
     both, agreed = comparison.both, comparison.agreed
     share = f"{agreed / both:.1%}" if both else "–"
     console.print()
-    console.print(f"compared   {one}\nwith       {other}", highlight=False, soft_wrap=True, markup=False)
+    console.print(
+        f"compared   {line(one)}\nwith       {line(other)}", highlight=False, soft_wrap=True, markup=False
+    )
     console.print(
         f"agreement  {agreed} of {both} rewards ({share}); {comparison.unjudged} without two rewards"
     )
     for difference in comparison.differences:
         outcomes = f"{difference.one.outcome} / {difference.other.outcome}"
         console.print(
-            f"  {difference.attempt_id}: {outcomes}: {line(difference.why(), 600)}",
+            f"  {line(difference.attempt_id)}: {outcomes}: {line(difference.why(), 600)}",
             highlight=False,
             soft_wrap=True,
             markup=False,

@@ -46,6 +46,7 @@ def import_(
     from rich.console import Console
 
     from webgym.cli._run import run
+    from webgym.core.text import plain
     from webgym.llm import Imported, ReplyCache, import_results
 
     known = _prices(price, prices)
@@ -57,7 +58,7 @@ def import_(
     found = run(read)
     console = Console(stderr=True)
     for line in found.unanswered:
-        console.print(str(line), highlight=False, markup=False, soft_wrap=True)
+        console.print(plain(str(line)), highlight=False, markup=False, soft_wrap=True)
     print(f"{found.stored} replies stored, {found.known} known before, {len(found.unanswered)} not answered")
     if found.unanswered:
         raise typer.Exit(1)
@@ -85,6 +86,9 @@ def _prices(price: str, table: Path | None) -> Prices:
 def _print(totals: Totals) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
+
+    from webgym.core.text import plain
 
     table = Table(box=None, header_style="dim", show_footer=True)
     whole = totals.all
@@ -104,7 +108,8 @@ def _print(totals: Totals) -> None:
     table.add_column("dollars", _dollars(whole.dollars, whole.calls, whole.unpriced), justify="right")
     for number, ((purpose, model), usage) in enumerate(rows):
         counts = [f"{values[number]:,}" for _, _, values in columns]
-        table.add_row(purpose or "-", model, *counts, _dollars(usage.dollars, usage.calls, usage.unpriced))
+        names = (Text(plain(name)) for name in (purpose or "-", model))
+        table.add_row(*names, *counts, _dollars(usage.dollars, usage.calls, usage.unpriced))
     console = Console()
     console.print(table)
     if whole.unpriced:

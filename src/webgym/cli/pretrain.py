@@ -25,6 +25,7 @@ def command(
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     from webgym.core.errors import ConfigError
+    from webgym.rollout.files import make_folder
     from webgym.settings import settings_of
 
     try:
@@ -34,7 +35,7 @@ def command(
     from webgym.tiny.recipe import RecipeConfig, follow
 
     settings = settings_of(RecipeConfig, config or [], hint="see configs/tiny/recipe.yaml")
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     console = Console()
     columns = (
         TextColumn("{task.description}"),

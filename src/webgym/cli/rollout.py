@@ -95,9 +95,9 @@ def command(
         raise UsageError("give either --out or --resume", hint="--out makes a run, --resume goes on with one")
     path = write_report(folder) if report else None
     print_summary(summary, console)
-    console.print(f"\nrun      {folder}", highlight=False, soft_wrap=True)
+    console.print(f"\nrun      {folder}", highlight=False, soft_wrap=True, markup=False)
     print_retry(summary, f"webgym rollout --resume {folder}", console)
     if path is not None:
-        console.print(f"report   {path}", highlight=False, soft_wrap=True)
+        console.print(f"report   {path}", highlight=False, soft_wrap=True, markup=False)
     if all_failed(summary):
         raise typer.Exit(1)

@@ -32,6 +32,7 @@ def command(
 
     from webgym.cli import _run
     from webgym.core.errors import ConfigError, UsageError
+    from webgym.rollout.files import make_folder
 
     try:
         import torch
@@ -50,7 +51,7 @@ def command(
         return
     torch.set_num_threads(1)
     first = weights or WEIGHTS
-    out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
 
     def tell(line: str) -> None:
         console.print(line, highlight=False, soft_wrap=True, markup=False)

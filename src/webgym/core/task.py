@@ -91,6 +91,12 @@ class Rubric(msgspec.Struct, frozen=True, gc=False):
         return [(group, index, fact) for group in self.groups for index, fact in enumerate(group.facts)]
 
 
+WHOLE_TASK = Rubric(
+    (FactGroup(1, "the whole task", ("Everything that the task asks for was done or found.",)),)
+)
+"""The rubric of a task that was given none: one fact, which says nothing of its own."""
+
+
 class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     """One thing to do on one website.
 

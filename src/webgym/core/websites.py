@@ -9,14 +9,21 @@ label before it decides; the Public Suffix List says which these are.
 from __future__ import annotations
 
 import ipaddress
+import socket
 from functools import cache, lru_cache
 from typing import Final
 
 import idna
 from publicsuffixlist import PublicSuffixList
 
-_SHARED: Final = ".webgym.test"
+OFFLINE: Final = ".webgym.test"
 """Each host under it is an offline website of its own; no public list knows it."""
+_LONGEST: Final = 8_192
+_METADATA: Final = frozenset(
+    "metadata metadata.google.internal metadata.goog instance-data instance-data.ec2.internal 100.100.100.200"
+    " 168.63.129.16 192.0.0.192 fd00:ec2::254".split()
+)
+"""Clouds' metadata services, but for the link-local ones, which most have."""
 
 
 def host_of(website: str) -> str:
@@ -65,8 +72,8 @@ def site_of(website: str) -> str:
         ValueError: there is no host.
     """
     host = host_of(website)
-    if host.endswith(_SHARED):
-        return host.rsplit(".", 3)[-3] + _SHARED
+    if host.endswith(OFFLINE):
+        return host.rsplit(".", 3)[-3] + OFFLINE
     if _is_address(host.strip("[]")):
         return host
     return _suffixes().privatesuffix(host) or host
@@ -78,6 +85,35 @@ def site_or_text(website: str) -> str:
         return site_of(website)
     except ValueError:
         return website
+
+
+def why_no_start(website: str) -> str:
+    """Why no attempt may start at this address, or bare host; empty if one may.
+
+    What an address of a cloud's metadata service would give away is the keys of the machine. (The browser
+    refuses these as well, in whatever spelling, and wherever a page would lead to them.)
+    """
+    if len(website) > _LONGEST:
+        return f"its address has {len(website):,} characters, and at most {_LONGEST:,} are taken"
+    scheme, colon, rest = website.strip().partition(":")
+    if colon and scheme.isalpha() and scheme.lower() not in ("http", "https") and not rest[:1].isdigit():
+        return f"{website[:80]!r} is no http or https address"
+    try:
+        host = host_of(website).strip("[]")
+    except ValueError:
+        return f"{website[:80]!r} names no website"
+    if host in _METADATA or _is_link_local(host):
+        return f"{website[:80]!r} is the address of a cloud's metadata service"
+    return ""
+
+
+def _is_link_local(host: str) -> bool:
+    if ":" in host:
+        return ipaddress.ip_address(host).is_link_local
+    try:  # as browsers read it: also 2852039166, and 0xa9.0xfe.0xa9.0xfe
+        return ipaddress.ip_address(socket.inet_aton(host)).is_link_local
+    except OSError:
+        return False
 
 
 @cache

@@ -10,7 +10,7 @@ from typing import Final
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.core.errors import ConfigError, JudgeError, LLMError
-from webgym.core.task import Task
+from webgym.core.task import WHOLE_TASK, Task
 from webgym.judge.base import Judge
 from webgym.judge.config import STAGES, JudgeConfig, PanelConfig, Stage, StageConfig
 from webgym.judge.custom import load_judge
@@ -59,6 +59,14 @@ def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:
             counts them and names one.
     """
     _check(choice)
+    if choice.name == "rubric" and not choice.without_rubric:
+        bare = [task.id for task in tasks if task.rubric == WHOLE_TASK]
+        if bare:
+            told = f"{len(bare):,} of {len(tasks):,} tasks: {bare[0]} has no rubric"
+            raise ConfigError(
+                f"the rubric judge cannot judge {told}",
+                hint="give them one, or judge tasks as a whole: --without-rubric, judge.without_rubric",
+            )
     if choice.name != "offline":
         return
     lacking = [(task, why) for task in tasks if (why := what_is_missing(task))]

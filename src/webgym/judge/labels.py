@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
@@ -54,6 +55,9 @@ _SPELLINGS: Final[dict[str, Label]] = {
 _ONLINE_MIND2WEB: Final[dict[str, Label]] = {"1": "success", "0": "failure", "2": "not_executable"}
 _AGENT_SUFFIX: Final = "_human_label"
 _DELIMITERS: Final = ",;\t"
+_FORMULA: Final = re.compile(r"'*[=+\-@]")
+"""What a spreadsheet would carry out. Cells that begin so are written with an apostrophe before it, which
+spreadsheets do not show, and read without it."""
 
 
 class HumanLabel(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -166,7 +170,9 @@ def render_labels(labels: Iterable[HumanLabel], *, as_json: bool = False) -> byt
     text = io.StringIO()
     writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(rows)
+    writer.writerows(
+        {name: f"'{cell}" if _FORMULA.match(cell) else cell for name, cell in row.items()} for row in rows
+    )
     return text.getvalue().encode("utf-8", errors="replace")
 
 
@@ -234,7 +240,8 @@ def _csv_rows(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
         elif len(cells) != len(header):
             yield f"line {line}", f"{len(cells)} columns where the header has {len(header)}"
         else:
-            yield f"line {line}", dict(zip(header, cells, strict=True))
+            told = (cell[1:] if cell[:1] == "'" and _FORMULA.match(cell) else cell for cell in cells)
+            yield f"line {line}", dict(zip(header, told, strict=True))
 
 
 def _labels(row: Mapping[str, Any]) -> Iterator[HumanLabel | str]:

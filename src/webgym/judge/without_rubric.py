@@ -6,18 +6,13 @@ from typing import Final
 
 import msgspec
 
-from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.task import WHOLE_TASK, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 
 PREFIX: Final = "without rubric: "
 """How the names of such judges begin; what follows is the name of the same judge with rubric."""
-
-WHOLE_TASK: Final = Rubric(
-    (FactGroup(1, "the whole task", ("Everything that the task asks for was done or found.",)),)
-)
-"""The only fact that such a judge checks."""
 
 
 class WithoutRubric:

@@ -16,13 +16,14 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import uvicorn
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
+from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
-from starlette.types import Receive, Scope, Send
+from starlette.types import Message, Receive, Scope, Send
 
 from webgym.core.errors import SitesError
 from webgym.offline import latency
@@ -71,6 +72,10 @@ class SitesConfig(BaseModel):
     """How long the server may take to start."""
 
 
+_LARGEST_FORM: Final = 2**20
+"""Bytes of a form's body."""
+
+
 class SitesApp:
     """The ASGI application.
 
@@ -114,7 +119,12 @@ class SitesApp:
         await self._take_time(site, request.url.path)
         visitor = request.cookies.get(VISITOR_COOKIE)
         given = visitor or secrets.token_hex(8)
-        answer = site.handle(await self._visit(request, given, site))
+        try:
+            visit = await self._visit(request, given, site)
+        except (MultiPartException, _TooLarge) as error:
+            status = 413 if isinstance(error, _TooLarge) else 400
+            return PlainTextResponse("The form cannot be read.", status_code=status)
+        answer = site.handle(visit)
         response = Response(answer.body, answer.status, media_type=answer.media_type)
         if answer.location is not None:
             response.headers["location"] = answer.location
@@ -128,7 +138,9 @@ class SitesApp:
         pairs = request.query_params.multi_items()
         form: list[tuple[str, str]] = []
         if request.method == "POST":
-            form = [(key, str(value)) for key, value in (await request.form()).multi_items()]
+            form = [
+                (key, str(value)) for key, value in (await (await _bounded(request)).form()).multi_items()
+            ]
         lists: dict[str, list[str]] = {}
         for key, value in (*pairs, *form):
             lists.setdefault(key, []).append(value)
@@ -180,6 +192,28 @@ class SitesApp:
         if site is None or state is None or site.behaviour == "forgets":
             return JSONResponse({"error": f"{host} knows of no such visitor"}, status_code=404)
         return JSONResponse(site.report(state))
+
+
+class _TooLarge(Exception):
+    """A form is larger than any page's."""
+
+
+async def _bounded(request: Request) -> Request:
+    """The request with its body read.
+
+    Raises:
+        _TooLarge: the rest of the body was not even read.
+    """
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > _LARGEST_FORM:
+            raise _TooLarge
+
+    async def receive() -> Message:
+        return {"type": "http.request", "body": bytes(body), "more_body": False}
+
+    return Request(request.scope, receive)
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import date
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Literal, TypeAlias, TypeVar
+from itertools import chain
+from typing import Any, ClassVar, Final, Literal, TypeAlias, TypeVar
 from urllib.parse import quote, urlencode
 
 import jinja2
@@ -86,6 +87,9 @@ def json_response(value: object, status: int = 200) -> Response:
     """A JSON document, for pages that load parts of themselves later."""
     return Response(json.dumps(value).encode(), status, "application/json")
 
+
+_LONG_NUMBER: Final = re.compile(r"\d{100}")
+"""No page asks for such a number, and Python does not make one of thousands of digits."""
 
 PageFunction: TypeAlias = Callable[..., Response]
 F = TypeVar("F", bound=PageFunction)
@@ -258,6 +262,9 @@ class Website:
 
     def handle(self, visit: Visit) -> Response:
         """Answer one request."""
+        said = (visit.path, *visit.query.values(), *visit.form.values(), *chain(*visit.lists.values()))
+        if any(map(_LONG_NUMBER.search, said)):
+            return self.missing(visit, 400)
         if self.behaviour == "blocks":
             return self.render("challenge.html", visit, status=403)
         allowed = False

@@ -41,10 +41,12 @@ class Row(TypedDict):
 
 
 def site_of(website: str) -> str:
-    """The host of a website's address, as people read it."""
-    return (urlsplit(website if "://" in website else f"//{website}").hostname or website).removeprefix(
-        "www."
-    )
+    """The host of a website's address, as people read it; what is no address, as it is."""
+    try:
+        host = urlsplit(website if "://" in website else f"//{website}").hostname
+    except ValueError:
+        host = None
+    return (host or website).removeprefix("www.")
 
 
 def row(trajectory: Trajectory, task: Task | None) -> Row:

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any, Final, Protocol
 
 import msgspec
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from webgym.core.errors import UsageError
 from webgym.report.config import ViewConfig
 from webgym.report.content import blind, page
-from webgym.report.serving import SAFE, json_reply
+from webgym.report.serving import SAFE, json_reply, page_reply
 from webgym.report.template import Document, inert, outcome_words
 from webgym.rollout.labels import HumanLabel, Label, LabelBook, labels_path, sample_to_label
 
@@ -80,9 +80,7 @@ class Labelling:
     async def document(self, _: Request) -> Response:
         """The page itself."""
         text = self._page.render("label.html.j2", rows=inert([])) + self._page.tail()
-        # In a frame of another site, a click of a person's could be made to hit a button.
-        headers = {"Content-Security-Policy": f"{self._page.policy}; frame-ancestors 'none'"}
-        return HTMLResponse(text, headers={**SAFE, **headers})
+        return page_reply(text, self._page.policy)
 
     async def labels(self, request: Request) -> Response:
         """What is to be labelled, and what this person has said so far."""

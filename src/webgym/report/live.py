@@ -14,7 +14,7 @@ from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from webgym.core.errors import StoreError, UsageError
@@ -22,7 +22,7 @@ from webgym.report.config import ViewConfig
 from webgym.report.content import Row, page, row
 from webgym.report.labelling import Labelling, unusable
 from webgym.report.overview import Overview
-from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, serve
+from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
 from webgym.report.template import Page
 from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import VerdictReader
@@ -49,8 +49,7 @@ class LiveRun:
         ended = list(attempts)
         if any(attempts[row["id"]].outcome != row["outcome"] for row in self.rows):
             self.rows, self.overview = [], Overview(self.reader)  # some have a verdict now
-        for attempt_id in ended[len(self.rows) :]:
-            trajectory = self.reader.trajectory(attempt_id)
+        for trajectory in self.reader.trajectories(ended[len(self.rows) :]):
             self.overview.add(trajectory)
             self.rows.append(row(trajectory, self.reader.tasks.get(trajectory.episode.task_id)))
 
@@ -71,23 +70,27 @@ class _Pages:
     async def document(self, _: Request) -> Response:
         """The page itself."""
         text = await self.read(self._document)
-        return HTMLResponse(text, headers={**SAFE, "Content-Security-Policy": self._page.policy})
+        return page_reply(text, self._page.policy)
 
     def _document(self) -> str:
         self._run.refresh()
-        return self._page.head(self._run.overview.html(), self._run.rows) + self._page.tail()
+        overview = self._run.overview
+        return self._page.head(overview.html(), self._run.rows, whole=overview.is_whole) + self._page.tail()
 
     async def news(self, request: Request) -> Response:
-        """Rows after the first so many, and the figures if there are any."""
+        """Rows after the first so many, whether the run is over, and the figures if anything is new."""
         after = request.query_params.get("after", "")
-        if not after.isdecimal():
+        if not (after.isdecimal() and len(after) < 10):
             return PlainTextResponse("after: how many rows are known", status_code=400, headers=SAFE)
-        return json_reply(await self.read(self._news, int(after)))
+        knew_whole = request.query_params.get("whole") == "true"
+        return json_reply(await self.read(self._news, int(after), knew_whole))
 
-    def _news(self, after: int) -> dict[str, Any]:
+    def _news(self, after: int, knew_whole: bool) -> dict[str, Any]:
         self._run.refresh()
-        rows = self._run.rows[after:]
-        return {"rows": rows, "overview": str(self._run.overview.html()) if rows else ""}
+        rows, overview = self._run.rows[after:], self._run.overview
+        whole = overview.is_whole
+        is_new = rows or whole != knew_whole
+        return {"rows": rows, "whole": whole, "overview": str(overview.html()) if is_new else ""}
 
     async def trajectory(self, request: Request) -> Response:
         """Everything about one attempt."""

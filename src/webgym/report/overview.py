@@ -48,13 +48,17 @@ class Overview:
         """The figures so far. Names, seed and wall time are the collector's own where it has told them."""
         told = self._reader.summary or {}
         config = self._reader.config
-        whole = told.get("attempts") == len(self._reader.attempts)
         return self._tally.summary(
             seed=told.get("seed", config.get("seed")),
             policy=told.get("policy") or None,
             judge=told.get("judge") or None,
-            wall_seconds=told.get("wall_seconds") if whole else None,
+            wall_seconds=told.get("wall_seconds") if self.is_whole else None,
         )
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the collector has summed up all that is there, so that nothing more is to come."""
+        return (self._reader.summary or {}).get("attempts") == len(self._reader.attempts)
 
     def html(self) -> Markup:
         """The whole section."""
@@ -65,7 +69,7 @@ class Overview:
         shown: dict[str, Any] = {
             "summary": summary,
             "name": self._reader.path.resolve().name,
-            "is_whole": (self._reader.summary or {}).get("attempts") == summary["attempts"],
+            "is_whole": self.is_whole,
             "started": _moment(summary["started_at"]),
             "planned": len(self._tasks),
             "skipped": self._reader.skipped,

@@ -12,7 +12,7 @@ import uvicorn
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.responses import Response
+from starlette.responses import HTMLResponse, Response
 
 from webgym.core.errors import ConfigError
 
@@ -22,9 +22,19 @@ SAFE: Final[Mapping[str, str]] = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
+    "X-Frame-Options": "DENY",
 }
+_NO_FRAME: Final = "frame-ancestors 'none'"
+"""In a frame of another site, a click of a person's could be made to hit a button. Not in the documents' own
+policy: browsers heed it as a header alone, and complain about it elsewhere."""
 ONLY_LOCAL_NAMES: Final = Middleware(TrustedHostMiddleware, allowed_hosts=[LOOPBACK, "localhost"])
 """So that no website can reach the pages by a name of its own."""
+
+
+def page_reply(text: str, policy: str) -> Response:
+    """A document with its policy."""
+    headers = {**SAFE, "Content-Security-Policy": f"{policy}; {_NO_FRAME}"}
+    return HTMLResponse(text, headers=headers)
 
 
 def json_reply(value: Any) -> Response:

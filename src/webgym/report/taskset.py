@@ -14,11 +14,11 @@ from typing import Any, Final
 
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from webgym.report.config import ViewConfig
-from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, serve
+from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
 from webgym.report.task_content import choices, figures_of, subdomains, task_page, task_row, tasks_overview
 from webgym.report.template import Document
 from webgym.tasks import read_tasks
@@ -79,8 +79,7 @@ class _Pages:
 
     async def document(self, _: Request) -> Response:
         """The page itself."""
-        headers = {**SAFE, "Content-Security-Policy": self._tasks.policy}
-        return HTMLResponse(self._tasks.html, headers=headers)
+        return page_reply(self._tasks.html, self._tasks.policy)
 
     async def rows(self, request: Request) -> Response:
         """Tasks that fit, as rows."""

@@ -119,9 +119,16 @@ class Page(Document):
         super().__init__(title, _SCRIPTS, settings, live=live)
         self._live = live
 
-    def head(self, overview: Markup, rows: list[Any]) -> str:
-        """Everything up to the data: shown at once, while the rest is still being read."""
-        return self.render("page.html.j2", overview=overview, rows=inert(rows), live=self._live)
+    def head(self, overview: Markup, rows: list[Any], *, whole: bool = True) -> str:
+        """Everything up to the data: shown at once, while the rest is still being read.
+
+        Args:
+            overview: the figures.
+            rows: of the table.
+            whole: whether nothing more is to come.
+        """
+        shown = {"overview": overview, "rows": inert(rows), "live": self._live, "whole": whole}
+        return self.render("page.html.j2", **shown)
 
     @staticmethod
     def data(element_id: str, value: Any) -> str:

@@ -22,7 +22,7 @@ _AHEAD = 4
 """Pictures in work or waiting per thread, so that what is made beyond the budget stays little."""
 
 _BROKEN = (OSError, SyntaxError, ValueError, Image.DecompressionBombError)
-"""What Pillow raises for bytes that are no whole picture."""
+"""What is raised for bytes that are no whole picture, or for none."""
 
 
 class Thumbnail(NamedTuple):
@@ -54,16 +54,13 @@ def _make(run: Path, name: str, config: ReportConfig) -> Thumbnail | None:
 
     None for a picture that is missing or broken: the page says so in its place.
     """
+    whole = image_path(run, name)
     cached = run / _CACHE / f"{config.image_width}-{config.image_quality}" / name[:2] / f"{name}.webp"
     try:
         data = cached.read_bytes()
     except FileNotFoundError:
         try:
-            whole = image_path(run, name).read_bytes()
-        except FileNotFoundError:
-            return None
-        try:
-            data = _shrink(whole, config)
+            data = _shrink(whole.read_bytes(), config)
         except _BROKEN:
             return None
         cached.parent.mkdir(parents=True, exist_ok=True)
@@ -78,7 +75,7 @@ def thumbnails(run: Path, names: Iterable[str], config: ReportConfig) -> Iterato
     one thread), and nothing has to be started or copied.
 
     Raises:
-        OSError: the disk is full, or a picture cannot be read.
+        OSError: the disk is full.
     """
     left = config.image_budget_bytes
     queue = iter(names)

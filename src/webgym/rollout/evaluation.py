@@ -270,14 +270,14 @@ def _samples(
     last = {}
     for entry in sorted(reader.attempts.values(), key=lambda entry: entry.retry):
         last[entry.task_id, entry.sample] = entry
-    for entry in last.values():
-        task = reader.tasks.get(entry.task_id)
-        outcome = outcome_of(entry.attempt_id, entry.outcome)
+    for trajectory in reader.trajectories([entry.attempt_id for entry in last.values()]):
+        episode = trajectory.episode
+        task = reader.tasks.get(episode.task_id)
+        outcome = outcome_of(episode.attempt_id, trajectory.outcome)
         if task is None or outcome in (None, Outcome.CANCELLED):
             continue
-        episode = reader.trajectory(entry.attempt_id).episode
         policies.setdefault(episode.policy)
-        yield Sample(entry.task_id, task.level, outcome, len(episode.steps))
+        yield Sample(episode.task_id, task.level, outcome, len(episode.steps))
 
 
 def _budget(attempt: Mapping[str, int]) -> tuple[int, int, int]:

@@ -34,13 +34,18 @@ _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _NAME = re.compile(r"[0-9a-f]{64}")
 
 
+def is_picture(name: str) -> bool:
+    """Whether this is a name as the store gives it to pictures: a SHA-256 in hex, so no path."""
+    return _NAME.fullmatch(name) is not None
+
+
 def image_path(run: Path, name: str) -> Path:
     """Where the picture of this name lies in a run folder.
 
     Raises:
         StoreError: the name is not a SHA-256 in hex.
     """
-    if not _NAME.fullmatch(name):
+    if not is_picture(name):
         raise StoreError(f"{name[:80]!r} does not name a picture")
     return run / SCREENSHOTS / name[:2] / f"{name}.png"
 
@@ -70,6 +75,18 @@ def disk_errors(doing: str) -> Iterator[None]:
                 hint="nothing counted is lost: free some space, then go on with --resume",
             ) from error
         raise StoreError(f"cannot go on {doing}: {error}") from error
+
+
+def make_folder(path: Path) -> None:
+    """Make the folder that a command was given to write to.
+
+    Raises:
+        RunFolderError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunFolderError(f"cannot make the folder {path}: {error.strerror}") from error
 
 
 def sync_folder(path: Path) -> None:

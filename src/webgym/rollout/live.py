@@ -119,7 +119,7 @@ async def showing(progress: Progress, console: Console) -> AsyncIterator[None]:
             yield
         finally:
             await _stop(task)
-    console.print(line(progress), highlight=False, soft_wrap=True)
+    console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
 
 
 async def _refresh(live: Live, progress: Progress) -> None:
@@ -131,7 +131,7 @@ async def _refresh(live: Live, progress: Progress) -> None:
 async def _print_lines(progress: Progress, console: Console) -> None:
     while True:
         await asyncio.sleep(LINE_SECONDS)
-        console.print(line(progress), highlight=False, soft_wrap=True)
+        console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
 
 
 async def _stop(task: asyncio.Task[None]) -> None:

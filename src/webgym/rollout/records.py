@@ -15,7 +15,8 @@ import msgspec
 
 from webgym.core.errors import StoreCorrupt, StoreError
 from webgym.core.outcome import Outcome
-from webgym.core.trajectory import Trajectory
+from webgym.core.trajectory import ImageRef, Trajectory
+from webgym.rollout.files import is_picture
 
 _OPEN = b'{"sha256":"'
 _MIDDLE = b'","trajectory":'
@@ -65,6 +66,9 @@ class _Head(msgspec.Struct):
     episode: _EpisodeHead
     outcome: Outcome
 
+
+_LAST_MOMENT = 253_402_300_800.0
+"""Unix time of the year 10000, which no calendar here can show."""
 
 _heads = msgspec.json.Decoder(_Head)
 _trajectories = msgspec.json.Decoder(Trajectory)
@@ -117,7 +121,34 @@ def decode(line: bytes) -> Trajectory:
     Raises:
         ValueError: with the reason, if the line is not whole or does not hold a trajectory.
     """
-    return _trajectories.decode(unseal(line))  # msgspec's errors are ValueErrors
+    trajectory = _trajectories.decode(unseal(line))  # msgspec's errors are ValueErrors
+    _refuse_impossible(trajectory)
+    return trajectory
+
+
+def pictures(trajectory: Trajectory) -> set[str]:
+    """The names of all pictures that a trajectory shows or sent."""
+    names = {seen.screenshot for seen in trajectory.episode.observations}
+    for step in trajectory.episode.steps:
+        for message in step.messages:
+            names |= {part.screenshot for part in message.content if isinstance(part, ImageRef)}
+    return names
+
+
+def _refuse_impossible(trajectory: Trajectory) -> None:
+    """A checksum proves that a record is whole, not that WebGym wrote it: a run may come from elsewhere.
+
+    Raises:
+        ValueError: there is something in it that could harm who reads it.
+    """
+    for name in pictures(trajectory):
+        if not is_picture(name):
+            raise ValueError(f"{name[:80]!r} does not name a picture")
+    for seen in trajectory.episode.observations:
+        if not all(0 < side < 2**16 for side in seen.viewport):
+            raise ValueError(f"there is no viewport {seen.viewport}"[:80])
+    if not 0 <= trajectory.episode.started_at < _LAST_MOMENT:
+        raise ValueError("there is no such time as it started at")
 
 
 class Index:
@@ -160,11 +191,20 @@ class Index:
                 number += 1
                 try:
                     self._add(_heads.decode(unseal(line)), shard.name, offset, len(line))
-                except ValueError as error:
-                    name = f"{self._folder.name}/{shard.name}"
-                    self.corrupt.append(CorruptLine(name, number, str(error)))
+                except (ValueError, RecursionError) as error:
+                    self._note(shard, number, error)
                 offset += len(line)
         self._read[shard.name] = (offset, number)
+
+    def leave_out(self, entry: Entry, error: BaseException) -> None:
+        """Forget a record whose line is whole and which is no trajectory."""
+        shard = self._folder / entry.shard
+        with shard.open("rb") as file:
+            self._note(shard, file.read(entry.offset).count(b"\n") + 1, error)
+        del self.entries[entry.attempt_id]
+
+    def _note(self, shard: Path, number: int, error: BaseException) -> None:
+        self.corrupt.append(CorruptLine(f"{self._folder.name}/{shard.name}", number, str(error)))
 
     def _add(self, head: _Head, *place: Any) -> None:
         e = head.episode
@@ -185,7 +225,7 @@ def read_at(shard: Path, entry: Entry) -> Trajectory:
         line = file.read(entry.length)
     try:
         return decode(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise StoreCorrupt(f"{entry.attempt_id} in {shard}: {error}") from error
 
 

@@ -64,6 +64,7 @@ class Judging:
         total: attempts of the run that can be judged.
         earlier: how many of them this judge had judged before.
         skipped: attempts that did not end of their own and are not judged.
+        left_out: records that cannot be trusted or lack their task, and why.
         done: judged by now, the earlier ones included.
         outcomes: of those.
         cost: of all verdicts.
@@ -76,6 +77,7 @@ class Judging:
     total: int = 0
     earlier: int = 0
     skipped: int = 0
+    left_out: list[str] = field(default_factory=list)
     done: int = 0
     outcomes: Counter[Outcome] = field(default_factory=Counter)
     cost: Cost = field(default_factory=Cost)
@@ -119,12 +121,12 @@ async def judge_run(
         show: is told after every attempt.
 
     Raises:
-        RunFolderError: the folder is no run, or lacks a task.
+        RunFolderError: the folder is no run.
         JudgeError: too many attempts in a row had no verdict.
-        StoreError: a verdict cannot be kept, or a record cannot be trusted.
+        StoreError: a verdict cannot be kept.
     """
     config = config or RejudgeConfig()
-    reader = RunReader(run)
+    reader = RunReader(run, skip_corrupt=True)
     state = Judging(judge.name)
     with VerdictBook(run, judge.name) as book:
         waiting = await asyncio.to_thread(_waiting, reader, book, state, config)
@@ -146,6 +148,9 @@ def _waiting(reader: RunReader, book: VerdictBook, state: Judging, config: Rejud
         if episode.ending not in JUDGED:
             state.skipped += 1
             continue
+        if episode.task_id not in reader.tasks:
+            state.left_out.append(f"{episode.attempt_id}: the run does not hold its task {episode.task_id}")
+            continue
         state.total += 1
         held = book.held.get(episode.attempt_id)
         is_kept = held is not None and (held.verdict is not None or not config.retry_failures)
@@ -154,6 +159,7 @@ def _waiting(reader: RunReader, book: VerdictBook, state: Judging, config: Rejud
             state.count(held, now=False)
         else:
             waiting.append(episode.attempt_id)
+    state.left_out += map(str, reader.skipped)
     return waiting
 
 
@@ -178,11 +184,8 @@ async def _judge_all(
     async def work() -> None:
         for attempt_id in left:
             episode = (await asyncio.to_thread(reader.trajectory, attempt_id)).episode
-            task = reader.tasks.get(episode.task_id)
-            if task is None:
-                raise RunFolderError(f"{reader.path} does not hold the task {episode.task_id}")
             started = time.monotonic()
-            found = await find(judge, task, episode, pictures, config.judge_seconds)
+            found = await find(judge, reader.tasks[episode.task_id], episode, pictures, config.judge_seconds)
             seconds = time.monotonic() - started
             judged = Judged(
                 attempt_id, judge.name, found.outcome, time.time(), seconds, found.verdict, found.failure

@@ -20,7 +20,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from pathlib import Path
@@ -34,7 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
-from webgym.core.trajectory import ImageRef, Trajectory
+from webgym.core.trajectory import Trajectory
 from webgym.rollout.files import (
     CONFIG,
     LOCK,
@@ -51,11 +51,12 @@ from webgym.rollout.files import (
     disk_errors,
     image_path,
     last_line_end,
+    make_folder,
     sync_folder,
     take_lock,
     write_whole,
 )
-from webgym.rollout.records import CorruptLine, Entry, Index, complain, read_at, seal
+from webgym.rollout.records import CorruptLine, Entry, Index, complain, pictures, read_at, seal
 
 _OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, SUMMARY, REPORT, LOCK, VERDICTS}
 
@@ -89,15 +90,6 @@ class StoreLimits(BaseModel):
     """A file of trajectories that has reached this size is followed by the next."""
     image_threads: int = Field(default=4, gt=0)
     """Pictures written at the same time. They wait for the disk, not for a processor."""
-
-
-def _pictures(trajectory: Trajectory) -> set[str]:
-    """The names of all pictures that a trajectory shows or sent."""
-    names = {seen.screenshot for seen in trajectory.episode.observations}
-    for step in trajectory.episode.steps:
-        for message in step.messages:
-            names |= {part.screenshot for part in message.content if isinstance(part, ImageRef)}
-    return names
 
 
 # --- writing ----------------------------------------------------------------------------------------
@@ -169,10 +161,7 @@ class RunWriter:
 
     @classmethod
     def _create(cls, path: Path, config: Mapping[str, Any], tasks: list[Task], limits: StoreLimits) -> Self:
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
+        make_folder(path)
         refuse_taken(path)
         with disk_errors(f"making {path}"):
             writer = cls(path, limits, take_lock(path))
@@ -298,7 +287,7 @@ class RunWriter:
 
     def _append(self, trajectory: Trajectory) -> None:
         episode = trajectory.episode
-        names = _pictures(trajectory)
+        names = pictures(trajectory)
         if missing := names - self._images:
             raise StoreError(f"{episode.attempt_id} shows {len(missing)} pictures that were never stored")
         line = seal(trajectory)
@@ -404,6 +393,7 @@ class RunReader:
         self.path = path
         self._skip_corrupt = skip_corrupt
         self._index = Index(path / TRAJECTORIES)
+        self._no_tasks: list[CorruptLine] = []
 
     @property
     def config(self) -> dict[str, Any]:
@@ -425,7 +415,7 @@ class RunReader:
         """The tasks of the run by id, hidden truth included.
 
         Raises:
-            StoreCorrupt: a line is not a task; names file, line and reason.
+            StoreCorrupt: a line is not a task, and such may not be skipped; names file, line and reason.
         """
         return {task.id: task for task in self.drawn}
 
@@ -442,8 +432,10 @@ class RunReader:
             for number, line in enumerate(file, 1):
                 try:
                     drawn.append(decoder.decode(line))
-                except ValueError as error:
-                    raise StoreCorrupt(str(CorruptLine(TASKS, number, str(error)))) from error
+                except (ValueError, RecursionError) as error:
+                    self._no_tasks.append(CorruptLine(TASKS, number, str(error)))
+                    if not self._skip_corrupt:
+                        raise StoreCorrupt(str(self._no_tasks[-1])) from error
         return drawn
 
     def refresh(self) -> Mapping[str, Entry]:
@@ -465,8 +457,8 @@ class RunReader:
 
     @property
     def skipped(self) -> list[CorruptLine]:
-        """The records that cannot be trusted, as of the last look."""
-        return self._index.corrupt
+        """The records that cannot be trusted, as far as they have been read."""
+        return [*self._no_tasks, *self._index.corrupt]
 
     def trajectory(self, attempt_id: str) -> Trajectory:
         """One trajectory.
@@ -479,14 +471,25 @@ class RunReader:
         with disk_errors(f"reading {self.path}"):
             return read_at(self.path / TRAJECTORIES / entry.shard, entry)
 
-    def trajectories(self) -> Iterator[Trajectory]:
-        """All trajectories in the order in which they ended, one in memory at a time.
+    def trajectories(self, attempt_ids: Iterable[str] | None = None) -> Iterator[Trajectory]:
+        """Trajectories, one in memory at a time. Where records may be skipped, :attr:`attempts` is then
+        without those that proved to be no trajectories.
+
+        Args:
+            attempt_ids: which; ``None`` gives all, in the order in which they ended.
 
         Raises:
-            StoreCorrupt: as for :meth:`refresh`.
+            StoreCorrupt: a record cannot be trusted, unless it may be skipped.
         """
-        for attempt_id in list(self.attempts):
-            yield self.trajectory(attempt_id)
+        for attempt_id in list(self.attempts) if attempt_ids is None else attempt_ids:
+            try:
+                trajectory = self.trajectory(attempt_id)
+            except StoreCorrupt as error:
+                if not self._skip_corrupt:
+                    raise
+                self._index.leave_out(self._index.entries[attempt_id], error.__cause__ or error)
+                continue
+            yield trajectory
 
     def image_path(self, name: str) -> Path:
         """Where the picture of this name lies, whether it is there or not.

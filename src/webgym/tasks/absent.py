@@ -24,7 +24,7 @@ def is_absent(value: object) -> bool:
     """Whether a value says that there is none. What can be somebody's answer ("nothing", "0") does not."""
     if isinstance(value, str):
         is_short = len(value) <= _LONGEST_ABSENT or value.isspace()
-        return is_short and value.strip(_BRACKETS).casefold() in _ABSENT
+        return is_short and value.strip().strip(_BRACKETS).casefold() in _ABSENT
     if isinstance(value, float):
         return math.isnan(value)
     if isinstance(value, (list, tuple)):

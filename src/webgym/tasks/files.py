@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal, cast
 
@@ -21,7 +22,9 @@ import msgspec
 from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
-from webgym.core.task import Rubric, Task
+from webgym.core.task import WHOLE_TASK, Rubric, Task
+from webgym.core.text import plain
+from webgym.core.websites import why_no_start
 from webgym.tasks.absent import is_no_fact
 
 BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
@@ -45,7 +48,7 @@ class BrokenRecord:
     reason: str
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}: {self.reason}"
+        return plain(f"{self.file}:{self.line}: {self.reason}")
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,10 @@ class Findings:
     split: Literal["train", "test"] | None = None
 
     def add(self, file: Path, line: int, task: Task) -> bool:
-        """Take a task in, unless nobody can judge it or there is one of its id; whether it was taken."""
+        """Take a task in, unless it cannot be attempted or judged or its id is taken; whether it was."""
+        if why := unfit(task):
+            self.skip(file, line, why)
+            return False
         judged = _judged(task)
         if judged is None:
             self.set_aside.append(BrokenRecord(file, line, f"{task.id} has no fact to judge"))
@@ -213,17 +219,77 @@ def read_lines(lines: Iterable[bytes], file: Path, found: Findings) -> None:
 
     Survives a byte-order mark, carriage returns, empty lines and a last line without an end.
     """
-    decode = msgspec.json.Decoder(Task).decode
+    decode, keys_of = msgspec.json.Decoder(Task).decode, msgspec.json.Decoder(dict[str, msgspec.Raw]).decode
     for number, line in enumerate(lines, 1):
         try:
+            if not keys_of(line).keys() <= _FIELDS:
+                raise msgspec.ValidationError("there may be a misspelt key")
             task = decode(line)
-        except (ValueError, RecursionError) as error:  # msgspec's errors and broken UTF-8 are ValueErrors
-            if number == 1 and line.startswith(BYTE_ORDER_MARK):
-                read_lines([line.removeprefix(BYTE_ORDER_MARK)], file, found)
-            elif line.strip():
+        except (ValueError, RecursionError):  # msgspec's errors and broken UTF-8 are ValueErrors
+            if number == 1:
+                line = line.removeprefix(BYTE_ORDER_MARK)
+            if not line.strip():
+                continue
+            try:
+                task = _completed(line, file, number)
+            except (ValueError, RecursionError) as error:
                 found.skip(file, number, error)
-            continue
+                continue
         found.add(file, number, task)
+
+
+_DEFAULTS: Final = {
+    "domain": "Misc.",
+    "subdomain": "General Info.",
+    "rubric": msgspec.to_builtins(WHOLE_TASK),
+    "source": "own",
+}
+"""What a task of one's own need not say, beside its id, which is the file's name and the line."""
+_TYPES: Final = {each.name: each.type for each in msgspec.structs.fields(Task)}
+_FIELDS: Final = _TYPES.keys()
+_ALIKE: Final = 0.75
+"""How alike two spellings are, at least, to be taken for one key. Other keys are of no concern here."""
+_LONGEST_INSTRUCTION: Final = 100_000
+_LONGEST_ID: Final = 1_000
+
+
+def unfit(task: Task) -> str:
+    """Why a task cannot be attempted, whoever gave it, in one line; empty if it can."""
+    why = []
+    if (length := len(task.id)) > _LONGEST_ID:
+        why.append(f"id: it has {length:,} characters, and at most {_LONGEST_ID:,} are taken")
+    if (length := len(task.instruction)) > _LONGEST_INSTRUCTION:
+        why.append(
+            f"instruction: it has {length:,} characters, and at most {_LONGEST_INSTRUCTION:,} are taken"
+        )
+    if told := why_no_start(task.website):
+        why.append(f"website: {told}")
+    return "; ".join(why)
+
+
+def _completed(line: bytes, file: Path, number: int) -> Task:
+    """The task of a line that says less than everything.
+
+    Raises:
+        ValueError: with all that is wrong with it.
+    """
+    said = msgspec.json.decode(line)
+    if not isinstance(said, dict):
+        raise ValueError("it is no JSON object")
+    wrong = []
+    values = {}
+    for name, value in ({"id": f"{file.name.partition('.')[0]}/{number}"} | _DEFAULTS | said).items():
+        if name in _TYPES:
+            try:
+                values[name] = msgspec.convert(value, _TYPES[name])
+            except ValueError as error:
+                wrong.append(f"{name}: {error}")
+        elif nearest := get_close_matches(name, _FIELDS, 1, _ALIKE):
+            wrong.append(f"there is no key {name!r}; did you mean {nearest[0]}?")
+    wrong += [f"{name}: it is missing" for name in ("instruction", "website") if name not in said]
+    if wrong:
+        raise ValueError("; ".join(wrong))
+    return Task(**values)
 
 
 def write_lines(file: BinaryIO, tasks: Iterable[Task]) -> int:

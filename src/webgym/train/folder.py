@@ -38,6 +38,7 @@ from webgym.rollout.files import (
     METRICS,
     TORN,
     disk_errors,
+    make_folder,
     take_lock,
     write_whole,
 )
@@ -137,8 +138,8 @@ class TrainingFolder:
         import yaml
 
         self.refuse_used()
+        make_folder(self.path)
         with disk_errors(f"making {self.path}"):
-            self.path.mkdir(parents=True, exist_ok=True)
             text = yaml.safe_dump(dict(config), sort_keys=False, allow_unicode=True)
             write_whole(self.path / CONFIG, text.encode())
 

@@ -1,4 +1,4 @@
-"""Tables in four forms."""
+"""Tables in four forms. The names in them may be others', such as a domain of a task."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import csv
 import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+
+from webgym.core.text import plain
 
 if TYPE_CHECKING:
     from webgym.tasks.statistics import Table
@@ -18,6 +20,7 @@ def shown(tables: Sequence[Table]) -> None:
     """Print to the terminal."""
     from rich.console import Console
     from rich.table import Table as RichTable
+    from rich.text import Text
 
     console = Console()
     for table in tables:
@@ -26,7 +29,7 @@ def shown(tables: Sequence[Table]) -> None:
         for place, column in enumerate(table.columns):
             rich.add_column(column, justify="left" if place < table.names else "right")
         for row in table.rows:
-            rich.add_row(*row[: table.names], *map(_grouped, row[table.names :]))
+            rich.add_row(*map(Text, _cells(table, row)))
         console.print(rich, "")
 
 
@@ -35,8 +38,7 @@ def as_markdown(tables: Sequence[Table]) -> str:
     parts = []
     for table in tables:
         rules = ["---" if place < table.names else "---:" for place in range(len(table.columns))]
-        rows = [(*row[: table.names], *map(_grouped, row[table.names :])) for row in table.rows]
-        lines = [table.columns, rules, *rows]
+        lines = [table.columns, rules, *(_cells(table, row) for row in table.rows)]
         parts.append("\n".join([f"**{table.title}**", "", *(f"| {' | '.join(line)} |" for line in lines)]))
     return "\n\n".join(parts) + "\n"
 
@@ -48,8 +50,12 @@ def as_csv(tables: Sequence[Table]) -> str:
     for place, table in enumerate(tables):
         if place:
             text.write("\n")
-        writer.writerows([[table.title], table.columns, *table.rows])
+        writer.writerows([[table.title], table.columns, *(map(plain, row) for row in table.rows)])
     return text.getvalue()
+
+
+def _cells(table: Table, row: Sequence[str]) -> tuple[str, ...]:
+    return *map(plain, row[: table.names]), *map(_grouped, row[table.names :])
 
 
 def _grouped(cell: str) -> str:

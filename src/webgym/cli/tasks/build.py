@@ -204,4 +204,4 @@ def _tell_build(finished: Finished, place: Place, console: Console) -> None:
         console.print(
             f"failed   {may_pass:,} by the endpoint; run again to ask for them again", highlight=False
         )
-    console.print(f"set      {place.out}", highlight=False, soft_wrap=True)
+    console.print(f"set      {place.out}", highlight=False, soft_wrap=True, markup=False)

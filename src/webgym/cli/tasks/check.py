@@ -13,9 +13,12 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
 
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
+    from webgym.cli import EXIT_USAGE
     from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.task import LEVELS
+    from webgym.core.text import plain
     from webgym.core.websites import site_or_text
     from webgym.tasks import read_tasks
 
@@ -28,7 +31,8 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
         table.add_column(level, justify="right")
     counts = Counter((task.domain, task.subdomain, task.level) for task in found.tasks)
     for domain, subdomain in sorted({key[:2] for key in counts}):
-        table.add_row(domain, subdomain, *(str(counts[domain, subdomain, level]) for level in LEVELS))
+        names = (Text(plain(name)) for name in (domain, subdomain))
+        table.add_row(*names, *(str(counts[domain, subdomain, level]) for level in LEVELS))
     console.print(table)
     websites = len({site_or_text(task.website) for task in found.tasks})
     console.print(f"{len(found.tasks)} tasks on {websites} websites, {len(found.broken)} broken records")
@@ -36,4 +40,4 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     for record in found.broken:
         console.print(str(record), highlight=False, markup=False, soft_wrap=True)
     if found.broken:
-        raise typer.Exit(1)
+        raise typer.Exit(EXIT_USAGE)

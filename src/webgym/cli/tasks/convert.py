@@ -27,6 +27,7 @@ def convert(
 
     Tasks without a fact to judge are not written, and counted.
     """
+    from webgym.cli import EXIT_USAGE
     from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.errors import ConfigError
     from webgym.tasks import FORMATS, read_tasks, write_tasks
@@ -41,4 +42,4 @@ def convert(
     if found.broken:
         for record in found.broken:
             print(f"left out {record}", file=sys.stderr)
-        raise typer.Exit(1)
+        raise typer.Exit(EXIT_USAGE)

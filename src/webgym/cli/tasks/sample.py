@@ -52,6 +52,7 @@ def sample(
 
     from webgym.cli.tasks._files import with_own_ids
     from webgym.core.errors import ConfigError
+    from webgym.core.text import plain
     from webgym.rollout.blocklist import Blocklist, BlocklistConfig
     from webgym.tasks import write_tasks
     from webgym.tasks.sampling import Sampler, near_success, spread_websites
@@ -86,7 +87,7 @@ def sample(
         if again := len(drawn) - len(distinct):
             print(f"{again:,} drawn a second time are left out: a file holds a task once", file=sys.stderr)
     else:
-        print("\n".join(task.id for task in drawn))
+        print("\n".join(plain(task.id) for task in drawn))
     _keep(sampler, state)
 
 

@@ -67,11 +67,13 @@ def _list(console: Console) -> None:
 
 def _report(console: Console, name: str, where: str, lines: int) -> bool:
     """Say what a source held; whether there was any task."""
+    from rich.text import Text
+
     from webgym.tasks.sources import SOURCES, read_source
 
     held = read_source(name, where)
     source = SOURCES[name]
-    console.print(f"[bold]{name}[/]  {where}", highlight=False, soft_wrap=True)
+    console.print(Text.assemble((name, "bold"), f"  {where}"), soft_wrap=True)
     for label, value in _figures(held, source.paper_tasks, source.paper_websites):
         console.print(f"  {label:<10} {value}", highlight=False, markup=False, soft_wrap=True)
     _some(console, held.skipped, lines)
@@ -91,8 +93,10 @@ def _figures(held: Read, paper_tasks: int, paper_websites: int) -> Iterable[tupl
 
 
 def _some(console: Console, told: Iterable[object], lines: int) -> None:
+    from webgym.core.text import plain
+
     every = list(told)
     for each in every[:lines]:
-        console.print(f"    {each}", highlight=False, markup=False, soft_wrap=True)
+        console.print(f"    {plain(str(each))}", highlight=False, markup=False, soft_wrap=True)
     if lines and len(every) > lines:
         console.print(f"    and {len(every) - lines:,} more (--lines)", highlight=False)

@@ -26,6 +26,7 @@ def validate(
     """
     import msgspec
 
+    from webgym.cli import EXIT_FAILED, EXIT_USAGE
     from webgym.cli.tasks._files import read_all, tell_set_aside
     from webgym.tasks.files import whole_file
     from webgym.tasks.validate import validate as check
@@ -40,11 +41,14 @@ def validate(
             file.write(msgspec.json.format(msgspec.json.encode(whole)))
     _tell(report, broken, lines)
     tell_set_aside(held.set_aside)
-    if broken or not report.ok:
-        raise typer.Exit(1)
+    if broken:
+        raise typer.Exit(EXIT_USAGE)
+    if not report.ok:
+        raise typer.Exit(EXIT_FAILED)
 
 
 def _tell(report: Report, broken: Sequence[str], lines: int) -> None:
+    from webgym.core.text import plain
     from webgym.tasks.validate import RULES
 
     print(
@@ -60,7 +64,7 @@ def _tell(report: Report, broken: Sequence[str], lines: int) -> None:
         print(f"BAD every record can be read: {len(broken):,} cannot")
         _some(broken, lines)
     if report.orphans:
-        some = ", ".join(report.orphans[:3])
+        some = plain(", ".join(report.orphans[:3]))
         print(f"{len(report.orphans):,} derived tasks have no parent here, which is no offence: {some}, ...")
 
 

@@ -34,17 +34,23 @@ function follow(changed) {
   const badge = byId("live");
   badge.hidden = false;
   let known = rows.length;
-  badge.textContent = `live, ${known} attempts`;
+  let isWhole = byId("overview").dataset.whole === "true";
+  const tell = () => {
+    badge.classList.toggle("whole", isWhole);
+    badge.textContent = `${isWhole ? "finished" : "live"}, ${known} attempts`;
+  };
+  tell();
   async function ask() {
     try {
-      const reply = await fetch(`api/news?after=${known}`);
+      const reply = await fetch(`api/news?after=${known}&whole=${isWhole}`);
       if (!reply.ok) throw new Error(String(reply.status));
       const news = await reply.json();
       rows.push(...news.rows);
       known += news.rows.length;
+      isWhole = news.whole;
       badge.classList.remove("lost");
-      badge.textContent = `live, ${known} attempts`;
-      if (news.rows.length) changed(news.overview);
+      tell();
+      if (news.overview) changed(news.overview);
     } catch {
       badge.classList.add("lost");
       badge.textContent = "server gone";

@@ -52,10 +52,16 @@ function marks(action) {
   }
 }
 
+/** What is said in place of a picture that is not there. A report may have been moved away from its pictures. */
+function whereIsIt(name) {
+  if (settings.live) return "This picture is not in the run folder.";
+  return `This report has no picture of its own here, and ${picture(name)} is not beside it. If it was moved, move it back into its folder.`;
+}
+
 function image(name, alt, lazy) {
   const shownImage = h("img", { alt, loading: lazy ? "lazy" : "eager", decoding: "async", src: picture(name) });
   shownImage.addEventListener("error", () => {
-    shownImage.replaceWith(h("div", { class: "absent", role: "img", "aria-label": alt }, lazy ? "" : "This picture is not in the run folder."));
+    shownImage.replaceWith(h("div", { class: "absent", role: "img", "aria-label": alt }, lazy ? "" : whereIsIt(name)));
   }, { once: true });
   return shownImage;
 }

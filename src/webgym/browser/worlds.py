@@ -39,6 +39,7 @@ _WORLD = "webgym"
 _SAID_LENGTH = 300
 
 _FILES = (
+    "dom",
     "page",
     "settle",
     "geometry",

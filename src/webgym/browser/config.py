@@ -179,6 +179,32 @@ class BrowserConfig(BaseModel):
     url_length: int = Field(default=16_384, gt=0)
     """Longest address that is opened, characters: a model that repeats itself writes longer ones."""
 
+    # --- what is observed -----------------------------------------------------------------------------
+    # A page may hold hundreds of megabytes of each. What is longer is cut in the page, before it reaches us
+    # and every record, and a notice says so; names are cut in silence, as the first words of one will do.
+
+    title_characters: int = Field(default=1_000, gt=0)
+    """Longest title."""
+
+    address_characters: int = Field(default=4_096, gt=0)
+    """Longest URL, of the page and of a link. Search and log-in pages use 2,000; data URLs have no limit."""
+
+    text_characters: int = Field(default=100_000, gt=0)
+    """Longest text; also all values of fields together, and all values and addresses of elements together.
+    A viewport full of small print has 15,000."""
+
+    name_characters: int = Field(default=200, gt=0)
+    """Longest name of an element, and of an option in an open list."""
+
+    value_characters: int = Field(default=10_000, gt=0)
+    """Longest value of a field: more than an agent writes in one action."""
+
+    observed_elements: int = Field(default=2_000, gt=0)
+    """Most elements. Busy viewports have 200; more than fit could not be told apart by their marks."""
+
+    listed_options: int = Field(default=1_000, gt=0)
+    """Most options in the open list of a dropdown. The others are chosen by typing their text."""
+
     document_characters: int = Field(default=1_000_000, gt=0)
     """Longest answer to a reading of a whole document, all its texts together."""
 

@@ -216,7 +216,7 @@
     const found = [];
     if (elements) collect(document, null, most, found);
     return {
-      title: title(document),
+      title: title(document).slice(0, webgym.limits.title),
       ...(lines ? { text: textOf(lines, take) } : {}),
       ...(elements ? { elements: found } : {}),
       ...(meta ? metaOf(take) : {}),

@@ -56,28 +56,37 @@
     element.setAttribute('role', 'option');
     element.setAttribute('aria-selected', String(option.selected));
     if (!webgym.isOffered(option)) element.setAttribute('aria-disabled', 'true');
-    element.textContent = option.label || '\u00a0';
+    element.textContent = option.label.slice(0, webgym.limits.name) || '\u00a0';
     return element;
   };
 
+  const addTitle = (list, text) => {
+    const title = make(document, 'div');
+    title.className = 'group';
+    title.textContent = text.slice(0, webgym.limits.name);
+    list.append(title);
+  };
+
+  // {rows, isCut}: the option of each row. A list that is cut says so at its end.
   const fillList = (select, list) => {
     const rows = new Map();
     let group = null;
     for (const option of select.options) {
       if (option.hidden || getComputedStyle(option).display === 'none') continue;
+      if (rows.size >= webgym.limits.options) {
+        addTitle(list, '…');
+        return { rows, isCut: true };
+      }
       const parent = parentElement(option);
       if (localName(parent) === 'optgroup' && parent !== group) {
         group = parent;
-        const title = make(document, 'div');
-        title.className = 'group';
-        title.textContent = parent.label;
-        list.append(title);
+        addTitle(list, parent.label);
       }
       const element = row(option);
       rows.set(element, option);
       list.append(element);
     }
-    return rows;
+    return { rows, isCut: false };
   };
 
   const placeList = (box, list) => {
@@ -105,12 +114,12 @@
     const list = make(document, 'div');
     list.className = 'list';
     list.setAttribute('role', 'listbox');
-    const rows = fillList(select, list);
+    const { rows, isCut } = fillList(select, list);
     root.append(list);
     placeList(box, list);
     const chosen = root.querySelector('[aria-selected=true]');
     if (chosen) chosen.scrollIntoView({ block: 'nearest' });
-    state.list = { host, root, list, rows, select };
+    state.list = { host, root, list, rows, select, isCut };
     changed();
   };
 

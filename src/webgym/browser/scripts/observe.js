@@ -8,7 +8,7 @@
     documentElement, scrollingElement, readyState, children, firstElementChild, childElementCount, querySelector,
     querySelectorAll, offsetWidth, offsetHeight, isContentEditable, ofKind,
   } = webgym.dom;
-  const { fold, rootOf, frameIn, isFrame } = webgym;
+  const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
   const { roleOf, nameOf, valueOf } = webgym.roles;
   const { sight } = webgym;
   const { intersect, middle, moved, contains, placeOf, hit, clipAround } = webgym.geometry;
@@ -133,20 +133,23 @@
     if (role === 'listbox' && localName(element) !== 'select') return; // its options are what one clicks
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
     if (list && roleOf(list) !== 'listbox') return;
+    if (!sink.hasRoom()) return;
     let boxes = isShown(element) || !getClientRects(element).length ? visibleParts(element, place, sink.most) : [];
     if (!boxes.length) boxes = standIn(element, place, sink.most);
     if (!boxes.length) return;
-    const value = valueOf(element, role);
     sink.addElement(element, boxes, {
       role,
       name: nameOf(element, role),
-      ...(value === null ? {} : { value }),
-      ...(role === 'link' && ofKind(element, 'href') ? { href: hrefOf(element) } : {}),
+      value: valueOf(element, role) ?? undefined,
+      href: role === 'link' ? hrefOf(element) : undefined,
     });
   };
 
-  const hrefOf = (link) =>
-    typeof link.href === 'string' ? link.href : new URL(link.href.baseVal, baseURI(link)).href;
+  const hrefOf = (element) => {
+    const href = ofKind(element, 'href');
+    if (!href) return undefined;
+    return shorten(typeof href === 'string' ? href : new URL(href.baseVal, baseURI(element)).href, 'address');
+  };
 
   // --- text ---------------------------------------------------------------------------------------
 
@@ -167,10 +170,10 @@
     const role = roleOf(element);
     if (role === 'checkbox' || role === 'radio' || element.type === 'range' || element.type === 'color') return;
     const isWritten = role !== 'button' && localName(element) !== 'select' && element.value;
-    const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder || '';
+    const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder;
     if (!text || !visibleParts(element, place, 1).length) return;
-    if (isWritten) sink.addValue(text, [box]);
-    else sink.addWords(text, [box]);
+    if (isWritten) sink.addValue(shorten(text, 'value'), [box]);
+    else sink.addWords(shorten(text, 'value'), [box]);
   };
 
   // --- the walk -----------------------------------------------------------------------------------
@@ -326,6 +329,8 @@
       this.fields = new Lines();
       this.elements = [];
       this.frames = frames;
+      this.count = 0; // of elements
+      this.spare = webgym.limits.text; // for their values and addresses
       this.missing = [];
       this.isUnknown = false;
     }
@@ -353,9 +358,24 @@
       this.lines.flush();
       this.fields.flush();
     }
+    hasRoom() {
+      if (this.count < webgym.limits.elements) return true;
+      webgym.noteShortened('elements');
+      return false;
+    }
+    // Counts an element. Values and addresses are left out where there is no room for them.
+    fitting({ value, href, ...described }) {
+      this.count += 1;
+      this.spare -= (value || '').length + (href || '').length;
+      if (this.spare >= 0) return { ...described, value, href };
+      if (value) webgym.noteShortened('value');
+      if (href) webgym.noteShortened('address');
+      return described;
+    }
     addElement(key, [box], described) {
       const { left, top, right, bottom } = box;
-      this.elements.push({ number: numberOf(key), ...described, box: [left, top, right - left, bottom - top] });
+      const at = [left, top, right - left, bottom - top];
+      this.elements.push({ number: numberOf(key), ...this.fitting(described), box: at });
     }
     addFrame(frame, place) {
       const id = webgym.frameId(frame);
@@ -376,10 +396,11 @@
       for (const [kind, ...item] of gathered.items) {
         if (kind === 'space') this.addSpace();
         else if (kind === 'flush') this.flush();
+        else if (kind === 'shortened') webgym.noteShortened(item[0]);
         else if (kind === 'frame') this.replayWithin(item, place, isOpen);
         else if (kind === 'element') {
           const boxes = seen(item[1]);
-          if (boxes.length) this.addElement(`${gathered.world} ${item[0]}`, boxes, item[2]);
+          if (boxes.length && this.hasRoom()) this.addElement(`${gathered.world} ${item[0]}`, boxes, item[2]);
         } else this.replayText(kind, item[0], place, isOpen);
       }
     }
@@ -434,6 +455,7 @@
       this.items = [];
       this.most = MAX_PARTS;
       this.hasText = false;
+      this.room = webgym.limits.text;
     }
     get hasOpenLine() {
       return this.hasText;
@@ -452,6 +474,11 @@
       this.addPieces('value', [{ text, rects, isSeen: true }]);
     }
     addPieces(kind, pieces) {
+      this.room -= pieces.reduce((sum, { text }) => sum + text.length, 0);
+      if (this.room < 0) {
+        webgym.noteShortened('text');
+        return;
+      }
       this.items.push([kind, pieces]);
       this.hasText = true;
     }
@@ -460,7 +487,7 @@
       this.hasText = false;
     }
     addElement(element, boxes, described) {
-      this.items.push(['element', numberOf(element), boxes, described]);
+      this.items.push(['element', numberOf(element), boxes, this.fitting(described)]);
     }
     addFrame(frame, { map, clip }) {
       this.items.push(['frame', webgym.frameId(frame), map, clip, coveredCells(frame, clip)]);
@@ -501,12 +528,20 @@
     return sink;
   };
 
+  // As many of these texts, or lists of texts, as are as long as a text may be.
+  const firstOf = (texts) => {
+    let left = webgym.limits.text;
+    const found = texts.filter((text) => (left -= [text].flat().join('').length) >= 0);
+    if (found.length < texts.length) webgym.noteShortened('text');
+    return found;
+  };
+
   // {text, elements}: what is wanted. Gives what a `Look` of the frame above can go over.
   webgym.gather = (wanted) => {
     webgym.attach();
     const gathering = new Gathering(wanted);
     walkAll(gathering);
-    return gathering.items;
+    return [...gathering.items, ...webgym.takeShortened().map((kind) => ['shortened', kind])];
   };
 
   // {text, cuts, elements, marks}: what is wanted; marks are drawn over the elements until `unmark`.
@@ -514,22 +549,28 @@
     webgym.attach();
     const page = scrollingElement(document) || documentElement(document);
     const seen = {
-      title: title(document),
+      title: shorten(title(document), 'title'),
       scroll: [scrollY, page ? scrollHeight(page) : innerHeight],
     };
-    if (!wanted.text && !wanted.elements && !wanted.cuts) return { ...seen, ...webgym.reach() };
+    if (!wanted.text && !wanted.elements && !wanted.cuts)
+      return { ...seen, ...webgym.reach(), shortened: webgym.takeShortened() };
     const look = new Look(wanted, frames);
     walkAll(look);
     const reach = webgym.reach();
     if (wanted.marks && documentElement(document)) webgym.mark(look.elements);
+    const read = look.wantsText
+      ? { text: shorten(look.lines.lines.join('\n'), 'text'), fields: firstOf(look.fields.lines) }
+      : {};
+    const cuts = wanted.cuts ? { cuts: firstOf(walkAll(new Cuts(), true).cut) } : {};
     return {
       ...seen,
       frames: reach.frames,
       missing: look.missing,
       unknown: reach.unknown || look.isUnknown,
-      ...(look.wantsText ? { text: look.lines.lines.join('\n'), fields: look.fields.lines } : {}),
-      ...(wanted.cuts ? { cuts: walkAll(new Cuts(), true).cut } : {}),
+      ...read,
+      ...cuts,
       ...(look.wantsElements ? { elements: look.elements } : {}),
+      shortened: webgym.takeShortened(),
     };
   };
 })();

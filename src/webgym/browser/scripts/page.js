@@ -15,6 +15,23 @@
   // The shadow root below an element: an open one, one of ours, or a closed one that was opened to us.
   webgym.rootOf = (element) => shadowRoot(element) || state.roots.get(element) || null;
 
+  // What is too long for an answer is cut in the page, and the answer says what was. `limits`: characters of a
+  // `title`, an `address`, a `text`, a `name` and a `value`, and numbers of `elements` and `options`.
+  webgym.limits = {};
+  let shortened = new Set();
+  webgym.noteShortened = (kind) => shortened.add(kind);
+  webgym.shorten = (text, kind) => {
+    const most = webgym.limits[kind];
+    if (text.length > most) shortened.add(kind);
+    return text.slice(0, most);
+  };
+  // Which kinds were cut since the last call, or are in the list that is open.
+  webgym.takeShortened = () => {
+    const kinds = [...shortened, ...(state.list && state.list.isCut ? ['options'] : [])];
+    shortened = new Set();
+    return kinds;
+  };
+
   const FRAMES = new Set(['iframe', 'frame', 'object']);
   webgym.isFrame = (element) => FRAMES.has(localName(element));
   // The document in a frame; null for one of another origin.

@@ -6,8 +6,9 @@
     nodeType, parentElement, childNodes, getRootNode, localName, getAttribute, hasAttribute, checkVisibility,
     querySelector, getElementById, isContentEditable, tabIndex, ofKind,
   } = webgym.dom;
-  const { fold, rootOf } = webgym;
-  const MAX_NAME = 200;
+  const { fold, rootOf, shorten } = webgym;
+  const SPARE = 20; // characters that are looked at for one of a name: most may be white space
+  const first = (text) => (text || '').slice(0, SPARE * webgym.limits.name);
 
   const INPUT_ROLES = {
     button: 'button', submit: 'button', reset: 'button', image: 'button', checkbox: 'checkbox',
@@ -50,20 +51,24 @@
   };
 
   const contentName = (node, depth = 0) => {
-    if (nodeType(node) === Node.TEXT_NODE) return node.data;
+    if (nodeType(node) === Node.TEXT_NODE) return first(node.data);
     if (nodeType(node) !== Node.ELEMENT_NODE || depth > 12) return '';
     if (getAttribute(node, 'aria-hidden') === 'true') return '';
     const tag = localName(node);
     if (tag === 'style' || tag === 'script' || tag === 'select') return '';
     if (depth && !checkVisibility(node, { visibilityProperty: true })) return '';
     const label = depth ? getAttribute(node, 'aria-label') : null;
-    if (label) return label;
-    if (tag === 'img') return node.alt;
-    if (tag === 'svg') return (querySelector(node, 'title') || {}).textContent || '';
+    if (label) return first(label);
+    if (tag === 'img') return first(node.alt);
+    if (tag === 'svg') return first((querySelector(node, 'title') || {}).textContent);
     const assigned = tag === 'slot' ? node.assignedNodes({ flatten: true }) : [];
     const inner = assigned.length ? assigned : childNodes(rootOf(node) || node);
     const isInline = depth && getComputedStyle(node).display.startsWith('inline');
-    const text = [...inner].map((child) => contentName(child, depth + 1)).join('');
+    let text = '';
+    for (const child of inner) {
+      if (text.length >= SPARE * webgym.limits.name) break;
+      text += contentName(child, depth + 1);
+    }
     return isInline || !depth ? text : ` ${text} `;
   };
 
@@ -86,8 +91,8 @@
       () => (localName(element) === 'option' ? element.label : ''),
     ];
     for (const candidate of candidates) {
-      const name = fold(candidate());
-      if (name) return name.slice(0, MAX_NAME);
+      const name = fold(first(candidate()));
+      if (name) return name.slice(0, webgym.limits.name);
     }
     return '';
   };
@@ -96,12 +101,20 @@
     const tag = localName(element);
     if (role === 'checkbox' || role === 'radio' || role === 'switch')
       return String(ofKind(element, 'checked') ?? getAttribute(element, 'aria-checked') === 'true');
-    if (tag === 'select')
-      return [...element.selectedOptions].map((option) => fold(option.label)).join(', ');
+    if (tag === 'select') {
+      let text = '';
+      for (const option of element.selectedOptions) {
+        text += (text && ', ') + fold(shorten(option.label, 'value'));
+        if (text.length > webgym.limits.value) break;
+      }
+      return shorten(text, 'value');
+    }
     if (role === 'option')
       return String(ofKind(element, 'selected') || getAttribute(element, 'aria-selected') === 'true');
-    if (tag === 'textarea' || (tag === 'input' && (role !== 'button' || element.type === 'color')))
-      return element.type === 'password' ? '•'.repeat(element.value.length) : element.value;
+    if (tag === 'textarea' || (tag === 'input' && (role !== 'button' || element.type === 'color'))) {
+      const value = shorten(element.value, 'value');
+      return element.type === 'password' ? '•'.repeat(value.length) : value;
+    }
     return null;
   };
 

@@ -358,7 +358,7 @@
       const at = start + match.index;
       const own = isSpace ? [] : rectsOf(node, at, at + text.length);
       const rects = own.map((rect) => plain(moved(rect, map)));
-      pieces.push({ text, isSpace, rects, isSeen: isSpace || isSeen(own, text) });
+      pieces.push({ text: isSpace ? ' ' : text, isSpace, rects, isSeen: isSpace || isSeen(own, text) });
     }
     return pieces;
   };

@@ -87,7 +87,8 @@
   };
 
   const refuseChoice = (options, text) => {
-    const names = options.slice(0, 12).map((option) => `"${fold(option.label)}"`).join(', ');
+    const nameOf = (option) => fold(option.label.slice(0, webgym.limits.name));
+    const names = options.slice(0, 12).map((option) => `"${nameOf(option)}"`).join(', ');
     return { kind: 'refused', why: `the list has no option "${text}"; it has ${names}` };
   };
 

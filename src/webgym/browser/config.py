@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+import ipaddress
+import re
 from pathlib import Path
 from typing import Literal, TypeAlias
+from urllib.parse import quote
 
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import Mode
+
+_TEXT = r"[^\x00-\x1f\x7f;\ud800-\udfff]"
+_COOKIE = {
+    "name": re.compile(r"(?!__(secure|host|http)-)[^\x00-\x20\x7f-\xa0;=\ud800-\udfff]+", re.IGNORECASE),
+    "value": re.compile(rf"(?! ){_TEXT}*(?<! )"),
+    "domain": re.compile(r"\.?[\w-]+(\.[\w-]+)*\.?|\[[\da-f:.]+\]", re.IGNORECASE | re.ASCII),
+    "path": re.compile(rf"/{_TEXT}*"),
+}
+"""How each part of a cookie is written. Names with these prefixes are for cookies that only HTTPS may set."""
+
+_COOKIE_BYTES = 4096
+_COOKIE_PATH_BYTES = 1024
+_NUMBER = re.compile(r"\d+|0x[\da-f]*", re.IGNORECASE)
+"""The last label of a host that Chromium takes for an address."""
+
+_SAID_LENGTH = 100
 
 SandboxSetting: TypeAlias = Literal["auto", "on", "off"]
 
@@ -19,12 +38,28 @@ class Cookie(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         domain: host that it is sent to; a leading dot includes subdomains.
+
+    Raises:
+        ValueError: no browser takes such a cookie (RFC 6265, and Chromium's limits).
     """
 
     name: str
     value: str
     domain: str
     path: str = "/"
+
+    def __post_init__(self) -> None:
+        for part, pattern in _COOKIE.items():
+            if not pattern.fullmatch(getattr(self, part)):
+                raise ValueError(f"this is no {part} of a cookie: {getattr(self, part)[:_SAID_LENGTH]!r}")
+        if (
+            len((self.name + self.value).encode()) > _COOKIE_BYTES
+            or len(quote(self.path)) > _COOKIE_PATH_BYTES
+        ):
+            raise ValueError(f"the cookie {self.name[:_SAID_LENGTH]!r} is too large")
+        host = self.domain.strip(".[]")
+        if _NUMBER.fullmatch(host.rpartition(".")[2]) or self.domain.startswith("["):
+            ipaddress.ip_address(host)
 
 
 class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):

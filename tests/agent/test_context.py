@@ -109,6 +109,7 @@ def test_nothing_hidden_is_told() -> None:
         "still_loading",
         "crashed",
         "reply_unreadable",
+        "shortened",
         "unchanged",
     ],
 )

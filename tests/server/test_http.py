@@ -82,6 +82,36 @@ async def test_a_broken_request_is_a_protocol_error(http: httpx.AsyncClient, bod
     assert error(await http.delete(path, headers=headers)) == (410, "lease_lost")
 
 
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"name": ""},
+        {"name": "a;b"},
+        {"name": "a b"},
+        {"name": "__Host-a"},
+        {"value": "two\nlines"},
+        {"value": "x" * 5000},
+        {"domain": ""},
+        {"domain": "http://a.test"},
+        {"domain": "999.1.1.1"},
+        {"domain": "[::"},
+        {"path": "nowhere"},
+        {"path": "/" + "x" * 2000},
+    ],
+)
+async def test_a_malformed_cookie_is_refused_before_a_browser_sees_it(
+    http: httpx.AsyncClient, server: RunningServer, part: dict[str, str]
+) -> None:
+    cookie = {"name": "visitor", "value": "v 17", "domain": ".a.test"}
+    before = [slot.launches for slot in server.service.pool.slots]
+    refused = await http.post("/v1/sessions", json={"cookies": [cookie, cookie | part]})
+    assert error(refused) == (400, "protocol_error")
+    assert [slot.launches for slot in server.service.pool.slots] == before
+    taken = (await http.post("/v1/sessions", json={"cookies": [cookie]})).json()
+    headers = {"x-webgym-secret": taken["secret"], "x-webgym-generation": str(taken["generation"])}
+    assert (await http.delete(f"/v1/sessions/{taken['session_id']}", headers=headers)).is_success
+
+
 async def test_a_large_body_is_refused(http: httpx.AsyncClient) -> None:
     response = await http.post("/v1/sessions", content=b"x" * 2_000_000)
     assert error(response) == (413, "protocol_error")

@@ -71,6 +71,7 @@ _NOTICES: dict[NoticeKind, str] = {
     "still_loading": "The page is still loading",
     "crashed": "The page crashed and was loaded again",
     "reply_unreadable": "Your last reply held no action, so nothing was done",
+    "shortened": "The page has more than is told of it; this was cut",
     "unchanged": "The screen is the same as before your last action",
 }
 

@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
+import ipaddress
+import re
 from pathlib import Path
 from typing import Literal, TypeAlias
+from urllib.parse import quote
 
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import Mode
+
+_TEXT = r"[^\x00-\x1f\x7f;\ud800-\udfff]"
+_COOKIE = {
+    "name": re.compile(r"(?!__(secure|host|http)-)[^\x00-\x20\x7f-\xa0;=\ud800-\udfff]+", re.IGNORECASE),
+    "value": re.compile(rf"(?! ){_TEXT}*(?<! )"),
+    "domain": re.compile(r"\.?[\w-]+(\.[\w-]+)*\.?|\[[\da-f:.]+\]", re.IGNORECASE | re.ASCII),
+    "path": re.compile(rf"/{_TEXT}*"),
+}
+"""How each part of a cookie is written. Names with these prefixes are for cookies that only HTTPS may set."""
+
+_COOKIE_BYTES = 4096
+_COOKIE_PATH_BYTES = 1024
+_NUMBER = re.compile(r"\d+|0x[\da-f]*", re.IGNORECASE)
+"""The last label of a host that Chromium takes for an address."""
+
+_SAID_LENGTH = 100
 
 SandboxSetting: TypeAlias = Literal["auto", "on", "off"]
 
@@ -19,12 +38,28 @@ class Cookie(msgspec.Struct, frozen=True, omit_defaults=True):
 
     Attributes:
         domain: host that it is sent to; a leading dot includes subdomains.
+
+    Raises:
+        ValueError: no browser takes such a cookie (RFC 6265, and Chromium's limits).
     """
 
     name: str
     value: str
     domain: str
     path: str = "/"
+
+    def __post_init__(self) -> None:
+        for part, pattern in _COOKIE.items():
+            if not pattern.fullmatch(getattr(self, part)):
+                raise ValueError(f"this is no {part} of a cookie: {getattr(self, part)[:_SAID_LENGTH]!r}")
+        if (
+            len((self.name + self.value).encode()) > _COOKIE_BYTES
+            or len(quote(self.path)) > _COOKIE_PATH_BYTES
+        ):
+            raise ValueError(f"the cookie {self.name[:_SAID_LENGTH]!r} is too large")
+        host = self.domain.strip(".[]")
+        if _NUMBER.fullmatch(host.rpartition(".")[2]) or self.domain.startswith("["):
+            ipaddress.ip_address(host)
 
 
 class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -180,6 +215,32 @@ class BrowserConfig(BaseModel):
 
     url_length: int = Field(default=16_384, gt=0)
     """Longest address that is opened, characters: a model that repeats itself writes longer ones."""
+
+    # --- what is observed -----------------------------------------------------------------------------
+    # A page may hold hundreds of megabytes of each. What is longer is cut in the page, before it reaches us
+    # and every record, and a notice says so; names are cut in silence, as the first words of one will do.
+
+    title_characters: int = Field(default=1_000, gt=0)
+    """Longest title."""
+
+    address_characters: int = Field(default=4_096, gt=0)
+    """Longest URL, of the page and of a link. Search and log-in pages use 2,000; data URLs have no limit."""
+
+    text_characters: int = Field(default=100_000, gt=0)
+    """Longest text; also all values of fields together, and all values and addresses of elements together.
+    A viewport full of small print has 15,000."""
+
+    name_characters: int = Field(default=200, gt=0)
+    """Longest name of an element, and of an option in an open list."""
+
+    value_characters: int = Field(default=10_000, gt=0)
+    """Longest value of a field: more than an agent writes in one action."""
+
+    observed_elements: int = Field(default=2_000, gt=0)
+    """Most elements. Busy viewports have 200; more than fit could not be told apart by their marks."""
+
+    listed_options: int = Field(default=1_000, gt=0)
+    """Most options in the open list of a dropdown. The others are chosen by typing their text."""
 
     document_characters: int = Field(default=1_000_000, gt=0)
     """Longest answer to a reading of a whole document, all its texts together."""

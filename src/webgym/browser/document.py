@@ -79,4 +79,4 @@ async def read(page: Page, request: ReadRequest) -> Document:
         "most": page.config.document_elements,
     }
     document = await patiently(page, lambda: page.run("readDocument", wanted, reply=Document))
-    return msgspec.structs.replace(document, url=page.url)
+    return msgspec.structs.replace(document, url=page.address)

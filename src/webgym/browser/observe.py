@@ -28,6 +28,17 @@ _NO_FRAME_YET = ("Unable to capture screenshot", "Not attached to an active page
 """What Chromium says while a page comes or goes."""
 
 
+_SHORTENED = {
+    "title": "the title",
+    "address": "an address",
+    "text": "the text",
+    "value": "what stands in a field",
+    "elements": "the list of elements",
+    "options": "the open list of options",
+}
+"""What a notice calls each kind of thing that the scripts cut."""
+
+
 class Look(msgspec.Struct, frozen=True):
     """An observation with its picture.
 
@@ -60,6 +71,7 @@ class Seen(msgspec.Struct, frozen=True):
         frames: the frames of other origins in its viewport.
         missing: those of them whose content it should have been given.
         unknown: whether it holds what was not entered yet.
+        shortened: kinds of what was cut for its length (:data:`_SHORTENED`).
     """
 
     title: str = ""
@@ -71,6 +83,13 @@ class Seen(msgspec.Struct, frozen=True):
     frames: frozenset[str] = frozenset()
     missing: frozenset[str] = frozenset()
     unknown: bool = False
+    shortened: tuple[str, ...] = ()
+
+    def notices(self, page: Page) -> tuple[Notice, ...]:
+        """That something was too long to be observed whole, if something was."""
+        kinds = [*self.shortened, *(["address"] if page.address != page.url else [])]
+        named = ", ".join(words for kind, words in _SHORTENED.items() if kind in kinds)
+        return (Notice("shortened", named),) if named else ()
 
 
 async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look:
@@ -99,14 +118,14 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look
     return Look(
         Observation(
             screenshot=hashlib.sha256(image).hexdigest(),
-            url=page.url,
+            url=page.address,
             title=seen.title,
             viewport=page.options.viewport,
             status=page.status,
             scroll=seen.scroll,
             mode=page.options.mode,
             settled=settled,
-            notices=page.take_notices(),
+            notices=(*page.take_notices(), *seen.notices(page)),
             text=seen.text,
             fields=seen.fields,
             cuts=seen.cuts,

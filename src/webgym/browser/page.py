@@ -199,6 +199,11 @@ class Page:
         )
 
     @property
+    def address(self) -> str:
+        """Where it is, at most ``address_characters`` of it."""
+        return self.url[: self.config.address_characters]
+
+    @property
     def is_crashed(self) -> bool:
         """Whether its renderer is gone."""
         return self.session.crashed is not None
@@ -444,7 +449,9 @@ class Page:
                 self.note("dialog", "the page would not stop opening dialogs; it may open no more")
         else:
             said = f'{event.type} "{event.message[:_SAID_LENGTH]}"'
-            answer = f'answered "{event.default_prompt}"' if event.type == "prompt" else "accepted"
+            answer = (
+                f'answered "{event.default_prompt[:_SAID_LENGTH]}"' if event.type == "prompt" else "accepted"
+            )
             self.note("dialog", f"{said}: {answer}")
         self.session.send("Page.handleJavaScriptDialog", {"accept": True, "promptText": event.default_prompt})
         if self._dialogs > self.config.dialogs_per_action:

@@ -436,13 +436,13 @@ class Slot:
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be asked: {error.message}") from error
         return Metadata(
-            page.url,
+            page.address,
             seen.title,
             page.options.viewport,
             page.status,
             seen.scroll,
             self._settled,
-            page.happened,
+            (*page.happened, *seen.notices(page)),
         )
 
     async def read(self, request: ReadRequest) -> Document:

@@ -39,6 +39,7 @@ _WORLD = "webgym"
 _SAID_LENGTH = 300
 
 _FILES = (
+    "dom",
     "page",
     "settle",
     "geometry",
@@ -92,6 +93,17 @@ class Worlds:
         self._session = session
         self._main = main_frame
         self._config = config
+        self._limits = json.dumps(
+            {
+                "title": config.title_characters,
+                "address": config.address_characters,
+                "text": config.text_characters,
+                "name": config.name_characters,
+                "value": config.value_characters,
+                "elements": config.observed_elements,
+                "options": config.listed_options,
+            }
+        )
         self._worlds: dict[str, int] = {}
         """World by frame; they end with their documents."""
         self._parents: dict[str, str] = {}
@@ -151,7 +163,8 @@ class Worlds:
                 reply=World,
                 seconds=seconds,
             )
-            await self._evaluate(f"{_SCRIPT} webgym.attach()", created.execution_context_id, seconds)
+            begin = f"webgym.limits = {self._limits}; webgym.attach()"
+            await self._evaluate(f"{_SCRIPT} {begin}", created.execution_context_id, seconds)
             self._worlds[frame] = created.execution_context_id
         return self._worlds[frame]
 

@@ -17,6 +17,7 @@ NoticeKind: TypeAlias = Literal[
     "still_loading",  # the page was not quiet when the settle deadline came
     "crashed",  # the renderer died and was brought back
     "reply_unreadable",  # the agent's last reply held no action
+    "shortened",  # something was too long to be observed whole
     "unchanged",  # the screen is the same as before the action
 ]
 
@@ -35,7 +36,8 @@ class Element(msgspec.Struct, frozen=True, omit_defaults=True):
         number: its mark; stable while the element stays in the document.
         role: ARIA role, explicit or implied by the tag (``link``, ``button``, ``textbox``, ``combobox``,
             ``checkbox``, ``radio``, ``option``, ``tab``, ...).
-        name: accessible name: label, text, placeholder or title, white space folded, at most 200 characters.
+        name: accessible name: label, text, placeholder or title, white space folded; its first 200 characters
+            (``browser.name_characters``).
         box: ``(x, y, width, height)`` of its visible part, CSS pixels of the viewport.
         value: current value of a form control; ``"true"``/``"false"`` for a checkbox or radio.
         href: absolute URL of a link.

@@ -3,6 +3,11 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.reveal) return;
+  const {
+    nodeType, ownerDocument, textContent, isConnected, localName, clientWidth, clientHeight, scrollWidth, scrollHeight,
+    getAttribute, hasAttribute, matches, closest, getBoundingClientRect, getClientRects, scrollBy, scrollIntoView, body,
+    title, scrollingElement, defaultView, children, querySelectorAll, innerText, ofKind,
+  } = webgym.dom;
   const { fold, rootOf, frameIn } = webgym;
   const { roleOf, nameOf } = webgym.roles;
   const { elementOf, numberOf, isShown, isOff, looksClickable, visibleParts, standIn } = webgym.elements;
@@ -13,7 +18,7 @@
   // The place of an element's document; null where nothing of it is in view.
   const placeAround = (element) => {
     const frames = [];
-    for (let view = element.ownerDocument.defaultView; view !== window; view = view.parent)
+    for (let view = defaultView(ownerDocument(element)); view !== window; view = view.parent)
       frames.unshift(view.frameElement);
     const clip = { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
     return frames.reduce((place, frame) => place && placeOf(frame, place), { map: null, clip });
@@ -25,13 +30,13 @@
     const place = placeAround(element);
     if (!place) return null;
     const [box] = [...(isShown(element) ? visibleParts(element, place, 1) : []), ...standIn(element, place, 1)];
-    const rough = isRough && isShown(element) ? moved(element.getBoundingClientRect(), place.map) : null;
+    const rough = isRough && isShown(element) ? moved(getBoundingClientRect(element), place.map) : null;
     return box || (rough && intersect(rough, place.clip));
   };
 
   // The dropdown that an option belongs to, if nothing of its options is drawn in the page.
   const dropdownOf = (element) => {
-    const select = element.localName === 'option' ? element.closest('select') : null;
+    const select = localName(element) === 'option' ? closest(element, 'select') : null;
     const isShut = select && !select.multiple && select.size <= 1;
     return isShut && getComputedStyle(select).appearance !== 'base-select' ? select : null;
   };
@@ -41,11 +46,11 @@
   webgym.reveal = (number) => {
     const element = elementOf(number);
     if (element === undefined) return { kind: 'elsewhere' };
-    if (!element || !element.isConnected) return { kind: 'gone' };
+    if (!element || !isConnected(element)) return { kind: 'gone' };
     if (dropdownOf(element)) return { kind: 'option' };
     let box = boxOf(element, false);
     if (!box) {
-      element.scrollIntoView({ block: 'center', inline: 'nearest', behavior: 'instant' });
+      scrollIntoView(element, { block: 'center', inline: 'nearest', behavior: 'instant' });
       box = boxOf(element, true);
     }
     return box ? { kind: 'shown', point: middle(box) } : { kind: 'hidden' };
@@ -54,7 +59,7 @@
   webgym.chooseOption = (number) => {
     const option = elementOf(number);
     const select = dropdownOf(option);
-    if (select.matches(':disabled') || !webgym.isOffered(option)) return { why: 'it is disabled' };
+    if (matches(select, ':disabled') || !webgym.isOffered(option)) return { why: 'it is disabled' };
     webgym.closeList();
     webgym.pick(select, option);
     return {};
@@ -65,13 +70,13 @@
   const scrolls = (element, isAcross) => {
     const style = getComputedStyle(element);
     const [overflow, extent, shown] = isAcross
-      ? [style.overflowX, element.scrollWidth, element.clientWidth]
-      : [style.overflowY, element.scrollHeight, element.clientHeight];
+      ? [style.overflowX, scrollWidth(element), clientWidth(element)]
+      : [style.overflowY, scrollHeight(element), clientHeight(element)];
     return extent > shown && (overflow === 'auto' || overflow === 'scroll') && style.pointerEvents !== 'none';
   };
 
   const isScroller = (node, isAcross) =>
-    node.nodeType === Node.ELEMENT_NODE && node !== node.ownerDocument.scrollingElement && scrolls(node, isAcross);
+    nodeType(node) === Node.ELEMENT_NODE && node !== scrollingElement(ownerDocument(node)) && scrolls(node, isAcross);
 
   const LITTLE = 100; // CSS pixels: the wheel's way where nothing of its own scrolls
   const SHARE = 0.8; // of what a scroller shows: some of it stays in view
@@ -85,7 +90,7 @@
   webgym.scrollDistance = (x, y) => {
     begin();
     const scroller = scrollerAround(hit(x, y), false);
-    return { distance: scroller ? Math.floor(scroller.clientHeight * SHARE) : LITTLE };
+    return { distance: scroller ? Math.floor(clientHeight(scroller) * SHARE) : LITTLE };
   };
 
   const EDGE = 10; // CSS pixels from the viewport's
@@ -95,30 +100,30 @@
   webgym.wheelPoint = () => {
     begin();
     const [right, bottom] = [innerWidth - EDGE, innerHeight - EDGE];
-    const page = document.scrollingElement;
-    if (webgym.state.list || !page || page.scrollHeight <= innerHeight) return { point: null };
+    const page = scrollingElement(document);
+    if (webgym.state.list || !page || scrollHeight(page) <= innerHeight) return { point: null };
     const corners = [[EDGE, EDGE], [right, EDGE], [EDGE, bottom], [right, bottom]];
     return { point: corners.find(([x, y]) => !scrollerAround(hit(x, y), false)) || null };
   };
 
   webgym.scrollElement = (number, side) => {
     const element = elementOf(number);
-    if (!element || !element.isConnected) return { kind: 'gone' };
+    if (!element || !isConnected(element)) return { kind: 'gone' };
     const isAcross = side === 'left' || side === 'right';
-    const scroller = scrollerAround(element, isAcross) || element.ownerDocument.scrollingElement;
+    const scroller = scrollerAround(element, isAcross) || scrollingElement(ownerDocument(element));
     const [extent, shown] = isAcross
-      ? [scroller.scrollWidth, scroller.clientWidth]
-      : [scroller.scrollHeight, scroller.clientHeight];
+      ? [scrollWidth(scroller), clientWidth(scroller)]
+      : [scrollHeight(scroller), clientHeight(scroller)];
     if (extent <= shown) return { kind: 'fixed' };
     const by = side === 'up' || side === 'left' ? -shown : shown;
-    scroller.scrollBy({ [isAcross ? 'left' : 'top']: by, behavior: 'instant' });
+    scrollBy(scroller, { [isAcross ? 'left' : 'top']: by, behavior: 'instant' });
     return { kind: 'scrolled' };
   };
 
   // --- the whole document ---------------------------------------------------------------------------
 
   const boxesOf = (element, map) =>
-    [...element.getClientRects()]
+    [...getClientRects(element)]
       .filter((rect) => rect.width > 0 && rect.height > 0)
       .map((rect) => moved(rect, map))
       .map(({ left, top, right, bottom }) => [left, top, right - left, bottom - top]);
@@ -126,24 +131,24 @@
   const describe = (element, map) => {
     const role = roleOf(element) || (looksClickable(element, getComputedStyle(element)) ? 'button' : '');
     if (!role || isOff(element)) return null;
-    if (role === 'listbox' && element.localName !== 'select') return null; // its options are what one clicks
+    if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const dropdown = dropdownOf(element);
-    const stands = [dropdown || element, ...(element.labels || [])];
+    const stands = [dropdown || element, ...(ofKind(element, 'labels') || [])];
     const boxes = stands.map((one) => (isShown(one) ? boxesOf(one, map) : [])).find((some) => some.length);
     if (!boxes) return null;
     return {
       number: numberOf(element),
-      tag: element.localName,
-      ...(element.localName === 'input' ? { type: element.type } : {}),
+      tag: localName(element),
+      ...(localName(element) === 'input' ? { type: element.type } : {}),
       role,
       name: nameOf(element, role),
-      scrolls: element.scrollHeight - element.clientHeight >= 1,
+      scrolls: scrollHeight(element) - clientHeight(element) >= 1,
       boxes: dropdown ? [] : boxes,
     };
   };
 
   const collect = (root, map, most, found) => {
-    for (const element of root.querySelectorAll('*')) {
+    for (const element of querySelectorAll(root, '*')) {
       if (found.length >= most) return;
       const one = describe(element, map);
       if (one) found.push(one);
@@ -157,17 +162,18 @@
 
   const propertyOf = (element) => {
     for (const name of ['content', 'href', 'src', 'datetime', 'value'])
-      if (element.hasAttribute(name)) return name === 'href' || name === 'src' ? element[name] : element.getAttribute(name);
-    return fold(element.textContent);
+      if (hasAttribute(element, name))
+        return name === 'href' || name === 'src' ? ofKind(element, name) : getAttribute(element, name);
+    return fold(textContent(element));
   };
 
   const MAX_NESTING = 8;
   const itemOf = (root, take, depth = 0) => {
-    const item = Object.assign(Object.create(null), { itemType: take(root.getAttribute('itemtype') || '') });
+    const item = Object.assign(Object.create(null), { itemType: take(getAttribute(root, 'itemtype') || '') });
     const add = (element) => {
-      for (const child of element.children) {
-        const name = child.getAttribute('itemprop');
-        const isItem = child.hasAttribute('itemscope');
+      for (const child of children(element)) {
+        const name = getAttribute(child, 'itemprop');
+        const isItem = hasAttribute(child, 'itemscope');
         if (name && (!isItem || depth < MAX_NESTING)) {
           const value = isItem ? itemOf(child, take, depth + 1) : take(propertyOf(child));
           item[name] = name in item ? [item[name], value].flat() : value;
@@ -181,21 +187,21 @@
 
   const metaOf = (take) => {
     const meta = Object.create(null);
-    for (const element of document.querySelectorAll('meta[content]')) {
-      const name = element.getAttribute('name') || element.getAttribute('property');
+    for (const element of querySelectorAll(document, 'meta[content]')) {
+      const name = getAttribute(element, 'name') || getAttribute(element, 'property');
       if (name) meta[take(name)] = take(element.content);
     }
-    const data = [...document.querySelectorAll('script[type="application/ld+json"]')];
+    const data = [...querySelectorAll(document, 'script[type="application/ld+json"]')];
     return {
       meta,
-      linked: data.map((script) => take(script.textContent.trim())),
-      items: [...document.querySelectorAll('[itemscope]:not([itemprop])')].map((root) => itemOf(root, take)),
+      linked: data.map((script) => take(textContent(script).trim())),
+      items: [...querySelectorAll(document, '[itemscope]:not([itemprop])')].map((root) => itemOf(root, take)),
     };
   };
 
   const textOf = (lines, take) => {
-    const whole = document.body && document.body.innerText !== undefined ? document.body.innerText : '';
-    const first = whole.split('\n').slice(0, lines);
+    const whole = body(document) ? innerText(body(document)) : '';
+    const first = (whole || '').split('\n').slice(0, lines);
     return take(first.filter((line) => line.trim()).join('\n'));
   };
 
@@ -210,7 +216,7 @@
     const found = [];
     if (elements) collect(document, null, most, found);
     return {
-      title: document.title,
+      title: title(document).slice(0, webgym.limits.title),
       ...(lines ? { text: textOf(lines, take) } : {}),
       ...(elements ? { elements: found } : {}),
       ...(meta ? metaOf(take) : {}),

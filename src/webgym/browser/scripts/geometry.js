@@ -6,6 +6,10 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.geometry) return;
+  const {
+    nodeType, parentNode, ownerDocument, assignedSlot, clientLeft, clientTop, clientWidth, clientHeight, matches,
+    getBoundingClientRect, body, documentElement, defaultView, elementFromPoint, offsetWidth, offsetHeight,
+  } = webgym.dom;
   const { rootOf, frameIn } = webgym;
 
   const intersect = (a, b) => {
@@ -59,8 +63,11 @@
     ];
   };
 
-  const parentOf = (node) =>
-    node.assignedSlot || node.parentElement || (node.getRootNode() || {}).host || null;
+  const parentOf = (element) => {
+    const parent = assignedSlot(element) || parentNode(element);
+    if (!parent || nodeType(parent) === Node.ELEMENT_NODE) return parent;
+    return nodeType(parent) === Node.DOCUMENT_FRAGMENT_NODE ? parent.host || null : null;
+  };
 
   const pixels = (text) => parseFloat(text) || 0;
 
@@ -82,12 +89,12 @@
   // From the viewport of a frame to that of its document. Found from the middle of its box, which an
   // affine transform keeps in the middle of the upright rectangle that is all a script is told.
   const mapOf = (frame) => {
-    const rect = frame.getBoundingClientRect();
+    const rect = getBoundingClientRect(frame);
     const style = getComputedStyle(frame);
-    const [width, height] = [frame.offsetWidth, frame.offsetHeight];
+    const [width, height] = [offsetWidth(frame), offsetHeight(frame)];
     if (!width || !height) return null;
-    const x = frame.clientLeft + pixels(style.paddingLeft);
-    const y = frame.clientTop + pixels(style.paddingTop);
+    const x = clientLeft(frame) + pixels(style.paddingLeft);
+    const y = clientTop(frame) + pixels(style.paddingTop);
     const isPlain = Math.abs(rect.width - width) < 1 && Math.abs(rect.height - height) < 1;
     const turn = turnOf(frame);
     if (!turn && isPlain) return [1, 0, 0, 1, rect.left + x, rect.top + y];
@@ -106,8 +113,8 @@
     return {
       left: 0,
       top: 0,
-      right: frame.clientWidth - pixels(style.paddingLeft) - pixels(style.paddingRight),
-      bottom: frame.clientHeight - pixels(style.paddingTop) - pixels(style.paddingBottom),
+      right: clientWidth(frame) - pixels(style.paddingLeft) - pixels(style.paddingRight),
+      bottom: clientHeight(frame) - pixels(style.paddingTop) - pixels(style.paddingBottom),
     };
   };
 
@@ -143,11 +150,11 @@
   const hit = (x, y) => {
     let root = document;
     for (;;) {
-      const element = root.elementFromPoint(x, y);
+      const element = elementFromPoint(root, x, y);
       if (!element) return null;
       const inner = rootOf(element);
       if (inner && inner !== root) {
-        const deeper = inner.elementFromPoint(x, y);
+        const deeper = elementFromPoint(inner, x, y);
         if (deeper && deeper !== element) {
           root = inner;
           continue;
@@ -177,7 +184,7 @@
     const { position } = style;
     let holder = parentOf(element);
     if (position === 'fixed' || position === 'absolute') {
-      if (element.matches(':modal, :popover-open')) return EVERYTHING;
+      if (matches(element, ':modal, :popover-open')) return EVERYTHING;
       for (; holder; holder = parentOf(holder)) {
         const around = getComputedStyle(holder);
         if ((position === 'absolute' && around.position !== 'static') || holdsFixed(around)) break;
@@ -194,21 +201,21 @@
     const style = getComputedStyle(element);
     let clip = clipAround(element, style);
     const { overflowX, overflowY } = style;
-    const owner = element.ownerDocument;
+    const owner = ownerDocument(element);
     const isContained = /paint|strict|content/.test(style.contain);
     const isReached = isScrolled && (overflowY === 'auto' || overflowY === 'scroll');
     const across = overflowX !== 'visible' || isContained;
     const down = (overflowY !== 'visible' && !isReached) || isContained;
-    if ((across || down) && isBox(style) && element !== owner.documentElement && element !== owner.body) {
-      const rect = element.getBoundingClientRect();
-      const scale = element.offsetWidth ? rect.width / element.offsetWidth : 1;
+    if ((across || down) && isBox(style) && element !== documentElement(owner) && element !== body(owner)) {
+      const rect = getBoundingClientRect(element);
+      const scale = offsetWidth(element) ? rect.width / offsetWidth(element) : 1;
       let { left, top, right, bottom } = clip;
       if (across) {
-        left = Math.max(left, rect.left + element.clientLeft * scale);
+        left = Math.max(left, rect.left + clientLeft(element) * scale);
         right = Math.min(right, rect.right - pixels(style.borderRightWidth) * scale);
       }
       if (down) {
-        top = Math.max(top, rect.top + element.clientTop * scale);
+        top = Math.max(top, rect.top + clientTop(element) * scale);
         bottom = Math.min(bottom, rect.bottom - pixels(style.borderBottomWidth) * scale);
       }
       clip = { left, top, right, bottom };
@@ -220,7 +227,7 @@
   // The element of our own document that stands for one further down, and the map from its viewport.
   const standing = (element) => {
     let map = null;
-    for (let view = element.ownerDocument.defaultView; view !== window; view = view.parent) {
+    for (let view = defaultView(ownerDocument(element)); view !== window; view = view.parent) {
       element = view.frameElement;
       map = compose(mapOf(element), map);
     }

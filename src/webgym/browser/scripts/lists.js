@@ -3,6 +3,10 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.closeList) return;
+  const {
+    parentElement, ownerDocument, localName, getAttribute, setAttribute, removeAttribute, matches, closest,
+    getBoundingClientRect, body, defaultView, typeOf, make,
+  } = webgym.dom;
   const { state, changed } = webgym;
   const { parentOf, moved, standing } = webgym.geometry;
 
@@ -21,7 +25,7 @@
 
   // A list that only the system draws; `base-select` lists are part of the page.
   const isPopupSelect = (element) =>
-    element.localName === 'select' && !element.multiple && element.size <= 1 &&
+    localName(element) === 'select' && !element.multiple && element.size <= 1 &&
     getComputedStyle(element).appearance !== 'base-select';
 
   webgym.closeList = () => {
@@ -31,8 +35,8 @@
   };
 
   webgym.isOffered = (option) => {
-    const parent = option.parentElement;
-    return !option.disabled && !(parent.localName === 'optgroup' && parent.disabled);
+    const parent = parentElement(option);
+    return !option.disabled && !(localName(parent) === 'optgroup' && parent.disabled);
   };
 
   webgym.tellChoice = (select) => {
@@ -47,33 +51,42 @@
   };
 
   const row = (option) => {
-    const element = webgym.make(document, 'div');
-    element.className = option.parentElement.localName === 'optgroup' ? 'option inner' : 'option';
+    const element = make(document, 'div');
+    element.className = localName(parentElement(option)) === 'optgroup' ? 'option inner' : 'option';
     element.setAttribute('role', 'option');
     element.setAttribute('aria-selected', String(option.selected));
     if (!webgym.isOffered(option)) element.setAttribute('aria-disabled', 'true');
-    element.textContent = option.label || '\u00a0';
+    element.textContent = option.label.slice(0, webgym.limits.name) || '\u00a0';
     return element;
   };
 
+  const addTitle = (list, text) => {
+    const title = make(document, 'div');
+    title.className = 'group';
+    title.textContent = text.slice(0, webgym.limits.name);
+    list.append(title);
+  };
+
+  // {rows, isCut}: the option of each row. A list that is cut says so at its end.
   const fillList = (select, list) => {
     const rows = new Map();
     let group = null;
     for (const option of select.options) {
       if (option.hidden || getComputedStyle(option).display === 'none') continue;
-      const parent = option.parentElement;
-      if (parent.localName === 'optgroup' && parent !== group) {
+      if (rows.size >= webgym.limits.options) {
+        addTitle(list, '…');
+        return { rows, isCut: true };
+      }
+      const parent = parentElement(option);
+      if (localName(parent) === 'optgroup' && parent !== group) {
         group = parent;
-        const title = webgym.make(document, 'div');
-        title.className = 'group';
-        title.textContent = parent.label;
-        list.append(title);
+        addTitle(list, parent.label);
       }
       const element = row(option);
       rows.set(element, option);
       list.append(element);
     }
-    return rows;
+    return { rows, isCut: false };
   };
 
   const placeList = (box, list) => {
@@ -94,19 +107,19 @@
 
   const openList = (select) => {
     const { element, map } = standing(select); // drawn here: a small frame has no room for it
-    const box = moved(select.getBoundingClientRect(), map);
+    const box = moved(getBoundingClientRect(select), map);
     let parent = element; // what lies outside of a modal dialog takes no clicks
-    while (parent && !parent.matches('dialog[open]')) parent = parentOf(parent);
-    const { host, root } = webgym.overlay(parent || document.body, LIST_STYLE);
-    const list = webgym.make(document, 'div');
+    while (parent && !matches(parent, 'dialog[open]')) parent = parentOf(parent);
+    const { host, root } = webgym.overlay(parent || body(document), LIST_STYLE);
+    const list = make(document, 'div');
     list.className = 'list';
     list.setAttribute('role', 'listbox');
-    const rows = fillList(select, list);
+    const { rows, isCut } = fillList(select, list);
     root.append(list);
     placeList(box, list);
     const chosen = root.querySelector('[aria-selected=true]');
     if (chosen) chosen.scrollIntoView({ block: 'nearest' });
-    state.list = { host, root, list, rows, select };
+    state.list = { host, root, list, rows, select, isCut };
     changed();
   };
 
@@ -125,17 +138,21 @@
     webgym.pick(select, option);
   };
 
-  const eventTarget = (event) => event.composedPath()[0];
+  // The element that an event is for; null for a document or a window.
+  const eventTarget = (event) => {
+    const [target] = event.composedPath();
+    return typeOf(target) === Node.ELEMENT_NODE ? target : null;
+  };
 
   const onMouseDown = (event) => {
     const target = eventTarget(event);
-    if (state.roots.has(target)) return; // a closed root, which listens for itself
+    if (!target || state.roots.has(target)) return; // a closed root, which listens for itself
     const { list: open } = state;
     webgym.closeList();
-    const select = target.localName === 'option' ? target.closest('select') : target;
+    const select = localName(target) === 'option' ? closest(target, 'select') : target;
     if (!select || !isPopupSelect(select)) return;
     event.preventDefault(); // no native list
-    if (select.matches(':disabled')) return;
+    if (matches(select, ':disabled')) return;
     select.focus({ preventScroll: true });
     if (!open || open.select !== select) openList(select);
   };
@@ -144,16 +161,17 @@
   const PICKERS = ['date', 'time', 'month', 'week', 'datetime-local', 'color'];
   const onClick = (event) => {
     const target = eventTarget(event);
-    if (target.localName === 'input' && PICKERS.includes(target.type)) event.preventDefault();
+    if (target && localName(target) === 'input' && PICKERS.includes(target.type)) event.preventDefault();
   };
 
   // A form that wants a new window keeps its method and body if it is sent in this one.
   const onSubmit = (event) => {
-    const form = event.target;
-    const target = (event.submitter && event.submitter.getAttribute('formtarget')) || form.target;
-    if (!target || (target.startsWith('_') ? target !== '_blank' : target in form.ownerDocument.defaultView)) return;
-    form.target = '_self';
-    if (event.submitter) event.submitter.removeAttribute('formtarget');
+    const form = eventTarget(event);
+    if (!form) return;
+    const target = (event.submitter && getAttribute(event.submitter, 'formtarget')) || getAttribute(form, 'target');
+    if (!target || (target.startsWith('_') ? target !== '_blank' : target in defaultView(ownerDocument(form)))) return;
+    setAttribute(form, 'target', '_self');
+    if (event.submitter) removeAttribute(event.submitter, 'formtarget');
   };
 
   const SHIELDED = ['pointerdown', 'mousedown', 'pointerup', 'mouseup', 'click', 'dblclick'];
@@ -162,7 +180,7 @@
     ...SHIELDED.map((name) => [name, onListEvent, true]),
     ...ON_CONTENT,
     ['submit', onSubmit, true],
-    ['scroll', (event) => event.target.nodeType === Node.DOCUMENT_NODE && webgym.closeList(), true],
+    ['scroll', (event) => typeOf(event.target) === Node.DOCUMENT_NODE && webgym.closeList(), true],
     ['resize', webgym.closeList, false],
     ['keydown', (event) => event.key === 'Escape' && webgym.closeList(), true],
   );

@@ -2,6 +2,7 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.mark) return;
+  const { documentElement, make } = webgym.dom;
 
   // Dark enough for white digits: a contrast of 4.5 at least.
   const COLOURS = ['#c62828', '#1565c0', '#2e7d32', '#6a1b9a', '#ad1457', '#00695c', '#4527a0', '#bf360c'];
@@ -65,19 +66,19 @@
 
   webgym.mark = (elements) => {
     webgym.unmark();
-    const { host, root } = webgym.overlay(document.documentElement, MARK_STYLE);
+    const { host, root } = webgym.overlay(documentElement(document), MARK_STYLE);
     const above = []; // no frame is drawn over a label
     const labels = [];
     const boxes = elements.map(({ box: [x, y, w, h] }) => ({ left: x, top: y, right: x + w, bottom: y + h }));
     elements.forEach(({ number }, index) => {
       const colour = COLOURS[number % COLOURS.length];
-      const frame = webgym.make(document, 'div');
+      const frame = make(document, 'div');
       frame.className = 'box';
       const { left, top, right, bottom } = boxes[index];
       const [x, y] = [Math.max(0, left - BORDER), Math.max(0, top - BORDER)];
       const [w, h] = [Math.min(innerWidth, right + BORDER) - x, Math.min(innerHeight, bottom + BORDER) - y];
       frame.style.cssText = `left:${x}px;top:${y}px;width:${w}px;height:${h}px;border-color:${colour}`;
-      const label = webgym.make(document, 'div');
+      const label = make(document, 'div');
       label.className = 'label';
       label.textContent = number;
       const spot = labelFor(number, boxes[index], labels, boxes);

@@ -2,7 +2,13 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.observe) return;
-  const { fold, rootOf, frameIn, isFrame } = webgym;
+  const {
+    nodeType, parentNode, parentElement, childNodes, firstChild, baseURI, getRootNode, localName, nextElementSibling,
+    scrollHeight, getAttribute, matches, closest, checkVisibility, getBoundingClientRect, getClientRects, body, title,
+    documentElement, scrollingElement, readyState, children, firstElementChild, childElementCount, querySelector,
+    querySelectorAll, offsetWidth, offsetHeight, isContentEditable, ofKind,
+  } = webgym.dom;
+  const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
   const { roleOf, nameOf, valueOf } = webgym.roles;
   const { sight } = webgym;
   const { intersect, middle, moved, contains, placeOf, hit, clipAround } = webgym.geometry;
@@ -27,20 +33,20 @@
   const MAX_PARTS = 13;
   const LEAST_SIDE = 2; // pixels of a part that is worth a click
 
-  const isArea = (element) => element.localName === 'area';
+  const isArea = (element) => localName(element) === 'area';
 
   // The picture that an area of an image map lies on.
   const pictureOf = (area) => {
-    const map = area.closest('map');
-    const name = map && map.getAttribute('name');
-    return name ? area.getRootNode().querySelector(`img[usemap="#${CSS.escape(name)}"]`) : null;
+    const map = closest(area, 'map');
+    const name = map && getAttribute(map, 'name');
+    return name ? querySelector(getRootNode(area), `img[usemap="#${CSS.escape(name)}"]`) : null;
   };
 
   // The box around an area, in pixels of its picture: all of it where no shape is given.
   const shapeOf = (area, picture) => {
     const at = area.coords.split(/[\s,]+/).map(Number);
     const [x, y, radius] = at;
-    if (area.shape === 'default' || at.length < 3) return [0, 0, picture.offsetWidth, picture.offsetHeight];
+    if (area.shape === 'default' || at.length < 3) return [0, 0, offsetWidth(picture), offsetHeight(picture)];
     if (area.shape.startsWith('circ')) return [x - radius, y - radius, x + radius, y + radius];
     const [across, down] = [0, 1].map((axis) => at.filter((_, index) => index % 2 === axis));
     return [Math.min(...across), Math.min(...down), Math.max(...across), Math.max(...down)];
@@ -48,9 +54,9 @@
 
   const areaRects = (area) => {
     const picture = pictureOf(area);
-    if (!picture || !picture.offsetWidth) return [];
-    const rect = picture.getBoundingClientRect();
-    const scale = rect.width / picture.offsetWidth;
+    if (!picture || !offsetWidth(picture)) return [];
+    const rect = getBoundingClientRect(picture);
+    const scale = rect.width / offsetWidth(picture);
     const [left, top, right, bottom] = shapeOf(area, picture).map((at) => at * scale);
     return [{ left: rect.left + left, top: rect.top + top, right: rect.left + right, bottom: rect.top + bottom }];
   };
@@ -59,7 +65,7 @@
     const found = hit(...middle(box));
     if (!found) return false;
     if (contains(element, found)) return true;
-    const label = found.closest ? found.closest('label') : null;
+    const label = closest(found, 'label');
     return Boolean(label && label.control === element);
   };
 
@@ -68,9 +74,9 @@
   // The boxes of an element; those of its children where it has none itself, as around a floated picture.
   const rectsOf = (element, depth = 0) => {
     if (isArea(element)) return areaRects(element);
-    const rects = [...element.getClientRects()].filter((rect) => areaOf(rect) >= 1);
+    const rects = [...getClientRects(element)].filter((rect) => areaOf(rect) >= 1);
     if (rects.length || depth > 3) return rects;
-    return [...(rootOf(element) || element).children].slice(0, 8).flatMap((child) => rectsOf(child, depth + 1));
+    return [...children(rootOf(element) || element)].slice(0, 8).flatMap((child) => rectsOf(child, depth + 1));
   };
 
   // The first parts of an element that a click reaches, `most` of them, seen from this frame.
@@ -91,78 +97,83 @@
     return found;
   };
 
-  const isOff = (element) => element.matches(':disabled') || element.getAttribute('aria-disabled') === 'true';
+  const isOff = (element) => matches(element, ':disabled') || getAttribute(element, 'aria-disabled') === 'true';
 
-  const isShown = (element) => element.checkVisibility({ visibilityProperty: true, opacityProperty: true });
+  const isShown = (element) => checkVisibility(element, { visibilityProperty: true, opacityProperty: true });
 
   // Controls that pages hide to draw their own.
-  const isTick = (element) => element.localName === 'input' && (element.type === 'checkbox' || element.type === 'radio');
+  const isTick = (element) =>
+    localName(element) === 'input' && (element.type === 'checkbox' || element.type === 'radio');
 
   // Even where they are not displayed at all.
-  const answersItsLabel = (element) => isTick(element) || (element.localName === 'input' && element.type === 'file');
+  const answersItsLabel = (element) => isTick(element) || (localName(element) === 'input' && element.type === 'file');
 
   // What is clicked instead of a control that is not seen itself: its label, or what is drawn over a box
   // to tick.
   const standIn = (element, place, most) => {
-    if (element.localName !== 'input') return [];
+    if (localName(element) !== 'input') return [];
     for (const label of element.labels || []) {
       const found = isShown(label) ? visibleParts(label, place, most) : [];
       if (found.length) return found;
     }
-    const parent = element.parentElement;
-    const isDrawn = isTick(element) && parent && parent.childElementCount > 1 && isShown(parent);
+    const parent = parentElement(element);
+    const isDrawn = isTick(element) && parent && childElementCount(parent) > 1 && isShown(parent);
     return isDrawn ? visibleParts(element, place, most) : [];
   };
 
   // Something that only its cursor and its script make clickable.
   const looksClickable = (element, style) =>
     style.cursor === 'pointer' &&
-    (!element.parentElement || getComputedStyle(element.parentElement).cursor !== 'pointer') &&
-    !['label', 'html', 'body'].includes(element.localName);
+    (!parentElement(element) || getComputedStyle(parentElement(element)).cursor !== 'pointer') &&
+    !['label', 'html', 'body'].includes(localName(element));
 
   const describe = (element, place, style, sink) => {
     const role = roleOf(element) || (style && looksClickable(element, style) ? 'button' : '');
     if (!role || isOff(element)) return;
-    if (role === 'listbox' && element.localName !== 'select') return; // its options are what one clicks
-    if (role === 'option' && element.localName === 'option' && roleOf(element.closest('select')) !== 'listbox') return;
-    let boxes = isShown(element) || !element.getClientRects().length ? visibleParts(element, place, sink.most) : [];
+    if (role === 'listbox' && localName(element) !== 'select') return; // its options are what one clicks
+    const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
+    if (list && roleOf(list) !== 'listbox') return;
+    if (!sink.hasRoom()) return;
+    let boxes = isShown(element) || !getClientRects(element).length ? visibleParts(element, place, sink.most) : [];
     if (!boxes.length) boxes = standIn(element, place, sink.most);
     if (!boxes.length) return;
-    const value = valueOf(element, role);
     sink.addElement(element, boxes, {
       role,
       name: nameOf(element, role),
-      ...(value === null ? {} : { value }),
-      ...(role === 'link' && element.href ? { href: hrefOf(element) } : {}),
+      value: valueOf(element, role) ?? undefined,
+      href: role === 'link' ? hrefOf(element) : undefined,
     });
   };
 
-  const hrefOf = ({ href, ownerDocument }) =>
-    typeof href === 'string' ? href : new URL(href.baseVal, ownerDocument.baseURI).href;
+  const hrefOf = (element) => {
+    const href = ofKind(element, 'href');
+    if (!href) return undefined;
+    return shorten(typeof href === 'string' ? href : new URL(href.baseVal, baseURI(element)).href, 'address');
+  };
 
   // --- text ---------------------------------------------------------------------------------------
 
-  const isRoot = (node) => node.nodeType === Node.DOCUMENT_FRAGMENT_NODE;
+  const isRoot = (node) => nodeType(node) === Node.DOCUMENT_FRAGMENT_NODE;
 
   const addText = (node, place, sink) => {
     if (!node.data.trim()) {
       if (node.data) sink.addSpace();
       return;
     }
-    const parent = isRoot(node.parentNode) ? node.parentNode.host : node.parentNode;
-    sink.addText(node, parent, place);
+    const parent = parentNode(node);
+    sink.addText(node, isRoot(parent) ? parent.host : parent, place);
   };
 
   const addControl = (element, place, sink) => {
-    const box = intersect(moved(element.getBoundingClientRect(), place.map), place.clip);
+    const box = intersect(moved(getBoundingClientRect(element), place.map), place.clip);
     if (!box || !isShown(element)) return;
     const role = roleOf(element);
     if (role === 'checkbox' || role === 'radio' || element.type === 'range' || element.type === 'color') return;
-    const isWritten = role !== 'button' && element.localName !== 'select' && element.value;
-    const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder || '';
+    const isWritten = role !== 'button' && localName(element) !== 'select' && element.value;
+    const text = role === 'button' ? element.value : valueOf(element, role) || element.placeholder;
     if (!text || !visibleParts(element, place, 1).length) return;
-    if (isWritten) sink.addValue(text, [box]);
-    else sink.addWords(text, [box]);
+    if (isWritten) sink.addValue(shorten(text, 'value'), [box]);
+    else sink.addWords(shorten(text, 'value'), [box]);
   };
 
   // --- the walk -----------------------------------------------------------------------------------
@@ -174,15 +185,16 @@
 
   const walkPicture = (picture, place, sink) => {
     if (sink.wantsElements) describe(picture, place, getComputedStyle(picture), sink);
-    if (picture.localName !== 'svg') return;
-    for (const element of picture.querySelectorAll(IN_PICTURES))
-      if (element.localName !== 'text') {
+    if (localName(picture) !== 'svg') return;
+    for (const element of querySelectorAll(picture, IN_PICTURES))
+      if (localName(element) !== 'text') {
         if (sink.wantsElements) describe(element, place, null, sink);
       } else if (sink.wantsText) {
         sink.flush();
-        for (const child of element.childNodes)
-          if (child.nodeType === Node.TEXT_NODE) addText(child, place, sink);
-          else if (child.firstChild && child.firstChild.nodeType === Node.TEXT_NODE) addText(child.firstChild, place, sink);
+        for (const child of childNodes(element)) {
+          const node = nodeType(child) === Node.TEXT_NODE ? child : firstChild(child);
+          if (node && nodeType(node) === Node.TEXT_NODE) addText(node, place, sink);
+        }
         sink.flush();
       }
   };
@@ -194,18 +206,18 @@
     if (!within || !isShown(frame) || sight.sightOf(frame).alpha < sight.LEAST_ALPHA) return;
     sink.flush();
     if (isForeign) sink.addFrame(frame, within);
-    else if (inner.documentElement) walk(inner.documentElement, within, sink);
+    else if (documentElement(inner)) walk(documentElement(inner), within, sink);
     sink.flush();
   };
 
   const walkNodes = (nodes, place, sink) => {
     for (const child of nodes)
-      if (child.nodeType === Node.ELEMENT_NODE) walk(child, place, sink);
-      else if (sink.wantsText && child.nodeType === Node.TEXT_NODE) addText(child, place, sink);
+      if (nodeType(child) === Node.ELEMENT_NODE) walk(child, place, sink);
+      else if (sink.wantsText && nodeType(child) === Node.TEXT_NODE) addText(child, place, sink);
   };
 
   const walkElements = (parent, place, sink) => {
-    for (let child = parent.firstElementChild; child; child = child.nextElementSibling) walk(child, place, sink);
+    for (let child = firstElementChild(parent); child; child = nextElementSibling(child)) walk(child, place, sink);
   };
 
   const walk = (element, place, sink) => {
@@ -219,10 +231,10 @@
 
   // Most of a page is out of view: what can be told from its box alone costs no style.
   const walkElement = (element, place, sink) => {
-    const name = element.localName;
+    const name = localName(element);
     if (SKIPPED.has(name)) return;
     if (name === 'area' && sink.wantsElements) describe(element, place, null, sink);
-    const rect = element.getBoundingClientRect();
+    const rect = getBoundingClientRect(element);
     const hasBox = rect.width > 0 && rect.height > 0;
     const isInView = hasBox && touches(moved(rect, place.map), place.clip);
     let style = null;
@@ -254,12 +266,12 @@
       const root = rootOf(element);
       if (root) webgym.watch(root);
       else if (isInView) webgym.wonderAtSize(element);
-      if (hasText) walkNodes((root || element).childNodes, place, sink);
+      if (hasText) walkNodes(childNodes(root || element), place, sink);
       else walkElements(root || element, place, sink);
     }
   };
 
-  webgym.isCutOff = () => document.readyState === 'complete' && !document.body;
+  webgym.isCutOff = () => readyState(document) === 'complete' && !body(document);
 
   // --- what a walk finds --------------------------------------------------------------------------
 
@@ -317,6 +329,8 @@
       this.fields = new Lines();
       this.elements = [];
       this.frames = frames;
+      this.count = 0; // of elements
+      this.spare = webgym.limits.text; // for their values and addresses
       this.missing = [];
       this.isUnknown = false;
     }
@@ -329,7 +343,7 @@
     }
     addText(node, parent, place) {
       const seen = sight.read(node, parent, place);
-      if (seen) (parent.isContentEditable ? this.fields : this.lines).add(seen.text, seen.rects);
+      if (seen) (isContentEditable(parent) ? this.fields : this.lines).add(seen.text, seen.rects);
     }
     addWords(text, rects) {
       this.lines.add(` ${text} `, rects);
@@ -344,9 +358,24 @@
       this.lines.flush();
       this.fields.flush();
     }
+    hasRoom() {
+      if (this.count < webgym.limits.elements) return true;
+      webgym.noteShortened('elements');
+      return false;
+    }
+    // Counts an element. Values and addresses are left out where there is no room for them.
+    fitting({ value, href, ...described }) {
+      this.count += 1;
+      this.spare -= (value || '').length + (href || '').length;
+      if (this.spare >= 0) return { ...described, value, href };
+      if (value) webgym.noteShortened('value');
+      if (href) webgym.noteShortened('address');
+      return described;
+    }
     addElement(key, [box], described) {
       const { left, top, right, bottom } = box;
-      this.elements.push({ number: numberOf(key), ...described, box: [left, top, right - left, bottom - top] });
+      const at = [left, top, right - left, bottom - top];
+      this.elements.push({ number: numberOf(key), ...this.fitting(described), box: at });
     }
     addFrame(frame, place) {
       const id = webgym.frameId(frame);
@@ -367,10 +396,11 @@
       for (const [kind, ...item] of gathered.items) {
         if (kind === 'space') this.addSpace();
         else if (kind === 'flush') this.flush();
+        else if (kind === 'shortened') webgym.noteShortened(item[0]);
         else if (kind === 'frame') this.replayWithin(item, place, isOpen);
         else if (kind === 'element') {
           const boxes = seen(item[1]);
-          if (boxes.length) this.addElement(`${gathered.world} ${item[0]}`, boxes, item[2]);
+          if (boxes.length && this.hasRoom()) this.addElement(`${gathered.world} ${item[0]}`, boxes, item[2]);
         } else this.replayText(kind, item[0], place, isOpen);
       }
     }
@@ -425,6 +455,7 @@
       this.items = [];
       this.most = MAX_PARTS;
       this.hasText = false;
+      this.room = webgym.limits.text;
     }
     get hasOpenLine() {
       return this.hasText;
@@ -434,7 +465,7 @@
     }
     addText(node, parent, place) {
       const pieces = sight.read(node, parent, place, true);
-      if (pieces) this.addPieces(parent.isContentEditable ? 'field' : 'text', pieces);
+      if (pieces) this.addPieces(isContentEditable(parent) ? 'field' : 'text', pieces);
     }
     addWords(text, rects) {
       this.addPieces('text', [{ text: ` ${text} `, rects, isSeen: true }]);
@@ -443,6 +474,11 @@
       this.addPieces('value', [{ text, rects, isSeen: true }]);
     }
     addPieces(kind, pieces) {
+      this.room -= pieces.reduce((sum, { text }) => sum + text.length, 0);
+      if (this.room < 0) {
+        webgym.noteShortened('text');
+        return;
+      }
       this.items.push([kind, pieces]);
       this.hasText = true;
     }
@@ -451,7 +487,7 @@
       this.hasText = false;
     }
     addElement(element, boxes, described) {
-      this.items.push(['element', numberOf(element), boxes, described]);
+      this.items.push(['element', numberOf(element), boxes, this.fitting(described)]);
     }
     addFrame(frame, { map, clip }) {
       this.items.push(['frame', webgym.frameId(frame), map, clip, coveredCells(frame, clip)]);
@@ -487,9 +523,17 @@
     webgym.geometry.begin(isWhole);
     sight.begin();
     const clip = isWhole ? EVERYTHING : { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
-    if (document.documentElement) walk(document.documentElement, { map: null, clip }, sink);
+    if (documentElement(document)) walk(documentElement(document), { map: null, clip }, sink);
     sink.flush();
     return sink;
+  };
+
+  // As many of these texts, or lists of texts, as are as long as a text may be.
+  const firstOf = (texts) => {
+    let left = webgym.limits.text;
+    const found = texts.filter((text) => (left -= [text].flat().join('').length) >= 0);
+    if (found.length < texts.length) webgym.noteShortened('text');
+    return found;
   };
 
   // {text, elements}: what is wanted. Gives what a `Look` of the frame above can go over.
@@ -497,30 +541,36 @@
     webgym.attach();
     const gathering = new Gathering(wanted);
     walkAll(gathering);
-    return gathering.items;
+    return [...gathering.items, ...webgym.takeShortened().map((kind) => ['shortened', kind])];
   };
 
   // {text, cuts, elements, marks}: what is wanted; marks are drawn over the elements until `unmark`.
   webgym.observe = (wanted, frames) => {
     webgym.attach();
-    const page = document.scrollingElement || document.documentElement;
+    const page = scrollingElement(document) || documentElement(document);
     const seen = {
-      title: document.title,
-      scroll: [scrollY, page ? page.scrollHeight : innerHeight],
+      title: shorten(title(document), 'title'),
+      scroll: [scrollY, page ? scrollHeight(page) : innerHeight],
     };
-    if (!wanted.text && !wanted.elements && !wanted.cuts) return { ...seen, ...webgym.reach() };
+    if (!wanted.text && !wanted.elements && !wanted.cuts)
+      return { ...seen, ...webgym.reach(), shortened: webgym.takeShortened() };
     const look = new Look(wanted, frames);
     walkAll(look);
     const reach = webgym.reach();
-    if (wanted.marks && document.documentElement) webgym.mark(look.elements);
+    if (wanted.marks && documentElement(document)) webgym.mark(look.elements);
+    const read = look.wantsText
+      ? { text: shorten(look.lines.lines.join('\n'), 'text'), fields: firstOf(look.fields.lines) }
+      : {};
+    const cuts = wanted.cuts ? { cuts: firstOf(walkAll(new Cuts(), true).cut) } : {};
     return {
       ...seen,
       frames: reach.frames,
       missing: look.missing,
       unknown: reach.unknown || look.isUnknown,
-      ...(look.wantsText ? { text: look.lines.lines.join('\n'), fields: look.fields.lines } : {}),
-      ...(wanted.cuts ? { cuts: walkAll(new Cuts(), true).cut } : {}),
+      ...read,
+      ...cuts,
       ...(look.wantsElements ? { elements: look.elements } : {}),
+      shortened: webgym.takeShortened(),
     };
   };
 })();

@@ -2,21 +2,38 @@
 // the document's own origin below it. This file keeps when the page last changed; the others draw lists
 // for <select>, fill fields, find out what can be seen, and number it.
 (() => {
-  if (globalThis.webgym) return;
+  const webgym = globalThis.webgym;
+  if (webgym.state) return;
+  const { ownerDocument, localName, shadowRoot, defaultView, adoptedStyleSheets, documentOf, make } = webgym.dom;
   const state = {
     changedAt: 0, changes: 0, reactions: 0, ours: new WeakSet(), roots: new WeakMap(), list: null, shadowedFrames: [],
   };
-  const webgym = (globalThis.webgym = { state });
+  webgym.state = state;
 
   const fold = (text) => (text || '').replace(/\s+/g, ' ').trim();
   webgym.fold = fold;
-  // An HTML element, in XML documents too.
-  webgym.make = (owner, name) => owner.createElementNS('http://www.w3.org/1999/xhtml', name);
   // The shadow root below an element: an open one, one of ours, or a closed one that was opened to us.
-  webgym.rootOf = (element) => element.shadowRoot || state.roots.get(element) || null;
+  webgym.rootOf = (element) => shadowRoot(element) || state.roots.get(element) || null;
+
+  // What is too long for an answer is cut in the page, and the answer says what was. `limits`: characters of a
+  // `title`, an `address`, a `text`, a `name` and a `value`, and numbers of `elements` and `options`.
+  webgym.limits = {};
+  let shortened = new Set();
+  webgym.noteShortened = (kind) => shortened.add(kind);
+  webgym.shorten = (text, kind) => {
+    const most = webgym.limits[kind];
+    if (text.length > most) shortened.add(kind);
+    return text.slice(0, most);
+  };
+  // Which kinds were cut since the last call, or are in the list that is open.
+  webgym.takeShortened = () => {
+    const kinds = [...shortened, ...(state.list && state.list.isCut ? ['options'] : [])];
+    shortened = new Set();
+    return kinds;
+  };
 
   const FRAMES = new Set(['iframe', 'frame', 'object']);
-  webgym.isFrame = (element) => FRAMES.has(element.localName);
+  webgym.isFrame = (element) => FRAMES.has(localName(element));
   // The document in a frame; null for one of another origin.
   webgym.frameIn = (element) => (webgym.isFrame(element) && element.contentDocument) || null;
 
@@ -27,7 +44,7 @@
       found.push(view);
       for (let i = 0; i < view.length; i++) {
         try {
-          if (view[i].document) add(view[i]);
+          if (documentOf(view[i])) add(view[i]);
         } catch (error) {
           if (error.name !== 'SecurityError') throw error; // a frame of another origin
         }
@@ -125,21 +142,23 @@
       sheets.set(view.document, sheet);
     }
     const sheet = sheets.get(view.document);
-    if (!view.document.adoptedStyleSheets.includes(sheet)) view.document.adoptedStyleSheets.push(sheet);
+    const adopted = adoptedStyleSheets(view.document);
+    if (!adopted.includes(sheet)) adopted.push(sheet);
   };
 
   // --- what we draw ---------------------------------------------------------------------------------
 
   // Everything of ours lies in the top layer, above modal dialogs, and in a root that the page cannot enter.
   webgym.overlay = (parent, style) => {
-    const host = webgym.make(parent.ownerDocument, 'div');
+    const host = make(ownerDocument(parent), 'div');
     host.setAttribute('popover', 'manual');
     host.style.cssText =
       'all: initial; position: fixed; inset: 0; width: auto; height: auto; margin: 0; padding: 0;' +
       `border: 0; background: none; overflow: visible; display: block; pointer-events: none;` +
       `zoom: ${1 / (parent.currentCSSZoom || 1)};`;
     const root = host.attachShadow({ mode: 'closed' });
-    const sheet = new parent.ownerDocument.defaultView.CSSStyleSheet();
+    const { CSSStyleSheet } = defaultView(ownerDocument(parent));
+    const sheet = new CSSStyleSheet();
     sheet.replaceSync(style);
     root.adoptedStyleSheets = [sheet];
     state.ours.add(host);

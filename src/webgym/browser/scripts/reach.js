@@ -3,6 +3,10 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.unknown) return;
+  const {
+    ownerDocument, textContent, isConnected, getRootNode, localName, clientWidth, clientHeight, matches,
+    getBoundingClientRect, computedStyleMap, createTreeWalker, firstElementChild, offsetWidth, offsetHeight,
+  } = webgym.dom;
   const { state, rootOf, isFrame } = webgym;
 
   const MAX_ASKED = 64; // at a time
@@ -17,7 +21,7 @@
 
   let foreign = []; // frames with an id
   let hidden = []; // frames too small to be entered yet
-  const isShown = (frame) => frame.offsetWidth >= LEAST_SIDE && frame.offsetHeight >= LEAST_SIDE;
+  const isShown = (frame) => offsetWidth(frame) >= LEAST_SIDE && offsetHeight(frame) >= LEAST_SIDE;
   const isForeign = (element) => Boolean(isFrame(element) && element.contentWindow && !element.contentDocument);
 
   // The id of a frame of another origin; null if it is not known yet, "" if it cannot be entered.
@@ -30,10 +34,10 @@
   const HOSTS = new Set(
     'article aside blockquote body div footer h1 h2 h3 h4 h5 h6 header main nav p section span'.split(' '),
   );
-  const isCustom = (element) => element.localName.includes('-');
+  const isCustom = (element) => localName(element).includes('-');
   webgym.wonder = (element) => {
-    if (asked.has(element) || !(isCustom(element) || HOSTS.has(element.localName))) return false;
-    if (barren.get(element.localName) >= MAX_BARREN) return false;
+    if (asked.has(element) || !(isCustom(element) || HOSTS.has(localName(element)))) return false;
+    if (barren.get(localName(element)) >= MAX_BARREN) return false;
     if (wondered.size < MAX_ASKED) wondered.add(element);
     return true;
   };
@@ -42,22 +46,22 @@
   webgym.wonderAtSize = (element) => {
     if (asked.has(element)) return false;
     if (!isCustom(element)) {
-      if (!HOSTS.has(element.localName) || element.firstElementChild || element.textContent.trim()) return false;
+      if (!HOSTS.has(localName(element)) || firstElementChild(element) || textContent(element).trim()) return false;
       asked.add(element);
       const { height, 'aspect-ratio': ratio, 'min-height': least } = Object.fromEntries(
-        ['height', 'aspect-ratio', 'min-height'].map((name) => [name, String(element.computedStyleMap().get(name))]),
+        ['height', 'aspect-ratio', 'min-height'].map((name) => [name, String(computedStyleMap(element).get(name))]),
       );
       const isSized = height !== 'auto' || ratio !== 'auto' || !/^(auto|0px)$/.test(least);
-      if (isSized || element.clientHeight < 8 || element.clientWidth < 8) return false;
+      if (isSized || clientHeight(element) < 8 || clientWidth(element) < 8) return false;
       if (['::before', '::after'].some((part) => getComputedStyle(element, part).content !== 'none')) return false;
       asked.delete(element);
-    } else if (!element.matches(':defined') && element.firstElementChild) return false; // a framework's tag
+    } else if (!matches(element, ':defined') && firstElementChild(element)) return false; // a framework's tag
     return webgym.wonder(element);
   };
 
   // Frames, those in open and opened shadow roots included.
   const scan = (root, frames) => {
-    const walker = document.createTreeWalker(root, NodeFilter.SHOW_ELEMENT);
+    const walker = createTreeWalker(document, root, NodeFilter.SHOW_ELEMENT);
     for (let element = walker.nextNode(); element; element = walker.nextNode()) {
       if (isFrame(element)) frames.push(element);
       const inner = rootOf(element);
@@ -77,7 +81,7 @@
         for (const frame of scan(view.document, [])) {
           if (isForeign(frame)) {
             if (webgym.frameId(frame) === null) (isShown(frame) ? probed : hidden).push(frame);
-          } else if (frame.getRootNode() !== frame.ownerDocument) inShadow.push(frame);
+          } else if (getRootNode(frame) !== ownerDocument(frame)) inShadow.push(frame);
         }
       state.shadowedFrames = inShadow;
     }
@@ -93,8 +97,8 @@
         return;
       }
       asked.add(element);
-      const { localName } = element;
-      if (!state.roots.has(element)) barren.set(localName, (barren.get(localName) || 0) + 1);
+      const name = localName(element);
+      if (!state.roots.has(element)) barren.set(name, (barren.get(name) || 0) + 1);
     });
     probed = [];
   };
@@ -102,9 +106,9 @@
   // {frames, unknown}: which entered frames lie in the viewport, and whether there is more to ask about.
   webgym.reach = () => {
     if (!foreign.length && !hidden.length) return { frames: [], unknown: wondered.size > 0 };
-    foreign = foreign.filter((frame) => frame.isConnected && webgym.frameId(frame));
+    foreign = foreign.filter((frame) => isConnected(frame) && webgym.frameId(frame));
     const isInView = (frame) => {
-      const { left, top, right, bottom } = frame.getBoundingClientRect();
+      const { left, top, right, bottom } = getBoundingClientRect(frame);
       return right > 0 && bottom > 0 && left < innerWidth && top < innerHeight;
     };
     return {

@@ -2,8 +2,13 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.roles) return;
-  const { fold, rootOf } = webgym;
-  const MAX_NAME = 200;
+  const {
+    nodeType, parentElement, childNodes, getRootNode, localName, getAttribute, hasAttribute, checkVisibility,
+    querySelector, getElementById, isContentEditable, tabIndex, ofKind,
+  } = webgym.dom;
+  const { fold, rootOf, shorten } = webgym;
+  const SPARE = 20; // characters that are looked at for one of a name: most may be white space
+  const first = (text) => (text || '').slice(0, SPARE * webgym.limits.name);
 
   const INPUT_ROLES = {
     button: 'button', submit: 'button', reset: 'button', image: 'button', checkbox: 'checkbox',
@@ -16,12 +21,12 @@
   );
 
   const roleOf = (element) => {
-    const explicit = (element.getAttribute('role') || '').trim().split(/\s+/)[0];
+    const explicit = (getAttribute(element, 'role') || '').trim().split(/\s+/)[0];
     if (WIDGET_ROLES.has(explicit)) return explicit;
-    switch (element.localName) {
+    switch (localName(element)) {
       case 'a':
       case 'area':
-        return element.hasAttribute('href') ? 'link' : '';
+        return hasAttribute(element, 'href') ? 'link' : '';
       case 'button':
       case 'summary':
         return 'button';
@@ -38,63 +43,78 @@
       default:
         break;
     }
-    if (element.isContentEditable && !(element.parentElement && element.parentElement.isContentEditable))
+    if (isContentEditable(element) && !(parentElement(element) && isContentEditable(parentElement(element))))
       return 'textbox';
-    if (element.hasAttribute('onclick') || (element.hasAttribute('tabindex') && element.tabIndex >= 0))
+    if (hasAttribute(element, 'onclick') || (hasAttribute(element, 'tabindex') && tabIndex(element) >= 0))
       return 'button';
     return '';
   };
 
   const contentName = (node, depth = 0) => {
-    if (node.nodeType === Node.TEXT_NODE) return node.data;
-    if (node.nodeType !== Node.ELEMENT_NODE || depth > 12) return '';
-    if (node.getAttribute('aria-hidden') === 'true') return '';
-    if (node.localName === 'style' || node.localName === 'script' || node.localName === 'select') return '';
-    if (depth && !node.checkVisibility({ visibilityProperty: true })) return '';
-    const label = depth ? node.getAttribute('aria-label') : null;
-    if (label) return label;
-    if (node.localName === 'img') return node.alt;
-    if (node.localName === 'svg') return (node.querySelector('title') || {}).textContent || '';
-    const children = node.localName === 'slot' ? node.assignedNodes({ flatten: true }) : [];
-    const inner = children.length ? children : (rootOf(node) || node).childNodes;
+    if (nodeType(node) === Node.TEXT_NODE) return first(node.data);
+    if (nodeType(node) !== Node.ELEMENT_NODE || depth > 12) return '';
+    if (getAttribute(node, 'aria-hidden') === 'true') return '';
+    const tag = localName(node);
+    if (tag === 'style' || tag === 'script' || tag === 'select') return '';
+    if (depth && !checkVisibility(node, { visibilityProperty: true })) return '';
+    const label = depth ? getAttribute(node, 'aria-label') : null;
+    if (label) return first(label);
+    if (tag === 'img') return first(node.alt);
+    if (tag === 'svg') return first((querySelector(node, 'title') || {}).textContent);
+    const assigned = tag === 'slot' ? node.assignedNodes({ flatten: true }) : [];
+    const inner = assigned.length ? assigned : childNodes(rootOf(node) || node);
     const isInline = depth && getComputedStyle(node).display.startsWith('inline');
-    const text = [...inner].map((child) => contentName(child, depth + 1)).join('');
+    let text = '';
+    for (const child of inner) {
+      if (text.length >= SPARE * webgym.limits.name) break;
+      text += contentName(child, depth + 1);
+    }
     return isInline || !depth ? text : ` ${text} `;
   };
 
   const byIds = (element, ids) => {
-    const root = element.getRootNode();
-    return ids.split(/\s+/).map((id) => root.getElementById && root.getElementById(id)).filter(Boolean);
+    const root = getRootNode(element);
+    return ids.split(/\s+/).map((id) => getElementById(root, id)).filter(Boolean);
   };
 
   const nameOf = (element, role) => {
-    const labelled = element.getAttribute('aria-labelledby');
+    const labelled = getAttribute(element, 'aria-labelledby');
     const candidates = [
       () => (labelled ? byIds(element, labelled).map((label) => contentName(label)).join(' ') : ''),
-      () => element.getAttribute('aria-label'),
-      () => (element.labels ? [...element.labels].map((label) => contentName(label)).join(' ') : ''),
-      () => (element.localName === 'input' && role === 'button' ? element.value || element.alt : ''),
+      () => getAttribute(element, 'aria-label'),
+      () => [...(ofKind(element, 'labels') || [])].map((label) => contentName(label)).join(' '),
+      () => (localName(element) === 'input' && role === 'button' ? element.value || element.alt : ''),
       () => (['textbox', 'searchbox', 'combobox', 'listbox', 'spinbutton'].includes(role) ? '' : contentName(element)),
-      () => element.getAttribute('placeholder'),
-      () => element.getAttribute('title'),
-      () => element.getAttribute('alt'),
-      () => (element.localName === 'option' ? element.label : ''),
+      () => getAttribute(element, 'placeholder'),
+      () => getAttribute(element, 'title'),
+      () => getAttribute(element, 'alt'),
+      () => (localName(element) === 'option' ? element.label : ''),
     ];
     for (const candidate of candidates) {
-      const name = fold(candidate());
-      if (name) return name.slice(0, MAX_NAME);
+      const name = fold(first(candidate()));
+      if (name) return name.slice(0, webgym.limits.name);
     }
     return '';
   };
 
   const valueOf = (element, role) => {
+    const tag = localName(element);
     if (role === 'checkbox' || role === 'radio' || role === 'switch')
-      return String('checked' in element ? element.checked : element.getAttribute('aria-checked') === 'true');
-    if (element.localName === 'select')
-      return [...element.selectedOptions].map((option) => fold(option.label)).join(', ');
-    if (role === 'option') return String(element.selected || element.getAttribute('aria-selected') === 'true');
-    if (element.localName === 'textarea' || (element.localName === 'input' && (role !== 'button' || element.type === 'color')))
-      return element.type === 'password' ? '•'.repeat(element.value.length) : element.value;
+      return String(ofKind(element, 'checked') ?? getAttribute(element, 'aria-checked') === 'true');
+    if (tag === 'select') {
+      let text = '';
+      for (const option of element.selectedOptions) {
+        text += (text && ', ') + fold(shorten(option.label, 'value'));
+        if (text.length > webgym.limits.value) break;
+      }
+      return shorten(text, 'value');
+    }
+    if (role === 'option')
+      return String(ofKind(element, 'selected') || getAttribute(element, 'aria-selected') === 'true');
+    if (tag === 'textarea' || (tag === 'input' && (role !== 'button' || element.type === 'color'))) {
+      const value = shorten(element.value, 'value');
+      return element.type === 'password' ? '•'.repeat(value.length) : value;
+    }
     return null;
   };
 

@@ -2,6 +2,10 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.quiet) return;
+  const {
+    nodeName, ownerDocument, getAttribute, checkVisibility, getBoundingClientRect, body, defaultView, createTreeWalker,
+    getAnimations, querySelectorAll, offsetWidth, offsetHeight,
+  } = webgym.dom;
   const { state, views } = webgym;
 
   // --- what the page has planned ------------------------------------------------------------------
@@ -59,20 +63,20 @@
   let isBlankKnown = false; // a page that shows nothing is to show nothing
 
   const isSeen = (element) => {
-    if (!element.checkVisibility(VISIBLE)) return false;
-    const box = element.getBoundingClientRect();
-    const { innerWidth, innerHeight } = element.ownerDocument.defaultView;
+    if (!checkVisibility(element, VISIBLE)) return false;
+    const box = getBoundingClientRect(element);
+    const { innerWidth, innerHeight } = defaultView(ownerDocument(element));
     return box.width >= 4 && box.height >= 4 && box.bottom > 0 && box.right > 0 && box.top < innerHeight && box.left < innerWidth;
   };
   const isSign = (element) => element && !overlooked.has(element) && isSeen(element);
 
-  const animations = () => views().flatMap((view) => view.document.getAnimations());
+  const animations = () => views().flatMap((view) => getAnimations(view.document));
   const endOf = (animation) => (animation.effect ? animation.effect.getComputedTiming().endTime : 0);
 
   // A small thing that turns or pulses for ever.
   const isSmall = (element) => {
-    const { innerWidth, innerHeight } = element.ownerDocument.defaultView;
-    return element.offsetWidth * element.offsetHeight < (innerWidth * innerHeight) / 4;
+    const { innerWidth, innerHeight } = defaultView(ownerDocument(element));
+    return offsetWidth(element) * offsetHeight(element) < (innerWidth * innerHeight) / 4;
   };
   const endless = () =>
     animations()
@@ -86,28 +90,28 @@
   // The first text that says so, and whether anything at all is to be read or seen.
   const read = (view) => {
     const { document } = view;
-    const walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    const walker = createTreeWalker(document, body(document), NodeFilter.SHOW_TEXT);
     let isBlank = true;
     for (let n = 0; n < TEXTS && walker.nextNode(); n++) {
       const { data, parentElement } = walker.currentNode;
       const tells = data.length <= TEXT_LENGTH && TELLS.test(data);
       if (!tells && !(isBlank && /\S/.test(data))) continue;
-      if (SKIPPED.has(parentElement.nodeName)) continue;
+      if (SKIPPED.has(nodeName(parentElement))) continue;
       if (tells && isSign(parentElement)) return { sign: parentElement, isBlank: false };
-      isBlank &&= !parentElement.checkVisibility(VISIBLE);
+      isBlank &&= !checkVisibility(parentElement, VISIBLE);
     }
-    return { sign: null, isBlank: isBlank && ![...document.querySelectorAll(CONTENT)].some(isSeen) };
+    return { sign: null, isBlank: isBlank && ![...querySelectorAll(document, CONTENT)].some(isSeen) };
   };
 
   // What shows that more is to come: an element, `true` for a page that shows nothing, or null.
   const sign = () => {
     for (const view of views()) {
       const { document } = view;
-      if (!document.body) continue;
-      const said = [...document.querySelectorAll(SAID)].find(isSign);
+      if (!body(document)) continue;
+      const said = [...querySelectorAll(document, SAID)].find(isSign);
       if (said) return said;
-      const named = [...document.querySelectorAll(NAMED)];
-      const found = named.find((element) => isNamed.test(element.getAttribute('class')) && isSign(element));
+      const named = [...querySelectorAll(document, NAMED)];
+      const found = named.find((element) => isNamed.test(getAttribute(element, 'class')) && isSign(element));
       if (found) return found;
       const text = read(view);
       if (text.sign) return text.sign;

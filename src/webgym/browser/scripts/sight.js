@@ -2,6 +2,11 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.sight) return;
+  const {
+    ownerDocument, getRootNode, compareDocumentPosition, localName, clientLeft, clientTop, clientWidth, clientHeight,
+    scrollWidth, scrollHeight, matches, checkVisibility, getBoundingClientRect, documentElement, defaultView,
+    createRange, querySelectorAll, elementsFromPoint, offsetWidth, ofKind,
+  } = webgym.dom;
   const { fold } = webgym;
   const { intersect, middle, moved, parentOf, contains, hit, clipWithin, isBox } = webgym.geometry;
 
@@ -87,7 +92,8 @@
     const { style, alpha } = sightOf(element);
     const colour = colourOf(style.backgroundColor);
     if (style.backgroundImage !== 'none' || style.mixBlendMode !== 'normal') return null;
-    if (PICTURES.has(element.localName) || element.ownerSVGElement || style.backdropFilter !== 'none') return null;
+    if (PICTURES.has(localName(element)) || style.backdropFilter !== 'none') return null;
+    if (ofKind(element, 'ownerSVGElement')) return null;
     return { colour, alpha: colour[3] * alpha };
   };
 
@@ -96,14 +102,14 @@
     ['::before', '::after', '::backdrop'].some((name) => {
       const style = getComputedStyle(element, name);
       if (name !== '::backdrop' && (style.content === 'none' || style.position === 'static')) return false;
-      if (name === '::backdrop' && !element.matches(':modal')) return false;
+      if (name === '::backdrop' && !matches(element, ':modal')) return false;
       return style.backgroundImage !== 'none' || colourOf(style.backgroundColor)[3] >= VEIL;
     });
 
   // The colour below all: of the page itself; null if the browser may choose a dark one, or in a frame.
   const canvasOf = (owner) => {
-    const { colorScheme } = getComputedStyle(owner.documentElement);
-    return owner.defaultView === window.top && !colorScheme.includes('dark') ? [255, 255, 255] : null;
+    const { colorScheme } = getComputedStyle(documentElement(owner));
+    return defaultView(owner) === window.top && !colorScheme.includes('dark') ? [255, 255, 255] : null;
   };
 
   // The colour of layers, the uppermost first; null where it cannot be told.
@@ -131,7 +137,7 @@
     let ground = null;
     if (paint && paint.alpha >= 0.99) ground = { colour: paint.colour, isSure: true };
     else if (paint) {
-      const below = parent ? groundOf(parent) : { colour: canvasOf(element.ownerDocument), isSure: true };
+      const below = parent ? groundOf(parent) : { colour: canvasOf(ownerDocument(element)), isSure: true };
       const isLoose = style.position === 'absolute' || style.position === 'fixed';
       const colour = below && below.colour;
       ground = colour && { colour: over(paint.colour, paint.alpha, colour), isSure: below.isSure && !isLoose };
@@ -142,7 +148,7 @@
 
   // The elements at a point that text in `element` lies on, the uppermost first.
   const layersBelow = (element, x, y) => {
-    const layers = element.getRootNode().elementsFromPoint(x, y);
+    const layers = elementsFromPoint(getRootNode(element), x, y);
     const first = layers.findIndex((layer) => contains(layer, element));
     return first < 0 ? null : layers.slice(first);
   };
@@ -155,7 +161,7 @@
   const standsOut = (element, rect) => {
     const { style, alpha, blur } = sightOf(element);
     if (blur > MOST_BLUR * parseFloat(style.fontSize) || style.webkitTextSecurity !== 'none') return false;
-    if (element.ownerSVGElement) return alpha >= LEAST_ALPHA;
+    if (ofKind(element, 'ownerSVGElement')) return alpha >= LEAST_ALPHA;
     if (isWritten(style)) return alpha >= LEAST_ALPHA;
     const colour = colourOf(style.webkitTextFillColor);
     const opacity = colour[3] * alpha;
@@ -163,16 +169,16 @@
     const ground = groundOf(element);
     if (ground && ground.isSure && isClear(ground.colour)) return true;
     const layers = layersBelow(element, ...middle(rect));
-    const below = layers && blend(layers, element.ownerDocument);
+    const below = layers && blend(layers, ownerDocument(element));
     return below ? isClear(below) : opacity >= LEAST_ALPHA;
   };
 
   const isVisible = (element) => {
     const { style } = sightOf(element);
-    if (style.visibility !== 'visible' || (element.localName === 'details' && !element.open)) return false;
+    if (style.visibility !== 'visible' || (localName(element) === 'details' && !element.open)) return false;
     let boxed = element;
     while (boxed && sightOf(boxed).style.display === 'contents') boxed = parentOf(boxed);
-    return !boxed || boxed.checkVisibility();
+    return !boxed || checkVisibility(boxed);
   };
 
   // What does not depend on where a piece of text lies.
@@ -192,13 +198,13 @@
     return false;
   };
 
-  const isPage = ({ localName }) => localName === 'body' || localName === 'html';
+  const isPage = (element) => localName(element) === 'body' || localName(element) === 'html';
 
   // Is `other`, which takes clicks where text in `element` takes none, drawn over it?
   const isOver = (other, element) => {
     for (let node = other; node && !contains(node, element); node = parentOf(node))
       if (sightOf(node).style.zIndex > 0) return true;
-    return Boolean(element.compareDocumentPosition(other) & Node.DOCUMENT_POSITION_FOLLOWING);
+    return Boolean(compareDocumentPosition(element, other) & Node.DOCUMENT_POSITION_FOLLOWING);
   };
 
   // Whether the text in `element` shows at a point of this world's viewport, which is `at` in its own.
@@ -212,9 +218,9 @@
       const isBehind = sunk && !contains(sunk, found) && !isPage(found) && hides(found, parentOf(found));
       return !isCut && !isBehind;
     }
-    if (found.getRootNode() !== element.getRootNode()) return false;
+    if (getRootNode(found) !== getRootNode(element)) return false;
     if (style.pointerEvents === 'none') return !isOver(found, element);
-    const layers = element.getRootNode().elementsFromPoint(...at);
+    const layers = elementsFromPoint(getRootNode(element), ...at);
     const own = layers.findIndex((layer) => contains(element, layer));
     const isClear = (layer) => contains(layer, element) || !hides(layer, parentOf(layer));
     return own > 0 && layers.slice(0, own).every(isClear);
@@ -228,10 +234,10 @@
   const looseIn = (root) => {
     if (loose.has(root)) return loose.get(root);
     const found = [];
-    for (const element of root.querySelectorAll('*')) {
+    for (const element of querySelectorAll(root, '*')) {
       const { position, zIndex } = getComputedStyle(element);
       if (position === 'static' || (position === 'relative' && zIndex === 'auto')) continue;
-      const rect = element.getBoundingClientRect();
+      const rect = getBoundingClientRect(element);
       if (rect.width > 0 && rect.height > 0) found.push([element, rect]);
     }
     loose.set(root, found);
@@ -240,7 +246,7 @@
 
   // Where a piece is tried: to try a point costs the most, so one will do where nothing else lies.
   const triedAt = (element, rect) => {
-    const roots = new Set([element.getRootNode(), element.ownerDocument]);
+    const roots = new Set([getRootNode(element), ownerDocument(element)]);
     const points = [(rect.left + rect.right) / 2];
     for (const root of roots)
       for (const [other, box] of looseIn(root)) {
@@ -279,20 +285,20 @@
   // It holds for lines that end below `below`.
   const ellipsisOf = (block) => {
     const { style } = sightOf(block);
-    const isShort = block.scrollWidth > block.clientWidth;
+    const isShort = scrollWidth(block) > clientWidth(block);
     const isLine = style.textOverflow !== 'clip' && style.overflowX !== 'visible' && isShort;
-    const isClamped = style.webkitLineClamp !== 'none' && block.scrollHeight > block.clientHeight + 1;
+    const isClamped = style.webkitLineClamp !== 'none' && scrollHeight(block) > clientHeight(block) + 1;
     if (!isLine && !isClamped) return null;
-    const rect = block.getBoundingClientRect();
-    const scale = block.offsetWidth ? rect.width / block.offsetWidth : 1;
+    const rect = getBoundingClientRect(block);
+    const scale = offsetWidth(block) ? rect.width / offsetWidth(block) : 1;
     const size = parseFloat(style.fontSize);
-    const before = (block.clientLeft + parseFloat(style.paddingLeft)) * scale;
-    const width = (block.clientWidth - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight)) * scale;
+    const before = (clientLeft(block) + parseFloat(style.paddingLeft)) * scale;
+    const width = (clientWidth(block) - parseFloat(style.paddingLeft) - parseFloat(style.paddingRight)) * scale;
     const [left, right] = [rect.left + before, rect.left + before + width];
     return {
       left: style.direction === 'rtl' ? left + size * scale : -Infinity,
       right: style.direction === 'rtl' ? Infinity : right - size * scale,
-      below: isLine ? -Infinity : rect.top + (block.clientTop + block.clientHeight - size) * scale,
+      below: isLine ? -Infinity : rect.top + (clientTop(block) + clientHeight(block) - size) * scale,
     };
   };
   let ellipses = new Map();
@@ -311,7 +317,7 @@
   const SCRIPTS = ['Han', 'Hiragana', 'Katakana', 'Thai', 'Lao', 'Khmer', 'Myanmar'];
   const UNSPACED = SCRIPTS.map((name) => `\\p{sc=${name}}`).join('');
   const PIECES = new RegExp(`\\s+|[${UNSPACED}]|[^\\s${UNSPACED}]+`, 'gu');
-  const range = document.createRange();
+  const range = createRange(document);
 
   const rectsOf = (node, start, end) => {
     range.setStart(node, start);
@@ -352,7 +358,7 @@
       const at = start + match.index;
       const own = isSpace ? [] : rectsOf(node, at, at + text.length);
       const rects = own.map((rect) => plain(moved(rect, map)));
-      pieces.push({ text, isSpace, rects, isSeen: isSpace || isSeen(own, text) });
+      pieces.push({ text: isSpace ? ' ' : text, isSpace, rects, isSeen: isSpace || isSeen(own, text) });
     }
     return pieces;
   };

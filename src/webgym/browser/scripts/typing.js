@@ -2,16 +2,20 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.prepareTyping) return;
+  const {
+    ownerDocument, textContent, localName, getAttribute, hasAttribute, matches, createRange, getSelection,
+    activeElement, isContentEditable, ofKind,
+  } = webgym.dom;
   const { fold, rootOf, frameIn, isFrame } = webgym;
 
   // What has the focus, through shadow roots and frames.
   const focused = () => {
-    let element = document.activeElement;
+    let element = activeElement(document);
     for (;;) {
       if (!element) return null;
       const inner = rootOf(element) || frameIn(element);
-      if (!inner || !inner.activeElement) return element;
-      element = inner.activeElement;
+      if (!inner || !activeElement(inner)) return element;
+      element = activeElement(inner);
     }
   };
 
@@ -83,7 +87,8 @@
   };
 
   const refuseChoice = (options, text) => {
-    const names = options.slice(0, 12).map((option) => `"${fold(option.label)}"`).join(', ');
+    const nameOf = (option) => fold(option.label.slice(0, webgym.limits.name));
+    const names = options.slice(0, 12).map((option) => `"${nameOf(option)}"`).join(', ');
     return { kind: 'refused', why: `the list has no option "${text}"; it has ${names}` };
   };
 
@@ -117,13 +122,13 @@
   // --- text ---------------------------------------------------------------------------------------
 
   const selectAll = (element) => {
-    if (element.isContentEditable) {
-      const range = element.ownerDocument.createRange();
+    if (isContentEditable(element)) {
+      const range = createRange(ownerDocument(element));
       range.selectNodeContents(element);
-      const selection = element.ownerDocument.getSelection();
+      const selection = getSelection(ownerDocument(element));
       selection.removeAllRanges();
       selection.addRange(range);
-      return element.textContent !== '';
+      return textContent(element) !== '';
     }
     element.select();
     return element.value !== '';
@@ -145,15 +150,15 @@
   const PRESSED = new Set(['a', 'button', 'input', 'summary', 'video', 'audio', 'area', 'body', 'html']);
   const WIDGETS = /^(button|link|checkbox|radio|switch|tab|option|menuitem.*|treeitem)$/;
   const takesKeys = (element) =>
-    !PRESSED.has(element.localName) && !isFrame(element) && element.hasAttribute('tabindex') &&
-    !WIDGETS.test(element.getAttribute('role') || '');
+    !PRESSED.has(localName(element)) && !isFrame(element) && hasAttribute(element, 'tabindex') &&
+    !WIDGETS.test(getAttribute(element, 'role') || '');
 
   // Numbers, codes and masks look at every key.
   const isKeyed = (input) =>
-    input.type === 'tel' || (input.maxLength > 0 && input.maxLength <= 4) ||
-    ['numeric', 'tel', 'decimal'].includes(input.inputMode) ||
-    /^(one-time-code|cc-|tel|bday)/.test(input.autocomplete || '') ||
-    ['onkeydown', 'onkeypress', 'onkeyup'].some((name) => input.hasAttribute(name));
+    ['onkeydown', 'onkeypress', 'onkeyup'].some((name) => hasAttribute(input, name)) ||
+    ofKind(input, 'type') === 'tel' || (ofKind(input, 'maxLength') > 0 && ofKind(input, 'maxLength') <= 4) ||
+    ['numeric', 'tel', 'decimal'].includes(ofKind(input, 'inputMode')) ||
+    /^(one-time-code|cc-|tel|bday)/.test(ofKind(input, 'autocomplete') || '');
 
   // Readies the focused field for `text`. {kind}: "text" (its content is selected; `filled` says whether
   // there is any; `keyed`, whether it looks at every key), "set" and "chosen" (done here), "keys" (no field,
@@ -163,13 +168,14 @@
     const element = focused();
     if (!element) return { kind: 'none' };
     if (isFrame(element)) return { kind: 'frame', frame: webgym.frameId(element) };
-    if (element.localName === 'select')
-      return element.matches(':disabled') ? { kind: 'none' } : choose(element, text);
-    const isInput = element.localName === 'input';
+    if (localName(element) === 'select')
+      return matches(element, ':disabled') ? { kind: 'none' } : choose(element, text);
+    const isInput = localName(element) === 'input';
     if (isInput && element.type === 'file') return { kind: 'refused', why: 'files cannot be uploaded' };
-    if (element.disabled || element.readOnly) return { kind: 'refused', why: 'the field cannot be changed' };
+    if (ofKind(element, 'disabled') || ofKind(element, 'readOnly'))
+      return { kind: 'refused', why: 'the field cannot be changed' };
     if (isInput && VALUE_TYPES.includes(element.type)) return setValue(element, text);
-    const lines = element.isContentEditable || element.localName === 'textarea';
+    const lines = isContentEditable(element) || localName(element) === 'textarea';
     if (lines || (isInput && !NO_TEXT.includes(element.type))) {
       if (lines && isEnded) unbroken = element;
       return { kind: 'text', filled: selectAll(element), keyed: isKeyed(element) };

@@ -2,35 +2,40 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.wheel) return;
+  const {
+    ownerDocument, clientHeight, scrollHeight, scrollTop, getBoundingClientRect, body, documentElement,
+    scrollingElement, defaultView, querySelectorAll,
+  } = webgym.dom;
   const { state, rootOf } = webgym;
   const { intersect, middle, parentOf, hit, begin } = webgym.geometry;
 
   const LEAST_SHARE = 0.03; // of the viewport: smaller boxes are not what one scrolls for
 
   const isScroller = (element) => {
-    if (element.scrollHeight - element.clientHeight <= 1) return false;
-    const owner = element.ownerDocument;
+    if (scrollHeight(element) - clientHeight(element) <= 1) return false;
+    const owner = ownerDocument(element);
     const { overflowY } = getComputedStyle(element);
-    if (element !== owner.scrollingElement) return overflowY === 'auto' || overflowY === 'scroll';
-    const outer = overflowY === 'visible' && owner.body ? getComputedStyle(owner.body).overflowY : overflowY;
+    if (element !== scrollingElement(owner)) return overflowY === 'auto' || overflowY === 'scroll';
+    const outer = overflowY === 'visible' && body(owner) ? getComputedStyle(body(owner)).overflowY : overflowY;
     return outer !== 'hidden' && outer !== 'clip';
   };
 
   const hasRoom = (element, direction) =>
-    direction < 0 ? element.scrollTop > 0 : element.scrollTop + element.clientHeight < element.scrollHeight - 1;
+    direction < 0 ? scrollTop(element) > 0 : scrollTop(element) + clientHeight(element) < scrollHeight(element) - 1;
 
   // Whether something around an element scrolls, in its own frame and those above.
   const isInScroller = (element) => {
     for (let node = element; node; ) {
       if (isScroller(node)) return true;
-      const { defaultView, documentElement } = node.ownerDocument;
-      node = parentOf(node) || (defaultView !== window && node === documentElement ? defaultView.frameElement : null);
+      const owner = ownerDocument(node);
+      const view = defaultView(owner);
+      node = parentOf(node) || (view !== window && node === documentElement(owner) ? view.frameElement : null);
     }
     return false;
   };
 
   const scrollers = (root, direction, found) => {
-    for (const element of root.querySelectorAll('*')) {
+    for (const element of querySelectorAll(root, '*')) {
       if (isScroller(element) && hasRoom(element, direction)) found.push(element);
       if (rootOf(element)) scrollers(rootOf(element), direction, found);
     }
@@ -38,13 +43,13 @@
   };
 
   const boxOf = (element, view) => {
-    const box = intersect(element.getBoundingClientRect(), view);
+    const box = intersect(getBoundingClientRect(element), view);
     const found = box && hit(...middle(box));
     for (let node = found; node; node = parentOf(node)) if (node === element) return box;
     return null;
   };
 
-  const overList = ({ list }) => ({ point: middle(list.getBoundingClientRect()), height: list.clientHeight });
+  const overList = ({ list }) => ({ point: middle(getBoundingClientRect(list)), height: clientHeight(list) });
 
   // {wheel}: {point, height} over an open list, or null.
   webgym.listWheel = () => ({ wheel: state.list && overList(state.list) });

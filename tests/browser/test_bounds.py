@@ -1,0 +1,119 @@
+"""What a page can make endless is cut before it is observed, and the observation says so."""
+
+from __future__ import annotations
+
+import time
+
+import msgspec
+import pytest
+
+from webgym.browser import BrowserConfig
+from webgym.browser.document import ReadRequest
+from webgym.core.action import LeftClick, Navigate, Type
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+LIMITS = BrowserConfig()
+MOST_BYTES = 500_000
+SECONDS = 2.0
+"""For a look at a page that is quiet already."""
+
+LAID_OUT = {"select", "several", "textarea", "button", "placeholder", "elements"}
+"""What the browser itself takes long to draw."""
+
+HUGE = {
+    "title": ("document.title = 'x'.repeat(20e6)", "the title"),
+    "link": ("link.href = '/next?' + 'x'.repeat(30e6)", "an address"),
+    "fragment": ("link.href = '#' + 'x'.repeat(30e6)", "an address"),
+    "data": ("link.href = 'data:text/plain,' + 'x'.repeat(30e6)", "an address"),
+    "hash": ("location.hash = 'x'.repeat(1.5e6)", "an address"),
+    "name": ("link.ariaLabel = 'x '.repeat(15e6)", ""),
+    "select": ("choice.options[0].label = 'x'.repeat(3e5)", "what stands in a field"),
+    "several": (
+        "choice.multiple = true;"
+        "for (let i = 0; i < 2e3; i++) choice.append(new Option('x'.repeat(99), i, true, true))",
+        "what stands in a field",
+    ),
+    "textarea": ("area.value = 'x'.repeat(1e6)", "what stands in a field"),
+    "button": ("button.value = 'x '.repeat(2e5)", "what stands in a field"),
+    "placeholder": ("field.placeholder = 'x'.repeat(1e6)", "what stands in a field"),
+    "fields": (
+        "many.innerHTML = `<input value=${'x'.repeat(9e3)}>`.repeat(30)",
+        "the text, what stands in a field",
+    ),
+    "elements": (
+        "many.innerHTML = '<a href=/x style=\"float:left;width:8px;height:8px\"></a>'.repeat(2100)",
+        "the list of elements",
+    ),
+}
+PAGE = """
+<a id=link href=/next>Next</a> <select id=choice><option>One<option>Two</select> <input id=field>
+<input id=button type=button value=Press> <textarea id=area style='height:20px'></textarea><div id=many></div>
+"""
+
+
+@pytest.mark.parametrize("kind", HUGE)
+async def test_what_is_too_long_is_cut_and_told(site: Site, tab: Tab, kind: str) -> None:
+    script, told = HUGE[kind]
+    await tab.goto(site.page(f"<title>Short</title>{PAGE}<script>{script}</script>"))
+    start = time.monotonic()
+    look = (await tab.step()).observation
+    assert time.monotonic() - start < SECONDS or kind in LAID_OUT
+    metadata = await tab.slot.metadata()
+    assert len(msgspec.json.encode(look)) < MOST_BYTES
+    assert tab.notices == ([("shortened", told)] if told else [])
+    assert len(look.title) <= LIMITS.title_characters
+    assert len(look.url) <= LIMITS.address_characters
+    assert len(look.elements or ()) <= LIMITS.observed_elements
+    for element in look.elements or ():
+        assert len(element.name) <= LIMITS.name_characters
+        assert len(element.href or "") <= LIMITS.address_characters
+        assert len(element.value or "") <= LIMITS.value_characters
+    assert (metadata.url, metadata.title) == (look.url, look.title)
+    read = await tab.slot.read(ReadRequest(elements=True))
+    assert (read.url, read.title) == (look.url, look.title)
+    assert len(msgspec.json.encode(read)) < 2_000_000
+
+
+async def test_the_text_and_the_lines_that_are_cut_off_are_bounded(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(text_characters=50), text=True, cuts=True)
+    line = "<p style='width:80px;overflow:hidden;white-space:nowrap'>Some words that do not fit</p>"
+    look = await tab.goto(site.page(line * 10))
+    assert len(look.observation.text or "") == 50
+    assert len(look.observation.cuts) == 1
+    assert tab.notices == [("shortened", "the text")]
+
+
+async def test_frames_of_other_origins_are_bounded(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(text_characters=50, value_characters=9, observed_elements=3))
+    inner = f"<p>Seen</p><input value={'x' * 99}>{'<button>B</button>' * 5}<p>{'words ' * 30}</p>"
+    await tab.goto(
+        site.page(f"<iframe src={site.elsewhere(site.page(inner))} width=900 height=300></iframe>")
+    )
+    assert tab.text[0] == "Seen"
+    assert len("".join(tab.text)) <= 50
+    assert [element.value for element in tab.last.observation.elements or ()] == ["x" * 9, None, None]
+    assert tab.notices == [("shortened", "the text, what stands in a field, the list of elements")]
+
+
+async def test_a_long_list_of_options_is_cut_and_told(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(listed_options=3))
+    options = "".join(f"<option>Size {number} {'x' * 999}" for number in range(50))
+    await tab.goto(site.page(f"<select aria-label=Size>{options}</select>"))
+    await tab.step(LeftClick(tab.at("Size")))
+    names = [one.name for one in tab.last.observation.elements or () if one.role == "option"]
+    assert [(name[:6], len(name)) for name in names] == [(f"Size {number}", 200) for number in range(3)]
+    assert tab.notices == [("shortened", "the open list of options")]
+    await tab.step(Type(tab.at("Size"), "Size 40"))
+    assert (tab.find("Size").value or "").startswith("Size 40")
+    await tab.step(Type(tab.at("Size"), "Colour"))
+    ((_, told),) = tab.notices
+    assert len(told) < 12 * (LIMITS.name_characters + 10)
+
+
+async def test_a_dialog_is_told_in_short(site: Site, tab: Tab) -> None:
+    await tab.step(Navigate(site.page("<script>prompt('x'.repeat(1e6), 'y'.repeat(1e6))</script>")))
+    ((kind, told),) = tab.notices
+    assert (kind, len(told) < 1_000) == ("dialog", True)

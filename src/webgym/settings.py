@@ -120,7 +120,7 @@ def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
 
 
 def _nearest(key: str, keys: list[str]) -> str | None:
-    """A key of the same section that is spelt alike, else one of another that is called the same, or alike."""
+    """A key of the same section that is spelt alike, else one of another section that is."""
     section, _, name = key.rpartition(".")
     beside = [each for each in keys if each.rpartition(".")[0] == section]
     close = get_close_matches(name, [each.rpartition(".")[2] for each in beside], n=1)

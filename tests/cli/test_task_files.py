@@ -93,7 +93,7 @@ def test_what_could_not_be_read_is_said_and_fails(tmp_path: Path, run: Run) -> N
     write_tasks(source, made(3))
     source.write_bytes(source.read_bytes() + b"{\n")
     code, said = run("tasks", "convert", source, out)
-    assert code == 1
+    assert code == 2
     assert f"left out {source}:4: " in said
     assert len(read_tasks(out).tasks) == 3
 

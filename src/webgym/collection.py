@@ -96,7 +96,7 @@ class TaskChoice(Selection):
 class PolicyChoice(_Settings):
     """Which policy."""
 
-    name: str = ""
+    name: str = "scripted"
     """``scripted`` (an oracle: it plays the known solutions), ``random`` or ``openai``. By default ``openai``
     where ``chat`` is given, else ``scripted``."""
 
@@ -113,8 +113,8 @@ class PolicyChoice(_Settings):
     @model_validator(mode="before")
     @classmethod
     def _name(cls, given: Any) -> Any:
-        if isinstance(given, Mapping) and not given.get("name"):
-            return {**given, "name": "openai" if given.get("chat") else "scripted"}
+        if isinstance(given, Mapping) and given.get("chat") and not given.get("name"):
+            return {**given, "name": "openai"}
         return given
 
     @model_validator(mode="after")

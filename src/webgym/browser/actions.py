@@ -46,7 +46,6 @@ class _Field(msgspec.Struct, frozen=True):
         kind: ``text`` is a field whose content is selected, ``keys`` something else that listens to keys,
             ``frame`` a frame of another origin that has the focus; ``set`` and ``chosen`` are done.
         filled: whether there is something to be cleared.
-        keyed: whether the field wants to see every key: numbers, codes, masks.
         frame: which one; ``None`` if it was not entered yet, empty if it cannot be.
         wondered: whether the focus may be in a closed root that was not entered yet.
         why: what was refused.
@@ -54,7 +53,6 @@ class _Field(msgspec.Struct, frozen=True):
 
     kind: Literal["text", "keys", "frame", "set", "chosen", "refused", "none"]
     filled: bool = False
-    keyed: bool = False
     frame: str | None = None
     wondered: bool = False
     why: str = ""

@@ -153,15 +153,8 @@
     !PRESSED.has(localName(element)) && !isFrame(element) && hasAttribute(element, 'tabindex') &&
     !WIDGETS.test(getAttribute(element, 'role') || '');
 
-  // Numbers, codes and masks look at every key.
-  const isKeyed = (input) =>
-    ['onkeydown', 'onkeypress', 'onkeyup'].some((name) => hasAttribute(input, name)) ||
-    ofKind(input, 'type') === 'tel' || (ofKind(input, 'maxLength') > 0 && ofKind(input, 'maxLength') <= 4) ||
-    ['numeric', 'tel', 'decimal'].includes(ofKind(input, 'inputMode')) ||
-    /^(one-time-code|cc-|tel|bday)/.test(ofKind(input, 'autocomplete') || '');
-
   // Readies the focused field for `text`. {kind}: "text" (its content is selected; `filled` says whether
-  // there is any; `keyed`, whether it looks at every key), "set" and "chosen" (done here), "keys" (no field,
+  // there is any), "set" and "chosen" (done here), "keys" (no field,
   // but it listens), "frame" (the focus is in this frame of another origin), "refused" (why), "none".
   // `isEnded`: by Enter.
   webgym.prepareTyping = (text, isEnded) => {
@@ -178,7 +171,7 @@
     const lines = isContentEditable(element) || localName(element) === 'textarea';
     if (lines || (isInput && !NO_TEXT.includes(element.type))) {
       if (lines && isEnded) unbroken = element;
-      return { kind: 'text', filled: selectAll(element), keyed: isKeyed(element) };
+      return { kind: 'text', filled: selectAll(element) };
     }
     return { kind: takesKeys(element) ? 'keys' : 'none', wondered: webgym.wonder(element) };
   };

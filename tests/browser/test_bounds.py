@@ -94,6 +94,7 @@ async def test_frames_of_other_origins_are_bounded(site: Site, open_tab: Open) -
     )
     assert tab.text[0] == "Seen"
     assert len("".join(tab.text)) <= 50
+    assert tab.last is not None
     assert [element.value for element in tab.last.observation.elements or ()] == ["x" * 9, None, None]
     assert tab.notices == [("shortened", "the text, what stands in a field, the list of elements")]
 
@@ -103,6 +104,7 @@ async def test_a_long_list_of_options_is_cut_and_told(site: Site, open_tab: Open
     options = "".join(f"<option>Size {number} {'x' * 999}" for number in range(50))
     await tab.goto(site.page(f"<select aria-label=Size>{options}</select>"))
     await tab.step(LeftClick(tab.at("Size")))
+    assert tab.last is not None
     names = [one.name for one in tab.last.observation.elements or () if one.role == "option"]
     assert [(name[:6], len(name)) for name in names] == [(f"Size {number}", 200) for number in range(3)]
     assert tab.notices == [("shortened", "the open list of options")]

@@ -73,7 +73,7 @@ def only(spare: int) -> Iterator[None]:
 
 
 async def start(executable: Path, root: ProfileRoot, egress: Egress) -> BrowserProcess:
-    return await launch(BrowserConfig(launch_seconds=0.2), executable, root, OFF, egress)
+    return await launch(BrowserConfig(launch_seconds=0.2), executable, root, OFF, egress.main)
 
 
 @pytest.mark.browser
@@ -82,7 +82,7 @@ async def test_it_knows_no_secret_of_ours(
 ) -> None:
     for name, value in SECRETS.items():
         monkeypatch.setenv(name, value)
-    browser = await launch(BrowserConfig(), executable, root, OFF, egress)
+    browser = await launch(BrowserConfig(), executable, root, OFF, egress.main)
     try:
         for pid in browser.processes():  # some write their name over what they were given
             assert b"open-sesame" not in Path(f"/proc/{pid}/environ").read_bytes()
@@ -126,7 +126,7 @@ async def test_a_start_that_is_given_up_leaves_nothing(root: ProfileRoot, egress
 
 @pytest.mark.browser
 async def test_an_end_that_is_given_up_goes_on(executable: Path, root: ProfileRoot, egress: Egress) -> None:
-    browser = await launch(BrowserConfig(), executable, root, OFF, egress)
+    browser = await launch(BrowserConfig(), executable, root, OFF, egress.main)
     for _ in range(2):
         ending = asyncio.create_task(browser.kill())
         await asyncio.sleep(0)

@@ -230,7 +230,7 @@ class Rehearsals:
         """An attempt, as a collector would have recorded it.
 
         Raises:
-            PolicyError: it did not come to an end of its own.
+            PolicyError: it did not come to an end of its own, and not because no reply held an action.
         """
         attempt = Attempt(self._stage, planned)
         session = await self._rehearsal.open(attempt.options())
@@ -239,7 +239,10 @@ class Rehearsals:
         finally:
             await session.close()
         episode = attempt.episode()
-        if episode.ending not in JUDGED:
+        said_nothing = episode.steps and all(step.action is None for step in episode.steps)
+        if (
+            episode.ending not in JUDGED and not said_nothing
+        ):  # a model that is only beginning may say nothing
             failure = episode.failure
             raise PolicyError(f"{planned.attempt_id}: {failure.message if failure else episode.ending}")
         return episode

@@ -201,6 +201,21 @@ async def test_scrolling_inside_what_lies_in_the_middle(site: Site, tab: Tab) ->
     assert "Row 0" not in tab.text
 
 
+@pytest.mark.parametrize(
+    "style",
+    ["width:600px;height:300px;position:fixed;left:340px;top:234px", "width:110px;height:60px"],
+    ids=["in the middle", "small and aside"],
+)
+async def test_every_row_of_a_box_comes_into_view(site: Site, tab: Tab, style: str) -> None:
+    rows = "".join(f"<div style='height:20px'>Row {number}</div>" for number in range(40))
+    await tab.goto(site.page(f"<div style='overflow:auto;{style}'>{rows}</div>"))
+    seen = set(tab.text)
+    for _ in range(40):
+        await tab.step(Scroll("down"))
+        seen |= set(tab.text)
+    assert {f"Row {number}" for number in range(40)} <= seen
+
+
 async def test_going_back_and_its_beginning(site: Site, tab: Tab) -> None:
     first = site.page("<title>First</title><a href='#part'>Part</a>")
     second = site.page("<title>Second</title>")

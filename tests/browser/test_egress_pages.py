@@ -22,6 +22,7 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
 from webgym.browser import BrowserConfig, Egress, EgressConfig, Look, PageOptions, ProfileRoot, Slot
+from webgym.browser.egress import Door
 from webgym.core.action import Navigate
 
 from .canary import HERE, Canary, Names, UdpCanary, canary, has_ipv6, udp_canary
@@ -353,12 +354,19 @@ async def test_of_several_addresses_only_the_allowed_are_tried(way: Way, pair: t
 # --- what is not HTTP -----------------------------------------------------------------------------------
 
 
-class _Unproxied(Egress):
-    """The way out without what keeps packets in."""
-
+class _NoDoor(Door):
     @property
     def browser_flags(self) -> tuple[str, ...]:
         return ()
+
+
+class _Unproxied(Egress):
+    """The way out without what keeps packets in."""
+
+    async def open_door(self) -> Door:
+        door = await super().open_door()
+        door.__class__ = _NoDoor
+        return door
 
 
 DATAGRAMS = {
@@ -427,7 +435,12 @@ async def test_all_that_a_browser_connects_to_is_the_proxy(evil: Site, guarded: 
     for pid in guarded.slot.process.processes():
         found += psutil.Process(pid).net_connections("inet")
     assert found
-    assert {tuple(one.raddr) for one in found if one.raddr} == {(HERE, guarded.egress.port)}
+    [said] = [
+        flag
+        for flag in psutil.Process(guarded.slot.process.pid).cmdline()
+        if flag.startswith("--proxy-server=")
+    ]
+    assert {f"{HERE}:{one.raddr.port}" for one in found if one.raddr} == {said.rpartition("/")[2]}
     await guarded.slot.close()
 
 

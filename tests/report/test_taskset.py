@@ -61,7 +61,9 @@ def tasks() -> list[Task]:
         replace(simple, id=f"gaia-web/{number}", instruction=f"Read page {number} aloud.", split="test")
         for number in range(250)
     ]
-    hostile = replace(simple, id=f"gaia-web/{HOSTILE}", instruction=HOSTILE, website="javascript:pwned=1")
+    hostile = replace(
+        simple, id=f"gaia-web/{HOSTILE}", instruction=HOSTILE, website="evil.example/<script>pwned=1</script>"
+    )
     orphan = replace(simple, id="gaia-web/orphan", parent_id="gaia-web/lost")
     return [PARENT, derived(1), derived(2), derived(1, 3), hostile, orphan, *many]
 

@@ -9,7 +9,7 @@
   const { state, rootOf } = webgym;
   const { intersect, middle, parentOf, hit, begin } = webgym.geometry;
 
-  const LEAST_SHARE = 0.03; // of the viewport: smaller boxes are not what one scrolls for
+  const LEAST_SHARE = 0.005; // of the viewport: smaller boxes are not what one scrolls for
 
   const isScroller = (element) => {
     if (scrollHeight(element) - clientHeight(element) <= 1) return false;
@@ -49,6 +49,14 @@
     return null;
   };
 
+  // How much is shown of what the wheel scrolls here: of a box in the page less than of the page.
+  const shownAt = (point, direction) => {
+    for (let node = hit(...point); node; node = parentOf(node))
+      if (isScroller(node) && hasRoom(node, direction))
+        return node === scrollingElement(document) ? innerHeight : Math.min(clientHeight(node), innerHeight);
+    return innerHeight;
+  };
+
   const overList = ({ list }) => ({ point: middle(getBoundingClientRect(list)), height: clientHeight(list) });
 
   // {wheel}: {point, height} over an open list, or null.
@@ -70,6 +78,6 @@
         .sort((a, b) => area(b) - area(a));
       if (boxes.length) point = middle(boxes[0]);
     }
-    return { point, height: innerHeight };
+    return { point, height: shownAt(point, direction) };
   };
 })();

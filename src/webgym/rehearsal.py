@@ -24,7 +24,7 @@ from webgym.agent.agent import Agent
 from webgym.browser.find import find_browser
 from webgym.browser.process import PICTURE_FLAGS
 from webgym.core.action import BrowserAction, Navigate
-from webgym.core.errors import NavigationFailed, PolicyError
+from webgym.core.errors import NavigationFailed, PolicyBadReply, PolicyError
 from webgym.core.trajectory import Episode
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb
@@ -239,11 +239,10 @@ class Rehearsals:
         finally:
             await session.close()
         episode = attempt.episode()
-        said_nothing = episode.steps and all(step.action is None for step in episode.steps)
-        if (
-            episode.ending not in JUDGED and not said_nothing
-        ):  # a model that is only beginning may say nothing
-            failure = episode.failure
+        failure = episode.failure
+        # A model that is only beginning may never say what to do.
+        said_nothing = failure is not None and failure.code == PolicyBadReply.code
+        if episode.ending not in JUDGED and not said_nothing:
             raise PolicyError(f"{planned.attempt_id}: {failure.message if failure else episode.ending}")
         return episode
 

@@ -211,8 +211,9 @@ async def test_every_row_of_a_box_comes_into_view(site: Site, tab: Tab, style: s
     await tab.goto(site.page(f"<div style='overflow:auto;{style}'>{rows}</div>"))
     seen = set(tab.text)
     for _ in range(40):
-        await tab.step(Scroll("down"))
-        seen |= set(tab.text)
+        if "Row 39" not in seen:
+            await tab.step(Scroll("down"))
+            seen |= set(tab.text)
     assert {f"Row {number}" for number in range(40)} <= seen
 
 

@@ -193,9 +193,7 @@ async def test_http_status_and_redirects(site: Site, tab: Tab) -> None:
 
 
 LOOPS = {
-    "reload": "<script>location.reload()</script>",
     "refresh": "<meta http-equiv=refresh content=0>",
-    "itself": "<script>location.href = '?' + Math.random()</script>",
     "timer": "<script>setTimeout(() => location.reload(), 20)</script>",
 }
 

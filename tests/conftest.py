@@ -21,6 +21,10 @@ settings.register_profile("webgym", deadline=None)  # a busy machine is no reaso
 settings.load_profile("webgym")
 
 
+# Nothing here comes from the hub: one that does not answer is asked for most of a minute.
+os.environ.setdefault("HF_HUB_OFFLINE", "1")
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Tests that drive a browser are skipped, and say why, where there is none."""
     if not any(item.get_closest_marker("browser") for item in items):

@@ -33,9 +33,9 @@ def all_failed(summary: Summary) -> bool:
 
 def print_summary(summary: Summary, console: Console) -> None:
     """Outcomes and success rates of a run."""
-    rates = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
-    for name in ("", "success", "95 %", "of judged", "success", "95 %", "of planned", "steps, median"):
-        rates.add_column(name, justify="left" if not name else "right")
+    rates = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="dim")
+    for name in ("", "success", "95 %", "judged", "success", "95 %", "planned", "steps"):  # 80 characters
+        rates.add_column(name, justify="left" if not name else "right", no_wrap=True)
     for level in ("overall", *LEVELS):
         group = summary["by_level"].get(level)
         outcomes_of = summary["outcomes"] if level == "overall" else group["outcomes"] if group else {}

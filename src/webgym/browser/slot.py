@@ -208,9 +208,10 @@ class Slot:
 
     async def stop(self) -> None:
         """End the browser and everything in it. Safe to call twice."""
+        self._thaw()  # who is stopped does not answer
         process, self._process = self._process, None
         page, self._page = self._page, None
-        self._is_open, self._frozen_at = False, None
+        self._is_open = False
         if page is not None:
             await page.close()
         if process is not None:
@@ -309,6 +310,7 @@ class Slot:
 
         A browser that does not let go of it is ended; the next episode brings up another.
         """
+        self._thaw()
         page, self._page = self._page, None
         self._is_open = False
         if page is None:

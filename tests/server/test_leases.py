@@ -16,6 +16,7 @@ from webgym.server.front import Front
 from webgym.server.leases import Leases
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import INFO
+from webgym.server.tokens import Tokens
 
 
 def idle_slot() -> Slot:
@@ -146,7 +147,7 @@ async def test_secrets_are_compared_in_constant_time(monkeypatch: pytest.MonkeyP
 
     leases = Leases(Taken())
     lease = leases.grant(idle_slot(), 60, 60)
-    front = Front("a-token-for-tests-only", 100, "", CallMetrics(CollectorRegistry()))
+    front = Front(Tokens("a-token-for-tests-only"), 100, "", CallMetrics(CollectorRegistry()))
     header = [(b"authorization", b"Bearer a-token-for-tests-only")]
     request = Request({"type": "http", "headers": header})
     front.admit(INFO, request)

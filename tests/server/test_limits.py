@@ -23,6 +23,7 @@ from webgym.server.listening import listen, serving
 from webgym.server.messages import StepRequest, error_of
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import INFO, STEP
+from webgym.server.tokens import Tokens
 
 TOKEN = "a-token-for-tests-only"
 BODY_BYTES = 10_000
@@ -39,7 +40,7 @@ class Served:
     """A front with one operation that takes a body, and what became of its calls."""
 
     def __init__(self, config: ServerConfig) -> None:
-        self.front = Front(TOKEN, config.body_bytes, "", CallMetrics(CollectorRegistry()))
+        self.front = Front(Tokens(TOKEN), config.body_bytes, "", CallMetrics(CollectorRegistry()))
         self.release = asyncio.Event()
         take = Route("/take", self.front.endpoint(STEP, self._take), methods=["POST"])
         hold = Route("/hold", self.front.endpoint(INFO, self._hold), methods=["GET"])

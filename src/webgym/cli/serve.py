@@ -51,6 +51,15 @@ def command(
     token_file: Path | None = typer.Option(
         None, "--token-file", help="Where the token is; made, for your eyes only, if it is not there."
     ),
+    tokens: Path | None = typer.Option(
+        None,
+        "--tokens",
+        metavar="FILE",
+        help="Others who may call: a line each of a name and a token. Read again when it changes.",
+    ),
+    audit: Path | None = typer.Option(
+        None, "--audit", metavar="FILE", help="Write down who opened which session, and when it ended."
+    ),
     browser: Path | None = typer.Option(
         None, "--browser", help="Chromium to run.", show_default="the first that is found"
     ),
@@ -110,6 +119,8 @@ def command(
         "port": port,
         "slots": slots,
         "token": token,
+        "tokens_file": tokens and tokens.absolute(),
+        "audit_file": audit,
         "ttl_seconds": ttl,
         "allocate_seconds": wait,
         "sessions_per_client": sessions_per_client,

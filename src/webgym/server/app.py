@@ -14,24 +14,25 @@ from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionGran
 from webgym.server.operations import ALLOCATE, OPERATIONS, Operation
 from webgym.server.quota import Quota, client_of
 from webgym.server.service import Service
+from webgym.server.tokens import Tokens
 
 
-def create_app(service: Service, token: str, *, instance: str = "", endpoint: str = "") -> Starlette:
+def create_app(service: Service, tokens: Tokens, *, instance: str = "", endpoint: str = "") -> Starlette:
     """The ASGI application of one service.
 
     Args:
-        token: bearer token of every call that is not open.
+        tokens: who may make calls that are not open.
         instance: which run of the server this is.
         endpoint: its base URL, as others may reach it; empty if unknown.
     """
-    calls = _Calls(service, token, instance, endpoint)
+    calls = _Calls(service, tokens, instance, endpoint)
     return application({operation: calls.endpoint(operation) for operation in OPERATIONS})
 
 
 class _Calls:
-    def __init__(self, service: Service, token: str, instance: str, endpoint: str) -> None:
+    def __init__(self, service: Service, tokens: Tokens, instance: str, endpoint: str) -> None:
         self._service = service
-        self._front = Front(token, service.config.body_bytes, instance, service.observed)
+        self._front = Front(tokens, service.config.body_bytes, instance, service.observed)
         self._address = endpoint
         self._quota = Quota(service.config.sessions_per_client)
         service.on_end = self._quota.ended

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -67,6 +68,13 @@ class ServerConfig(BaseModel):
     token: str | None = Field(default=None, min_length=16, repr=False)
     """Bearer token of every call but ``/healthz``; ``None`` makes a random one."""
 
+    tokens_file: Path | None = None
+    """Names and tokens of others who may call, a line each; read again when it changes. Workers read it too,
+    so on a cluster it must be on every node."""
+
+    audit_file: Path | None = None
+    """A gateway appends a JSON line to it when a session is opened, and one when it ended."""
+
     name: str = Field(default="", pattern=r"^[a-z0-9]{0,32}$")
     """Of one worker among others: its session ids begin with it, which is how a gateway finds it."""
 
@@ -105,7 +113,7 @@ class ServerConfig(BaseModel):
 
     sessions_per_client: int | None = Field(default=None, gt=0)
     """Most sessions that one client holds or waits for; ``None`` for as many as there are. A client is known
-    by the name that it gives itself, or by its address."""
+    by the name of its token, else by the name that it gives itself, or by its address."""
 
     body_bytes: int = Field(default=1024 * 1024, gt=0)
     """Largest request body."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import hmac
 import logging
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine, Mapping
@@ -31,6 +30,7 @@ from webgym.core.errors import (
 from webgym.server.messages import HEALTHY, INSTANCE_HEADER, UNHEALTHY_STATUS, ErrorBody, ErrorReply, Health
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import JSON, MSGPACK, Operation
+from webgym.server.tokens import Tokens
 
 log = logging.getLogger(__name__)
 
@@ -63,14 +63,14 @@ class Front:
     """One server's side of HTTP.
 
     Args:
-        token: bearer token of every call that is not open.
+        tokens: who may make calls that are not open.
         body_bytes: largest request body.
         instance: which run of the server this is.
         metrics: where time and errors are counted.
     """
 
-    def __init__(self, token: str, body_bytes: int, instance: str, metrics: CallMetrics) -> None:
-        self._authorization = f"Bearer {token}".encode()
+    def __init__(self, tokens: Tokens, body_bytes: int, instance: str, metrics: CallMetrics) -> None:
+        self._tokens = tokens
         self._body_bytes = body_bytes
         self.instance = instance
         self._metrics = metrics
@@ -105,13 +105,13 @@ class Front:
         return serve
 
     def admit(self, operation: Operation, request: Request) -> None:
-        """Let a caller in.
+        """Let a caller in, and note as ``request.state.caller`` whose token it has.
 
         Raises:
-            Unauthorized: the operation is not open and the caller lacks the token.
+            Unauthorized: the operation is not open and the caller lacks a token.
         """
-        given = request.headers.get("authorization", "").encode("utf-8", "replace")
-        if not (operation.is_open or hmac.compare_digest(given, self._authorization)):
+        request.state.caller = self._tokens.name_of(request.headers.get("authorization", ""))
+        if not operation.is_open and request.state.caller is None:
             raise Unauthorized("the token is wrong or missing", hint="`webgym serve` says where its token is")
 
     async def body(self, request: Request) -> bytes:

@@ -22,6 +22,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, WorkerLost
+from webgym.server.audit import Audit, audit_to
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 from webgym.server.feed import Feed
 from webgym.server.front import Front, application, decode, while_connected
@@ -49,9 +50,10 @@ from webgym.server.operations import (
     Operation,
     openapi,
 )
-from webgym.server.quota import Quota, client_of
+from webgym.server.quota import Quota, caller_of, client_of
 from webgym.server.ray_hosts import ray_hosts
 from webgym.server.relay import Answer, Header, Interrupted, NotSent
+from webgym.server.tokens import Tokens
 from webgym.server.totals import GatewayMetrics, merge_expositions, total
 from webgym.server.worker import TOKEN_BYTES, new_instance
 from webgym.server.workers import Fleet, Hosts, Worker
@@ -74,8 +76,11 @@ class Gateway:
         fleet_config: limits of the workers.
     """
 
-    def __init__(self, config: ServerConfig, fleet_config: GatewayConfig, hosts: Hosts, token: str) -> None:
+    def __init__(
+        self, config: ServerConfig, fleet_config: GatewayConfig, hosts: Hosts, token: str, audit: Audit
+    ) -> None:
         self.config = config
+        self._audit = audit
         self.fleet = Fleet(hosts, fleet_config, token, self._on_change)
         self.line = Line(self.fleet.workers, config.waiting)
         self.feed = Feed(self._watched, config.beat_seconds)
@@ -88,6 +93,7 @@ class Gateway:
     def _on_change(self, ended: Collection[str]) -> None:
         for session in ended:
             self._quota.ended(session)
+            self._audit.ended(session)
         self.line.serve()
         self.feed.changed()
 
@@ -105,6 +111,7 @@ class Gateway:
             if not worker.is_lost:  # else it has ended already
                 worker.sessions[grant.session_id] = grant.generation
                 self._quota.granted(client, grant.session_id)
+                self._audit.opened(grant.session_id, **caller_of(request))
         self._granted += 1
         return grant
 
@@ -301,9 +308,9 @@ class _Passing(Response):
             await send({"type": "http.response.body", "body": b"", "more_body": False})
 
 
-def create_gateway_app(gateway: Gateway, token: str, instance: str) -> Starlette:
+def create_gateway_app(gateway: Gateway, tokens: Tokens, instance: str) -> Starlette:
     """The ASGI application of a gateway."""
-    front = Front(token, gateway.config.body_bytes, instance, gateway.observed)
+    front = Front(tokens, gateway.config.body_bytes, instance, gateway.observed)
 
     def work(operation: Operation) -> Callable[[Request], Awaitable[Any]]:
         async def serve(request: Request) -> Any:
@@ -358,10 +365,11 @@ async def running_gateway(
     where: AbstractAsyncContextManager[Hosts] = (
         nullcontext(LocalHosts(config, fleet)) if cluster is None else ray_hosts(config, fleet, cluster)
     )
-    with closing(listen(config)) as listener:
-        async with where as hosts, _kept_up(Gateway(config, fleet, hosts, token)) as gateway:
-            app = create_gateway_app(gateway, token, new_instance())
-            async with serving(app, listener, config):
+    tokens = Tokens(token, config.tokens_file)
+    with closing(listen(config)) as listener, audit_to(config.audit_file) as audit:
+        async with where as hosts, _kept_up(Gateway(config, fleet, hosts, token, audit)) as gateway:
+            app = create_gateway_app(gateway, tokens, new_instance())
+            async with tokens.kept_fresh(), serving(app, listener, config):
                 try:
                     yield RunningGateway(url_of(listener), token, gateway)
                 finally:

@@ -1,7 +1,7 @@
 """How many sessions one client may hold.
 
-All clients hold the same token, so this is no wall between enemies: it keeps a client that leaks sessions
-from taking every slot of the others.
+A client is known by the name of its token. Clients that share the server's own token are told apart by what
+they call themselves: no wall between enemies, but one that leaks sessions does not take all slots.
 """
 
 from __future__ import annotations
@@ -14,11 +14,23 @@ from starlette.requests import Request
 
 from webgym.core.errors import TooManySessions
 from webgym.server.messages import CLIENT_HEADER
+from webgym.server.tokens import OWN
 
 
 def client_of(request: Request) -> str:
-    """Who asks: the name that the client gives itself, else the address that it calls from."""
-    return request.headers.get(CLIENT_HEADER) or (request.client.host if request.client else "")
+    """Who asks: the name of its token, else what it calls itself, else the address that it calls from."""
+    caller = caller_of(request)
+    named = f"token {caller['token']}" if caller["token"] != OWN else ""
+    return named or caller["client"] or caller["address"]
+
+
+def caller_of(request: Request) -> dict[str, str]:
+    """The name of the caller's ``token``, what the ``client`` calls itself, and its ``address``."""
+    return {
+        "token": request.state.caller,
+        "client": request.headers.get(CLIENT_HEADER, ""),
+        "address": request.client.host if request.client else "",
+    }
 
 
 class Quota:

@@ -13,6 +13,7 @@ from webgym.server.app import create_app
 from webgym.server.config import ServerConfig
 from webgym.server.listening import is_wildcard, listen, serving, url_of
 from webgym.server.service import Service
+from webgym.server.tokens import Tokens
 
 TOKEN_BYTES = 32
 _INSTANCE_BYTES = 8
@@ -54,14 +55,15 @@ async def running_server(config: ServerConfig | None = None) -> AsyncIterator[Ru
     """
     config = config or ServerConfig()
     token = config.token or secrets.token_urlsafe(TOKEN_BYTES)
+    tokens = Tokens(token, config.tokens_file)
     instance = new_instance()
     executable = await _find_executable(config.browser.executable)
     with closing(listen(config)) as listener:
         url = url_of(listener)
         async with Service(config, executable) as service:
             endpoint = "" if is_wildcard(config.host) else url
-            app = create_app(service, token, instance=instance, endpoint=endpoint)
-            async with serving(app, listener, config):
+            app = create_app(service, tokens, instance=instance, endpoint=endpoint)
+            async with tokens.kept_fresh(), serving(app, listener, config):
                 try:
                     yield RunningServer(url, token, service, instance)
                 finally:

@@ -112,20 +112,20 @@ class Idlers:
     the delay nor the line alone tells a search that waits for the next key from what counts clicks."""
 
     def __init__(self) -> None:
-        self._vain: dict[tuple[object, ...], int] = {}
+        self.vain: dict[tuple[object, ...], int] = {}
         """Waits in a row that brought nothing."""
 
     def is_known(self, timer: Timer, target: str) -> bool:
         """Whether this one is not worth waiting for after an action on ``target``."""
-        return any(self._vain.get(key, 0) >= most for key, most in self._keys(timer, target))
+        return any(self.vain.get(key, 0) >= most for key, most in self._keys(timer, target))
 
     def learn(self, timers: Iterable[Timer], target: str, *, brought: bool) -> None:
         """Whether waiting for these, which fire together, brought anything."""
         for key in {key for timer in timers for key, _ in self._keys(timer, target)}:
             if brought:
-                self._vain.pop(key, None)
+                self.vain.pop(key, None)
             else:
-                self._vain[key] = self._vain.get(key, 0) + 1
+                self.vain[key] = self._vain.get(key, 0) + 1
 
     @staticmethod
     def _keys(timer: Timer, target: str) -> tuple[tuple[tuple[object, ...], int], ...]:

@@ -66,6 +66,54 @@ async def test_an_endless_spinner_is_waited_for_once(site: Site, tab: Tab) -> No
     assert reason(tab) == "unchanged"
 
 
+_TURNING = "<style>@keyframes turn { to { rotate: 1turn } } i { animation: turn 1s infinite linear }</style>"
+_NEVER_AT_REST = (
+    _TURNING
+    + """<i style='display: block; width: 30px'>*</i><p id=out>text</p><script>
+setInterval(() => { out.textContent = Date.now() }, 400);
+const poll = async () => { for (;;) await fetch('/slow?seconds=0.2&at=' + Date.now()) };
+poll();
+</script>"""
+)
+
+
+async def test_what_turns_on_a_page_that_never_rests_costs_one_wait(site: Site, open_tab: Open) -> None:
+    site.on("/slow", slow)
+    tab = await open_tab(config=BrowserConfig(settle_seconds=3.0))
+    await tab.goto(site.page(_NEVER_AT_REST))
+    assert reason(tab) == "deadline"
+    await tab.step(NOWHERE)
+    await tab.step(NOWHERE)
+    assert reason(tab) not in {"deadline", "loading", "busy"}
+
+
+async def test_a_sign_that_came_back_is_a_sign_again(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(linger_seconds=0.2))
+    await tab.goto(
+        site.page(
+            "<p id=out>text</p><button onclick=start()>Start</button><button onclick=end()>End</button>"
+            "<script>"
+            "let loads = 0;"
+            "const end = () => { out.ariaBusy = null; out.textContent = 'done ' + loads };"
+            "const start = () => { out.ariaBusy = 'true';"
+            " if (++loads > 1) setTimeout(() => setTimeout(end, 900), 900) }</script>"
+        )
+    )
+    start, end = LeftClick(tab.at("Start")), LeftClick(tab.at("End"))
+    await tab.step(start)
+    assert reason(tab) == "loading"
+    await tab.step(end)
+    await tab.step(start)
+    assert "done 2" in tab.text
+
+
+async def test_a_box_for_numbers_is_no_sign_of_loading(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<span class=ui-spinner><input value=3><a class=spinner-up>+</a></span>"))
+    assert reason(tab) == "quiet"
+    await tab.goto(site.page(f"{_TURNING}<div class=spinner><i>*</i><button>Cancel</button></div>"))
+    assert reason(tab) == "loading"
+
+
 async def test_a_page_that_never_stops_changing(site: Site, tab: Tab) -> None:
     await tab.goto(
         site.page("<p id=p></p><script>setInterval(() => { p.textContent = performance.now() }, 20)</script>")

@@ -16,7 +16,7 @@ from starlette.responses import Response
 from webgym.bench.hardweb import PAGES, HardSite
 from webgym.bench.settle import SettleBench, run_trial
 from webgym.browser import BrowserConfig, Slot
-from webgym.core.action import LeftClick, Navigate, Target
+from webgym.core.action import LeftClick, Navigate, Target, Type
 
 from .conftest import Open, Site, Tab
 
@@ -105,14 +105,60 @@ async def test_an_address_that_does_not_answer_is_known_again(site: Site, open_t
     assert "arrived" in tab.text
 
 
-async def test_a_delay_that_brings_nothing_is_learned(site: Site, tab: Tab) -> None:
+_SUGGESTIONS = """<input id=field aria-label=Search><ul id=list></ul><button onclick='idle()'>Idle</button>
+<script>
+const debounce = (act, ms) => {
+  let timer;
+  return () => { clearTimeout(timer); timer = setTimeout(act, ms); };
+};
+const idle = debounce(() => {}, 300);
+const alsoIdle = debounce(() => {}, 300);
+field.addEventListener('keyup', alsoIdle);
+field.addEventListener('input', debounce(async () => {
+  const found = await (await fetch('/answer?q=' + field.value)).text();
+  list.innerHTML = '<li>' + found + '</li>';
+}, 300));
+</script>"""
+
+
+async def test_idle_timers_of_one_delay_and_helper_do_not_hide_a_search(site: Site, tab: Tab) -> None:
+    async def answer(request: Request) -> Response:
+        return Response(f"about {request.query_params['q']}")
+
+    site.on("/answer", answer)
+    await tab.goto(site.page(_SUGGESTIONS))
+    field, idle = tab.at("Search"), LeftClick(tab.at("Idle"))
+    for word in ("ships", "shores", "ferries"):
+        for _ in range(2):
+            await tab.step(idle)
+        await tab.step(Type(field, word))
+        assert f"about {word}" in tab.text
+
+
+_SUBMENU = """<div id=menu><button id=one>One</button><button id=two>Two</button></div><div id=out></div>
+<script>const delay = (act, ms) => setTimeout(act, ms);
+one.onclick = () => delay(() => {}, 300);
+two.onclick = () => delay(() => { out.textContent = 'submenu ' + ++two.value; }, 300);
+</script>"""
+
+
+async def test_timers_are_told_apart_by_what_was_acted_on(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(_SUBMENU))
+    one, two = LeftClick(tab.at("One")), LeftClick(tab.at("Two"))
+    for _ in range(3):
+        await tab.step(one)
+    await tab.step(two)
+    assert "submenu 1" in tab.text
+
+
+async def test_code_whose_timers_bring_nothing_is_learned(site: Site, tab: Tab) -> None:
     await tab.goto(site.page("<p>text</p><script>onclick = () => setTimeout(() => {}, 700)</script>"))
-    assert tab.slot.page.fruitless == {}
+    idlers = tab.slot.page.idlers
     for _ in range(2):
         await tab.step(NOWHERE)
-    assert tab.slot.page.fruitless == {0.7: 2}
+    assert set(idlers.vain.values()) == {2}
     await tab.step(NOWHERE)
-    assert tab.slot.page.fruitless == {0.7: 2}, "not waited for again"
+    assert set(idlers.vain.values()) == {2}, "not waited for again"
 
 
 async def test_the_page_sees_nothing_of_it(site: Site, tab: Tab) -> None:

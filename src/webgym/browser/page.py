@@ -16,7 +16,7 @@ from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress import Egress
 from webgym.browser.popups import Popups
-from webgym.browser.timers import Timers
+from webgym.browser.timers import Idlers, Timers
 from webgym.browser.traffic import Traffic
 from webgym.browser.wire import (
     DialogOpening,
@@ -116,8 +116,8 @@ class Page:
         self.timers = timers
         self.timers_set = 0
         """Timers that the document had set when it was last seen quiet."""
-        self.fruitless: dict[float, int] = {}
-        """How often in a row timers of a delay, seconds, were waited for and brought nothing to see."""
+        self.idlers = Idlers()
+        """Timers that were waited for and brought nothing to see."""
         self.acted = time.monotonic()
         """When the last action began, seconds of ``time.monotonic()``."""
         self._notices: list[Notice] = []

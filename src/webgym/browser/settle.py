@@ -18,7 +18,7 @@ import msgspec
 
 from webgym.browser.page import Page
 from webgym.browser.timers import Timer
-from webgym.browser.worlds import DocumentGone
+from webgym.browser.worlds import DocumentGone, Still
 from webgym.core.errors import BrowserTimeout
 
 Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy", "deadline"]
@@ -32,8 +32,8 @@ Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy"
 * ``deadline``: still under way when time was up; a notice says so.
 """
 
-_FRUITLESS = 2
-"""Times in a row that a delay brought nothing to see, until it is not waited for any more."""
+_TOGETHER = 0.05
+"""Timers that are due within this time, seconds, are waited for together."""
 
 
 class _Quiet(msgspec.Struct, frozen=True):
@@ -41,6 +41,8 @@ class _Quiet(msgspec.Struct, frozen=True):
 
     Attributes:
         planned: timers set before the action's first event; ``None`` if none was seen.
+        target: number of the element that the action's first event went to; 0 if none was seen.
+        typed: whether a key was among the events.
         early, timers: timers set when the wait began, and when it ended.
         handles: the same as ``timers``, our own included.
         loading: whether the page shows that it is loading.
@@ -49,6 +51,8 @@ class _Quiet(msgspec.Struct, frozen=True):
     reason: Literal["unchanged", "quiet", "busy"]
     changes: int
     planned: int | None
+    target: int
+    typed: bool
     early: int
     timers: int
     handles: int
@@ -73,6 +77,7 @@ async def settle(page: Page) -> Reason:
             + (f" ({waiting} requests in flight)" if waiting else ""),
         )
         reason = "deadline"
+        page.post("overlook")
     page.traffic.give_up(all_of_it=reason == "deadline")
     return reason
 
@@ -107,7 +112,11 @@ class _Settling:
         """Changes of the document when timers were known to be missing in the books."""
         self._waited_until = 0.0
         """Timers that were due before this have fired, or will not."""
-        self._awaited: Timer | None = None
+        self._awaited: list[Timer] = []
+        self._vain: list[Timer] = []
+        """Timers that brought nothing in this wait. It is one lesson, however many there are."""
+        self._target = ""
+        self._has_typed = False
         self._changes = page.changes
 
     async def run(self) -> Reason:
@@ -125,7 +134,7 @@ class _Settling:
                 await page.worlds.explore()
             if not page.traffic.is_idle(self._patience) or not await page.worlds.stand_still():
                 continue
-            if await self._has_waited(seen):
+            if await self._has_waited(seen) or not await self._is_still(seen):
                 continue
             return self._end(seen)
 
@@ -147,15 +156,27 @@ class _Settling:
             seconds=config.settle_seconds,
         )
 
+    async def _is_still(self, seen: _Quiet) -> bool:
+        """Whether nothing came while the timers were read, which takes a while."""
+        if self._known_timers is None or seen.reason == "busy":
+            return True
+        try:
+            still = await self._page.run("still", reply=Still)
+        except DocumentGone:
+            return False
+        return still.changes == seen.changes and self._page.traffic.is_idle(self._patience)
+
     def _begin_document(self) -> None:
         self._has_loaded = True
-        self._first_quiet = self._known_timers = self._awaited = None
+        self._first_quiet = self._known_timers = None
+        self._awaited = []
         self._handles = 0
         self._patience = self._linger = 0.0
 
     def _end(self, seen: _Quiet) -> Reason:
         page = self._page
         page.changes, page.timers_set = seen.changes, seen.timers
+        page.idlers.learn(self._vain, self._target, brought=False)
         if seen.loading:
             page.post("overlook")
             return "loading"
@@ -178,7 +199,10 @@ class _Settling:
                 return True
         timer = await self._next_timer(seen)
         if timer is not None:
-            self._awaited, self._changes, self._waited_until = timer, seen.changes, timer.due
+            until = timer.due + _TOGETHER
+            due = (one.next(self._waited_until) for one in self._planned())
+            self._awaited = [one for one in due if self._waited_until < one.due <= until]
+            self._waited_until, self._changes = until, seen.changes
             await asyncio.sleep(max(0.0, timer.due - time.monotonic()))
             return True
         if seen.loading and not self._linger:
@@ -194,24 +218,31 @@ class _Settling:
             await self._read_timers(seen)
         elif self._known_timers is None:
             return None
-        for timer in page.timers.pending(page.acted):
+        for timer in self._planned():
             if timer.repeats and not (seen.loading and timer.delay):
                 continue
-            due = timer.next(self._waited_until) if timer.repeats else timer
+            due = timer.next(self._waited_until)
             if due.due > horizon:
                 break
-            is_fruitful = page.fruitless.get(due.delay, 0) < _FRUITLESS
-            if due.due > self._waited_until and (seen.loading or is_fruitful):
+            if due.due > self._waited_until and self._is_worthwhile(due, seen):
                 return due
         if self._missed_at != seen.changes or time.monotonic() > horizon:
             return None
         step = self._config.quiet_seconds  # something is planned, and nobody knows for when
         return Timer(due=time.monotonic() + step, delay=math.inf, repeats=False, root=page.acted)
 
+    def _planned(self) -> list[Timer]:
+        return self._page.timers.pending(self._page.acted)
+
+    def _is_worthwhile(self, timer: Timer, seen: _Quiet) -> bool:
+        # What is typed may always bring something: a search finds nothing for one word, much for two.
+        return seen.loading or self._has_typed or not self._page.idlers.is_known(timer, self._target)
+
     async def _read_timers(self, seen: _Quiet) -> None:
         # A document that began after the action has been watched from its first timer on.
         has_watched = self._known_timers is not None or self._page.changes < 0
-        self._waited_until = max(self._waited_until, time.monotonic())
+        # What a timer brought that fired a moment ago came too late to be seen.
+        self._waited_until = max(self._waited_until, time.monotonic() - self._config.tick_seconds)
         found = await self._page.timers.read()
         if found is None or (has_watched and found < seen.handles - self._handles):
             self._missed_at = seen.changes
@@ -238,12 +269,13 @@ class _Settling:
         return min(max(first, self._last_fruit), first + config.timer_seconds) + config.timer_seconds
 
     def _learn(self, seen: _Quiet) -> None:
-        """Whether the timer that was waited for brought anything."""
-        timer, self._awaited = self._awaited, None
-        if timer is None:
-            return
+        """Whether the timers that were waited for brought anything, and what the action went to."""
+        if seen.planned is not None:
+            self._target = f"{self._page.loader} {seen.target}"
+        self._has_typed = self._has_typed or seen.typed
+        timers, self._awaited = self._awaited, []
         if seen.changes == self._changes:
-            self._page.fruitless[timer.delay] = self._page.fruitless.get(timer.delay, 0) + 1
-        else:
-            self._page.fruitless.pop(timer.delay, None)
+            self._vain += timers
+        elif timers:
+            self._page.idlers.learn(timers, self._target, brought=True)
             self._last_fruit = time.monotonic()

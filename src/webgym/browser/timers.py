@@ -12,6 +12,7 @@ import asyncio
 import logging
 import math
 import time
+from collections.abc import Iterable
 
 import msgspec
 
@@ -21,8 +22,15 @@ from webgym.browser.wire import Wire
 
 log = logging.getLogger(__name__)
 
-_CATEGORY = "devtools.timeline"
+_CATEGORIES = ["devtools.timeline", "disabled-by-default-devtools.timeline.stack"]
+"""The second adds to each event by which lines of code it came about; it costs some ten microseconds each."""
 _MICROSECONDS = 1e6
+
+_VAIN_WAITS = 2
+"""Waits in a row for the timers of some code, after actions on one element, that end the waiting for them."""
+
+_VAIN_WAITS_ANYWHERE = 5
+"""The same, whatever was acted on."""
 
 _Key = tuple[int, str, int]
 """Process, frame or thread, and the number of a timer in it."""
@@ -35,17 +43,32 @@ class Timer(msgspec.Struct, frozen=True):
         due: when it fires, for the first time if it repeats.
         delay: between setting and firing.
         root: when the chain of timers began that it was set in; a timer that fires may set the next.
+        origin: the lines of code that set it, the calling ones included: a function that many share, say one
+            that delays others, is not all there is to tell them apart.
     """
 
     due: float
     delay: float
     repeats: bool
     root: float
+    origin: str = ""
 
     def next(self, now: float) -> Timer:
-        """A repeating timer at its next time after ``now``."""
+        """The timer, if it repeats at its next time after ``now``."""
+        if not (self.repeats and self.delay):
+            return self
         times = max(0, math.floor((now - self.due) / self.delay) + 1)
         return msgspec.structs.replace(self, due=self.due + times * self.delay)
+
+
+class _Call(Wire, frozen=True):
+    url: str = ""
+    script_id: str = ""
+    line_number: int = 0
+    column_number: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.url or self.script_id}:{self.line_number}:{self.column_number}"
 
 
 class _Data(Wire, frozen=True):
@@ -55,6 +78,7 @@ class _Data(Wire, frozen=True):
     frame: str = ""
     is_main_frame: bool = False
     is_outermost_main_frame: bool = False
+    stack_trace: tuple[_Call, ...] = ()
 
 
 class _Args(msgspec.Struct, frozen=True):
@@ -81,6 +105,32 @@ class _Complete(Wire, frozen=True):
 
 _NAMES = frozenset({"TimerInstall", "TimerRemove", "TimerFire", "CommitLoad"})
 _read_args = msgspec.json.Decoder(_Args).decode
+
+
+class Idlers:
+    """Timers that bring nothing to see, known by the code that sets them and by what was acted on. Neither
+    the delay nor the line alone tells a search that waits for the next key from what counts clicks."""
+
+    def __init__(self) -> None:
+        self.vain: dict[tuple[object, ...], int] = {}
+        """Waits in a row that brought nothing."""
+
+    def is_known(self, timer: Timer, target: str) -> bool:
+        """Whether this one is not worth waiting for after an action on ``target``."""
+        return any(self.vain.get(key, 0) >= most for key, most in self._keys(timer, target))
+
+    def learn(self, timers: Iterable[Timer], target: str, *, brought: bool) -> None:
+        """Whether waiting for these, which fire together, brought anything."""
+        for key in {key for timer in timers for key, _ in self._keys(timer, target)}:
+            if brought:
+                self.vain.pop(key, None)
+            else:
+                self.vain[key] = self._vain.get(key, 0) + 1
+
+    @staticmethod
+    def _keys(timer: Timer, target: str) -> tuple[tuple[tuple[object, ...], int], ...]:
+        code = timer.origin or timer.delay
+        return ((code, timer.delay, target), _VAIN_WAITS), ((code,), _VAIN_WAITS_ANYWHERE)
 
 
 class Timers:
@@ -116,7 +166,7 @@ class Timers:
         trace = {
             "recordMode": "recordContinuously",
             "traceBufferSizeInKb": self._buffer_kilobytes,
-            "includedCategories": [_CATEGORY],
+            "includedCategories": _CATEGORIES,
             "excludedCategories": ["*"],
         }
         self._connection.send("Tracing.start", {"transferMode": "ReportEvents", "traceConfig": trace})
@@ -188,6 +238,7 @@ class Timers:
                         delay=data.timeout / 1000,
                         repeats=not data.single_shot,
                         root=root if now <= until else now,
+                        origin=" < ".join(map(str, data.stack_trace)),
                     )
                 case "TimerRemove":
                     self._set.pop(key, None)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import math
+import re
+from collections import Counter
 from urllib.parse import urlsplit
 
 import msgspec
@@ -29,6 +31,11 @@ _NEVER_AWAITED = frozenset(
 
 _UNSEEN = frozenset({"Medium", "Low", "VeryLow"})
 """Priorities of pictures that are not in the viewport: the browser raises those that are to ``High``."""
+
+_POLLS = 6
+"""Times that an address is asked in a wait that the deadline ends, until it counts as asked for ever."""
+
+_DIGITS = re.compile(r"\d+")
 
 
 class _DomContent(Wire, frozen=True):
@@ -78,6 +85,10 @@ class Traffic:
         self._in_flight: dict[str, _InFlight] = {}
         self._outlasting: set[str] = set()
         """Endpoints that did not answer in time when they were last asked."""
+        self._asked: Counter[str] = Counter()
+        """How often addresses were asked since the wait began, numbers in them left out."""
+        self._polled: set[str] = set()
+        """Addresses that this document asks again and again."""
         self._changed = asyncio.Event()
         self._document = ("", "")
         """Loader and address of the main document that was last asked for, redirects followed."""
@@ -146,6 +157,9 @@ class Traffic:
             all_of_it: what has time left is given up too.
         """
         now = self._clock()
+        asked, self._asked = self._asked, Counter()
+        if all_of_it:
+            self._polled |= {address for address, times in asked.items() if times >= _POLLS}
         for one in self._in_flight.values():
             if all_of_it:
                 one.seconds, one.is_patient = 0.0, False
@@ -199,6 +213,7 @@ class Traffic:
         if event.frame.id != self._main_frame:
             return
         self._site = _site(event.frame.url)
+        self._polled.clear()
         own = {event.frame.id, event.frame.loader_id}
         self._in_flight = {key: one for key, one in self._in_flight.items() if key in own}
         if self._main_frame in self._in_flight:
@@ -236,10 +251,13 @@ class Traffic:
             self._await_word(request.request_id, request.request.url)
             return
         is_minor = request.type == "Image" and request.request.initial_priority in _UNSEEN
+        address = _DIGITS.sub("0", f"{request.request.method} {request.request.url}")
+        self._asked[address] += 1
         is_foreign = bool(request.frame_id) and _site(request.document_url) != self._site
+        seconds = self._config.minor_seconds if is_minor or is_foreign else self._config.long_poll_seconds
         self.begin(
             request.request_id,
-            self._config.minor_seconds if is_minor or is_foreign else self._config.long_poll_seconds,
+            0.0 if address in self._polled else seconds,
             endpoint=f"{request.request.method} {request.request.url.partition('?')[0]}",
             is_patient=not (is_minor or is_foreign),
         )

@@ -4,7 +4,8 @@
   if (webgym.quiet) return;
   const {
     nodeName, ownerDocument, getAttribute, checkVisibility, getBoundingClientRect, body, defaultView, createTreeWalker,
-    getAnimations, querySelectorAll, offsetWidth, offsetHeight,
+    getAnimations, querySelector, querySelectorAll, offsetWidth, offsetHeight, matches, closest, isConnected,
+    parentNode, textContent,
   } = webgym.dom;
   const { state, views } = webgym;
 
@@ -35,31 +36,45 @@
   const idles = counter('requestIdleCallback', 'cancelIdleCallback');
 
   // The first input event of an action comes before the page's own listeners.
-  const onInput = () => {
+  const onInput = (event) => {
+    state.hasTyped ||= event.type === 'input';
     if (state.planned !== null) return;
     state.planned = timers.asked();
     state.idles = idles.asked();
+    state.target = numberOf(event.target);
+    remember();
+  };
+  // Elements by number, in the order in which they are first acted on.
+  const numbers = new WeakMap();
+  let lastNumber = 0;
+  const numberOf = (target) => {
+    if (!numbers.has(target)) numbers.set(target, ++lastNumber);
+    return numbers.get(target);
   };
   state.planned = null;
+  state.target = 0;
+  state.hasTyped = false;
   state.idles = 0;
   state.asked = 0; // frames and idle moments
   state.settled = -1; // reactions when it was last quiet
   state.isTireless = false; // draws frame after frame, for ever
-  for (const name of ['pointermove', 'pointerdown', 'keydown', 'wheel'])
+  for (const name of ['pointermove', 'pointerdown', 'keydown', 'wheel', 'input'])
     webgym.listen([name, onInput, { capture: true, passive: true }]);
 
   // --- what shows that it is loading --------------------------------------------------------------
 
-  const WORDS = ['skeleton', 'spinner', 'shimmer', 'loading', 'loader', 'preloader'];
+  const WORDS = ['skeleton', 'shimmer', 'loading', 'loader', 'preloader'];
   const NAMED = ['skeleton', 'spin', 'shimmer', 'load'].map((word) => `[class*="${word}" i]`).join();
-  const isNamed = new RegExp(`(^|[\\s_-])(${WORDS.join('|')})([\\s_-]|$)`, 'i');
+  const word = (...words) => new RegExp(`(^|[\\s_-])(${words.join('|')})([\\s_-]|$)`, 'i');
+  const isNamed = word(...WORDS);
+  const isNamedSpinner = word('spinner');
   const SAID = '[aria-busy="true" i], [role="progressbar" i]:not([aria-valuenow]), progress:not([value])';
   const TELLS = /^\s*(loading|please wait|searching|processing|fetching|redirecting|one moment|just a moment)\b/i;
   const TEXT_LENGTH = 60; // of one that only says so, at most
   const TEXTS = 3000; // that are looked at, at most
   const VISIBLE = { opacityProperty: true, visibilityProperty: true };
 
-  const overlooked = new WeakSet(); // what showed it for as long as anyone would wait
+  const overlooked = new Map(); // what showed it for as long as anyone would wait -> whether it still would
   let isBlankKnown = false; // a page that shows nothing is to show nothing
 
   const isSeen = (element) => {
@@ -103,29 +118,50 @@
     return { sign: null, isBlank: isBlank && ![...querySelectorAll(document, CONTENT)].some(isSeen) };
   };
 
-  // What shows that more is to come: an element, `true` for a page that shows nothing, or null.
+  // A box to enter a number in is named like what turns: it holds a field or buttons, and nothing in it turns.
+  const CONTROLS = 'input, select, textarea, button, [role="spinbutton" i]';
+  const isIn = (element, box) => element === box || (element && isIn(parentNode(element), box));
+  const isNumberBox = (element) => {
+    const box = closest(element, `[class*="spinner" i]:has(${CONTROLS})`) || element;
+    if (!matches(box, CONTROLS) && !querySelector(box, CONTROLS)) return false;
+    return !endless().some((turning) => isIn(turning, box));
+  };
+  const isSaid = (element) => matches(element, SAID);
+  const isCalled = (element) => {
+    const name = getAttribute(element, 'class');
+    return isNamed.test(name) || (isNamedSpinner.test(name) && !isNumberBox(element));
+  };
+  const isTold = (element) => TELLS.test(textContent(element).slice(0, TEXT_LENGTH));
+  const isTurning = (element) => endless().includes(element);
+
+  // What shows that more is to come: an element and the test that found it, `true` for a page that shows nothing, or
+  // null.
   const sign = () => {
     for (const view of views()) {
       const { document } = view;
       if (!body(document)) continue;
       const said = [...querySelectorAll(document, SAID)].find(isSign);
-      if (said) return said;
-      const named = [...querySelectorAll(document, NAMED)];
-      const found = named.find((element) => isNamed.test(getAttribute(element, 'class')) && isSign(element));
-      if (found) return found;
+      if (said) return [said, isSaid];
+      const called = [...querySelectorAll(document, NAMED)].find((element) => isCalled(element) && isSign(element));
+      if (called) return [called, isCalled];
       const text = read(view);
-      if (text.sign) return text.sign;
+      if (text.sign) return [text.sign, isTold];
       if (text.isBlank && view === window && !isBlankKnown) return true;
     }
-    return endless().find(isSign) || null;
+    const turning = endless().find(isSign);
+    return turning ? [turning, isTurning] : null;
   };
 
-  // Take what is shown now for decoration: it is no sign any more in this document.
+  // Take what is shown now for decoration: it is no sign any more in this document, unless it goes and comes again.
   webgym.overlook = () => {
     for (let found = sign(); found; found = sign()) {
       if (found === true) isBlankKnown = true;
-      else overlooked.add(found);
+      else overlooked.set(...found);
     }
+  };
+  const remember = () => {
+    for (const [element, holds] of overlooked)
+      if (!isConnected(element) || !checkVisibility(element) || !holds(element)) overlooked.delete(element);
   };
 
   // --- when is it quiet ---------------------------------------------------------------------------
@@ -145,10 +181,12 @@
     return performance.now() - start < limit;
   };
 
-  // Whether an animation runs that ends within the time that is waited for it.
-  const isMoving = (limit) =>
-    animations().some((animation) => {
-      if (animation.playState !== 'running') return false;
+  // Animations that run and end within the time that is waited for it. What was moved anew for as long as anyone
+  // waits is moved for ever.
+  const movedForEver = new WeakSet();
+  const moving = (limit) =>
+    animations().filter((animation) => {
+      if (animation.playState !== 'running' || movedForEver.has(animation.effect && animation.effect.target)) return false;
       const end = endOf(animation);
       return Number.isFinite(end) && end - (animation.currentTime || 0) < limit;
     });
@@ -171,8 +209,10 @@
   // while timers that came due in the meantime fire one after the other makes nothing look still.
   webgym.quiet = async ({ since, tick, reaction, quiet, busy, linger, blank }) => {
     isBlankKnown ||= blank;
-    const { planned } = state;
+    const { planned, target, hasTyped } = state;
     state.planned = null;
+    state.target = 0;
+    state.hasTyped = false;
     webgym.attach();
     const early = timers.asked();
     let [elapsed, still, known, isCounting] = [0, 0, state.changes, false];
@@ -182,7 +222,7 @@
       state.settled = state.reactions;
       return {
         reason, changes: state.changes, loading: Boolean(found),
-        planned, early, timers: timers.asked(), handles: timers.given(),
+        planned, target, typed: hasTyped, early, timers: timers.asked(), handles: timers.given(),
       };
     };
     // Still, and nothing that was planned for a frame or an idle moment is left. To count frames costs one.
@@ -198,7 +238,7 @@
     for (;;) {
       await pause(tick);
       elapsed += tick;
-      if (state.changes !== known || isMoving(busy)) {
+      if (state.changes !== known || moving(busy).length) {
         known = state.changes;
         still = 0;
         webgym.attach();
@@ -215,6 +255,7 @@
       }
       if (elapsed >= Math.max(busy, found ? linger : 0)) {
         webgym.settleRestless();
+        for (const { effect } of moving(busy)) if (effect.target) movedForEver.add(effect.target);
         state.isTireless ||= hasPlanned();
         found ||= sign(); // it was to be seen for as long as anyone waits
         return verdict('busy');

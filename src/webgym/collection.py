@@ -42,6 +42,7 @@ from webgym.rehearsal import Rehearsal
 from webgym.rollout.attempt import AttemptConfig, Backstage, Browsers, Stage
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
+from webgym.rollout.feed import feeding
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter, refuse_taken
@@ -482,6 +483,7 @@ async def _carry_out(
     name = company.agent.policy.name
     progress = Progress(
         total=plan.total,
+        levels={task.id: task.level for task in tasks},
         note=oracle_note(name) if name in ORACLES else "",
         trouble=lambda: getattr(company.agent.policy, "trouble", ""),
     )
@@ -497,7 +499,7 @@ async def _carry_out(
         seed=config.seed,
     )
     try:
-        async with show(progress) if show else nullcontext():
+        async with feeding(progress, store.path), show(progress) if show else nullcontext():
             blocklist = Blocklist(config.blocklist)
             pictures = _pictures(store.path)
             await Collector(stage, judge, pictures, config.collector, blocklist).run(plan)

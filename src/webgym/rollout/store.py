@@ -7,6 +7,7 @@
       trajectories/00000.jsonl  one checksummed line per trajectory (see `records`), rotated by size
       screenshots/ab/<name>.png named by content, so that equal pictures are stored once
       metrics.jsonl             figures over time
+      live.json                 what the collector is doing now, while it does (see `feed`)
       verdicts/<judge>.jsonl    what other judges said afterwards (see `verdicts`)
       summary.json, report.html made from the above
 
@@ -37,6 +38,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.rollout.files import (
     CONFIG,
+    LIVE,
     LOCK,
     METRICS,
     REPORT,
@@ -58,7 +60,7 @@ from webgym.rollout.files import (
 )
 from webgym.rollout.records import CorruptLine, Entry, Index, complain, pictures, read_at, seal
 
-_OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, SUMMARY, REPORT, LOCK, VERDICTS}
+_OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, LIVE, SUMMARY, REPORT, LOCK, VERDICTS}
 
 T = TypeVar("T")
 

@@ -40,14 +40,14 @@ async def test_it_follows_the_collector_and_is_gone_at_the_end(tmp_path: Path) -
 async def test_no_late_write_leaves_it_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The block ends while a write is under way, and is cancelled too."""
     begun, go_on = threading.Event(), threading.Event()
-    write = feed.write_whole
+    write = feed._write
 
-    def slowly(path: Path, data: bytes, *, durable: bool) -> None:
+    def slowly(path: Path, data: bytes) -> None:
         begun.set()
         assert go_on.wait(30)
-        write(path, data, durable=durable)
+        write(path, data)
 
-    monkeypatch.setattr(feed, "write_whole", slowly)
+    monkeypatch.setattr(feed, "_write", slowly)
 
     async def run() -> None:
         async with feeding(Progress(total=1), tmp_path, 0.01):

@@ -21,6 +21,7 @@ from webgym.core.errors import StoreError, UsageError
 from webgym.report.config import ViewConfig
 from webgym.report.content import Row, page, row
 from webgym.report.labelling import Labelling, unusable
+from webgym.report.monitor import Monitoring
 from webgym.report.overview import Overview
 from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
 from webgym.report.template import Page
@@ -120,8 +121,15 @@ async def _store_failed(_: Request, error: Exception) -> Response:
     return PlainTextResponse(str(error), status_code=500, headers=SAFE)
 
 
-def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
+def view_app(
+    run_path: Path, config: ViewConfig | None = None, closing: asyncio.Event | None = None
+) -> Starlette:
     """The application that serves a run.
+
+    Args:
+        run_path: the run folder.
+        config: how it is served.
+        closing: is set when the monitor's streams are to end.
 
     Raises:
         RunFolderError: the folder is no run.
@@ -136,6 +144,7 @@ def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
             Route("/api/trajectory", pages.trajectory),
             Route("/screenshots/{prefix}/{name}.png", pages.picture),
             *Labelling(run, pages.read, config).routes(),
+            *Monitoring(run_path, config, closing or asyncio.Event()).routes(),
         ],
         middleware=[ONLY_LOCAL_NAMES],
         exception_handlers={StoreError: _store_failed, UsageError: unusable},
@@ -154,4 +163,6 @@ async def serve_view(run_path: Path, config: ViewConfig, ready: Callable[[str], 
         RunFolderError: the folder is no run.
         ConfigError: the port cannot be listened on.
     """
-    await serve(await asyncio.to_thread(view_app, run_path, config), config.port, ready)
+    closing = asyncio.Event()
+    app = await asyncio.to_thread(view_app, run_path, config, closing)
+    await serve(app, config.port, ready, closing)

@@ -1,6 +1,6 @@
 """Figures for TensorBoard and Weights & Biases: the numbers of a run's or a training's ``metrics.jsonl``.
 
-Both are made from the lines on disk whenever a run or a training starts or goes on, so that they can never say
+Both are made from the lines on disk whenever a run or a training starts or goes on, so that they never say
 anything else than the folder does. TensorBoard's files are in its subfolder ``tensorboard``. The step of a
 training is its iteration, that of a run the number of the line.
 """

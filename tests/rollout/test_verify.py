@@ -62,7 +62,7 @@ def _add(path: Path, data: bytes) -> None:
         file.write(data)
 
 
-BREAKS: dict[str, tuple[Callable[[Path], None], str]] = {
+BREAKS: dict[str, tuple[Callable[[Path], object], str]] = {
     "changed": (
         lambda run: _change(_shard(run), b"Memory", b"memory"),
         "trajectories/00000.jsonl line 1: the checksum does not match",
@@ -76,14 +76,14 @@ BREAKS: dict[str, tuple[Callable[[Path], None], str]] = {
         "recorded a second time",
     ),
     "temporary": (
-        lambda run: (run / "screenshots/ab/.x.png.1.tmp").write_bytes(b"x") and None,
+        lambda run: (run / "screenshots/ab/.x.png.1.tmp").write_bytes(b"x"),
         "screenshots/ab/.x.png.1.tmp: half-written",
     ),
     "foreign": (
-        lambda run: (run / "screenshots/ab/photo.png").write_bytes(b"x") and None,
+        lambda run: (run / "screenshots/ab/photo.png").write_bytes(b"x"),
         "screenshots/ab/photo.png: not a picture of the store",
     ),
-    "summary": (lambda run: (run / "summary.json").write_text("{") and None, "summary.json"),
+    "summary": (lambda run: (run / "summary.json").write_text("{"), "summary.json"),
     "metrics": (lambda run: _add(run / "metrics.jsonl", b"[]\n"), "metrics.jsonl line 1: Expected `object`"),
 }
 

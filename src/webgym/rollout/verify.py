@@ -151,9 +151,9 @@ class _Verification:
     def _settings(self) -> None:
         """The files that are written once."""
         reader = RunReader(self._run, skip_corrupt=True)
-        for name, read in ((CONFIG, lambda: reader.config), (SUMMARY, lambda: reader.summary)):
+        for name, attribute in ((CONFIG, "config"), (SUMMARY, "summary")):
             try:
-                read()
+                getattr(reader, attribute)
             except StoreCorrupt as error:
                 moved = name == SUMMARY and self._move(self._run / name)
                 self._note(name, 0, error.message, moved=moved)

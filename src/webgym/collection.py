@@ -13,12 +13,19 @@ from __future__ import annotations
 import asyncio
 import uuid
 from collections.abc import AsyncIterator, Callable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, AsyncExitStack, asynccontextmanager, nullcontext
+from contextlib import (
+    AbstractAsyncContextManager,
+    AsyncExitStack,
+    ExitStack,
+    asynccontextmanager,
+    nullcontext,
+)
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
+import msgspec
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, model_validator
 
 from webgym.agent.agent import Agent
@@ -42,10 +49,13 @@ from webgym.rehearsal import Rehearsal
 from webgym.rollout.attempt import AttemptConfig, Backstage, Browsers, Stage
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
+from webgym.rollout.feed import feeding
+from webgym.rollout.files import METRICS
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter, refuse_taken
 from webgym.rollout.summary import Summary, oracle_note, summarise
+from webgym.rollout.trackers import TrackerName, check_installed, tracking
 from webgym.rollout.unjudged import judge_again
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
 from webgym.settings import first_problem
@@ -165,6 +175,12 @@ class RunConfig(_Settings):
     blocklist: BlocklistConfig = BlocklistConfig()
     limits: ClientLimits = ClientLimits()
 
+    trackers: tuple[TrackerName, ...] = ()
+    """Who gets the figures of ``metrics.jsonl`` while the run goes on: ``tensorboard``, ``wandb``."""
+
+    project: str = "webgym"
+    """In Weights & Biases."""
+
 
 class Secrets(_Settings):
     """What a run needs and its folder must not hold."""
@@ -279,6 +295,7 @@ async def collect(
     Raises:
         WebGymError: the run could not start, or could not go on; what was collected is on disk.
     """
+    check_installed(config.trackers)
     refuse_taken(out)  # before anything is asked or started; the folder itself is made later
     if policy is not None:
         config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
@@ -482,6 +499,7 @@ async def _carry_out(
     name = company.agent.policy.name
     progress = Progress(
         total=plan.total,
+        levels={task.id: task.level for task in tasks},
         note=oracle_note(name) if name in ORACLES else "",
         trouble=lambda: getattr(company.agent.policy, "trouble", ""),
     )
@@ -497,7 +515,11 @@ async def _carry_out(
         seed=config.seed,
     )
     try:
-        async with show(progress) if show else nullcontext():
+        async with (
+            _tracked(config, store),
+            feeding(progress, store.path),
+            show(progress) if show else nullcontext(),
+        ):
             blocklist = Blocklist(config.blocklist)
             pictures = _pictures(store.path)
             await Collector(stage, judge, pictures, config.collector, blocklist).run(plan)
@@ -507,6 +529,25 @@ async def _carry_out(
         summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge)
         await store.write_summary(summary)
     return summary
+
+
+@asynccontextmanager
+async def _tracked(config: RunConfig, store: RunWriter) -> AsyncIterator[None]:
+    """Let trackers have what the run has told so far, and what it tells until the block ends."""
+    if not config.trackers:
+        yield
+        return
+    stack = ExitStack()  # in a thread: they read and write files, and may ask the network
+
+    def begin() -> Callable[[Mapping[str, Any]], None]:
+        rows = msgspec.json.Decoder(dict[str, Any]).decode_lines((store.path / METRICS).read_bytes())
+        return stack.enter_context(tracking(config.trackers, store.path, config.project, rows))
+
+    store.on_metric = await asyncio.to_thread(begin)
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(stack.close)
 
 
 class _Backstage:

@@ -363,7 +363,9 @@ async def viewed(run: Path) -> AsyncIterator[str]:
     loop = asyncio.get_running_loop()
     ready: asyncio.Future[str] = loop.create_future()
     async with asyncio.TaskGroup() as group:
-        serving = group.create_task(serve_view(run, ViewConfig(refresh_seconds=0.1), ready.set_result))
+        serving = group.create_task(
+            serve_view(run, ViewConfig(refresh_seconds=0.1, monitor_seconds=0.05), ready.set_result)
+        )
         yield await ready
         serving.cancel()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import pty
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -12,9 +13,11 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from webgym.core.outcome import Outcome
+from webgym.core.outcome import Ending, Outcome
+from webgym.core.trajectory import Episode, Failure, Trajectory
+from webgym.rollout.grid import look
 from webgym.rollout.live import duration, line, panel
-from webgym.rollout.progress import Progress
+from webgym.rollout.progress import STATES, Progress, Queue
 
 SCRIPT = """
 import asyncio
@@ -113,3 +116,86 @@ def test_progress_tells_pace_and_success() -> None:
     assert 1.8 < progress.steps_per_second < 2.1
     assert Progress(total=3).seconds_left is None
     assert Progress(total=3).successes.of_judged.value is None
+
+
+def _many(count: int) -> Progress:
+    progress = Progress(total=2 * count, done=3)
+    for number in range(count):
+        attempt = f"task-{number}[/]#0.0"
+        progress.move(None, STATES[number % len(STATES)], attempt)
+        progress.cells[attempt].steps = number % 40
+    return progress
+
+
+def _shown(progress: Progress, width: int, height: int) -> list[str]:
+    said = io.StringIO()
+    Console(file=said, width=width, height=height).print(panel(progress))
+    return said.getvalue().splitlines()
+
+
+def test_every_attempt_has_a_cell_with_its_state_and_its_steps() -> None:
+    text = "\n".join(_shown(_many(30), 100, 30))
+    cells = re.findall(r"\b([oatj])(\d\d)\b", text)
+    letters = [look(state)[0] for state in STATES]
+    assert cells == [(letters[number % len(STATES)], f"{number:02d}") for number in range(30)]
+    assert "o opening 8" in text
+
+
+@pytest.mark.parametrize(("width", "height"), [(200, 60), (120, 40), (80, 24), (40, 12), (12, 6)])
+def test_a_thousand_attempts_fit_any_terminal(width: int, height: int) -> None:
+    lines = _shown(_many(1000), width, height)
+    assert len(lines) <= height
+    assert max(map(len, lines)) <= width
+    assert lines[-1].startswith("╰")
+    if left_out := re.search(r"and (\d+) more", "\n".join(lines)):
+        assert int(left_out[1]) + sum(line.count(h) for line in lines for h in "▁▂▃▄▅▆▇█") == 1000
+
+
+def test_a_cell_keeps_its_place_and_the_lowest_free_one_is_taken() -> None:
+    progress = _many(3)
+    gone, stays = "task-0[/]#0.0", "task-2[/]#0.0"
+    progress.move("opening", None, gone)
+    assert progress.cells[gone].state is None  # it waits for its judge
+    progress.ended(trajectory(gone))
+    assert gone not in progress.cells
+    assert progress.cells[stays].place == 2
+    progress.move(None, "opening", "new#0.0")
+    assert progress.cells["new#0.0"].place == 0
+    progress.move(None, "opening", "newer#0.0")
+    assert progress.cells["newer#0.0"].place == 3
+
+
+def test_success_by_difficulty_and_what_went_wrong() -> None:
+    progress = Progress(total=9, levels={"a": "easy", "b": "hard"})
+    progress.ended(trajectory("a#0.0", Outcome.SUCCESS))
+    progress.ended(trajectory("a#1.0", Outcome.FAILURE))
+    progress.ended(trajectory("b#0.0", Outcome.ENVIRONMENT_ERROR, "browser_crashed"))
+    unjudged = trajectory("b#1.0", Outcome.JUDGE_ERROR, "judge_error")
+    progress.ended(unjudged)
+    assert progress.successes_of("easy").of_judged.value == 0.5
+    assert progress.successes_of("hard").of_judged.value is None
+    assert progress.errors == {"browser_crashed": 1, "judge_error": 1}
+    progress.judged_again(unjudged, trajectory("b#1.0", Outcome.SUCCESS))
+    assert progress.successes_of("hard").of_judged.value == 1
+    assert +progress.errors == {"browser_crashed": 1}
+    text = "\n".join(_shown(progress, 100, 30))
+    assert "easy 50.0%" in text
+    assert "hard 100.0%" in text
+    assert "browser_crashed 1" in text
+
+
+def test_queues_are_shown_with_their_waits() -> None:
+    progress = Progress(total=1, queues=lambda: {"navigate": Queue(3, 4, 0.25, None)})
+    assert "navigate 3+4, waited 0.2 s" in "\n".join(_shown(progress, 100, 30))
+    assert progress.snapshot()["queues"]["navigate"] == {
+        "waiting": 3,
+        "running": 4,
+        "wait": 0.25,
+        "service": None,
+    }
+
+
+def trajectory(attempt_id: str, outcome: Outcome = Outcome.SUCCESS, code: str = "") -> Trajectory:
+    failure = Failure(code, "") if code else None
+    episode = Episode(attempt_id, attempt_id[0], 0, 0, 0, "p", 0.0, 1.0, (), Ending.ANSWERED, failure=failure)
+    return Trajectory(episode, outcome)

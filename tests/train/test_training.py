@@ -23,6 +23,7 @@ from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.rollout.attempt import Attempt
 from webgym.rollout.store import RunReader
+from webgym.rollout.trackers import numbers_in
 from webgym.server import Session
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.model import TinyConfig, make_model, save_model
@@ -31,7 +32,6 @@ from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
-from webgym.train.trackers import numbers_in
 
 pytestmark = pytest.mark.browser
 

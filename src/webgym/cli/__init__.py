@@ -68,6 +68,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("study", "Repeat the paper's study in miniature."),
     Verb("report", "Write the report of a run or of a training."),
     Verb("view", "Browse a run or a task set in a web browser."),
+    Verb("verify", "Prove that a run is whole, or name what is not and set it aside."),
     Verb("bench", "Measure this machine: speed, density, settling, faults.", "app"),
 )
 

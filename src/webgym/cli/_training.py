@@ -23,6 +23,9 @@ from webgym.train.loop import TrainConfig
 from webgym.train.progress import TrainingProgress
 from webgym.train.start import open_training
 
+_FRAME_LINES = 6
+"""Of a terminal, for the training itself."""
+
 
 class TrainingView:
     """Shows a training: live in a terminal, else a line now and then.
@@ -103,7 +106,10 @@ class TrainingView:
             if said:
                 told.add_row(f"[dim]{name}[/]", escape(said))
         frame = Panel(Group(head, told), title="webgym train", title_align="left")
-        return Group(frame, *(panel(run, "attempts") for run in self._runs))
+        return Group(
+            frame,
+            *(panel(run, "attempts", reserved=_FRAME_LINES, among=len(self._runs)) for run in self._runs),
+        )
 
 
 @asynccontextmanager

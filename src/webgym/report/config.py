@@ -40,6 +40,9 @@ class ViewConfig(BaseModel):
     refresh_seconds: float = Field(default=2.0, gt=0)
     """How often an open page asks for what is new."""
 
+    monitor_seconds: float = Field(default=0.5, gt=0)
+    """How often the monitor looks whether the collector has said something new."""
+
     page_size: int = Field(default=100, ge=1, le=500)
     """Rows on a page of a task set."""
 

@@ -109,7 +109,7 @@ class Labelling:
         return json_reply(shown)
 
     def _trajectory(self, attempt_id: str, annotator: str) -> dict[str, Any]:
-        trajectory = self._run.reader.trajectory(attempt_id)
+        trajectory = self._run.trajectory(attempt_id)
         task = self._run.reader.tasks.get(trajectory.episode.task_id)
         shown = page(trajectory, task, self._run.verdicts.of(attempt_id))
         said = {(one.attempt_id, one.annotator) for one in self._book().labels()}
@@ -127,7 +127,7 @@ class Labelling:
         if not annotator:
             return _refused("who labels?", 400)
         try:
-            task_id = await self._read(lambda: self._run.reader.attempts[said.id].task_id)
+            task_id = await self._read(lambda: self._run.catalogue.entry(said.id).task_id)
         except KeyError:
             return _refused("no such trajectory", 404)
         note = " ".join(said.note.split())

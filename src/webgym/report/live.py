@@ -8,26 +8,38 @@ people's labels (:mod:`webgym.report.labelling`).
 from __future__ import annotations
 
 import asyncio
+import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
+from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from webgym.core.errors import StoreError, UsageError
+from webgym.core.trajectory import Trajectory
+from webgym.report.catalogue import Catalogue, Wanted
 from webgym.report.config import ViewConfig
-from webgym.report.content import Row, page, row
+from webgym.report.content import page
 from webgym.report.labelling import Labelling, unusable
-from webgym.report.overview import Overview
+from webgym.report.monitor import Monitoring
+from webgym.report.overview import Figures, Overview, is_whole, overview_html
 from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
 from webgym.report.template import Page
+from webgym.rollout.files import TASKS, TRAJECTORIES, disk_errors
+from webgym.rollout.records import CorruptLine, read_at
 from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import VerdictReader
 
 _FOREVER = {"Cache-Control": "private, max-age=31536000, immutable"}
+
+
+_OVERVIEW = "overview"
+_MOST_ROWS = 20_000
 
 
 class LiveRun:
@@ -40,18 +52,56 @@ class LiveRun:
     def __init__(self, path: Path) -> None:
         self.reader = RunReader(path, skip_corrupt=True)
         self.verdicts = VerdictReader(path)
-        self.rows: list[Row] = []
-        self.overview = Overview(self.reader)
+        self.catalogue = Catalogue(path, self.reader.tasks)
+        self._overview: Overview | None = None
+        self._version = ""
 
     def refresh(self) -> None:
         """Take in what was written since."""
-        attempts = self.reader.attempts
-        ended = list(attempts)
-        if any(attempts[row["id"]].outcome != row["outcome"] for row in self.rows):
-            self.rows, self.overview = [], Overview(self.reader)  # some have a verdict now
-        for trajectory in self.reader.trajectories(ended[len(self.rows) :]):
-            self.overview.add(trajectory)
-            self.rows.append(row(trajectory, self.reader.tasks.get(trajectory.episode.task_id)))
+        self.catalogue.refresh()
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether nothing more is to come."""
+        return is_whole(self.reader, len(self.catalogue))
+
+    @property
+    def skipped(self) -> list[CorruptLine]:
+        """What cannot be trusted."""
+        return [line for line in self.reader.skipped if line.file == TASKS] + self.catalogue.corrupt
+
+    def overview(self) -> str:
+        """The figures of all trajectories; of a run that has not changed, those that the index keeps."""
+        known, stamp = self.catalogue.kept(_OVERVIEW, _Kept), self._stamp()
+        if known is None or known.stamp != stamp:
+            if self._overview is None or self._version != self.catalogue.version:
+                self._overview, self._version = Overview(self.reader), self.catalogue.version
+            for digest in self.catalogue.digests(self._overview.count):
+                self._overview.add(digest)
+            known = _Kept(stamp, self._overview.figures())
+            self.catalogue.keep(_OVERVIEW, known)
+        return str(overview_html(self.reader, known.figures, self.skipped))
+
+    def _stamp(self) -> str:
+        """Of all that the figures are made from."""
+        made_from = [len(self.catalogue), self.catalogue.version, self.reader.summary, self.reader.config]
+        return hashlib.sha256(repr(made_from).encode()).hexdigest()
+
+    def trajectory(self, attempt_id: str) -> Trajectory:
+        """One trajectory.
+
+        Raises:
+            KeyError: there is none of this id.
+            StoreCorrupt: its record changed since it was indexed.
+        """
+        entry = self.catalogue.entry(attempt_id)
+        with disk_errors(f"reading {self.reader.path}"):
+            return read_at(self.reader.path / TRAJECTORIES / entry.shard, entry)
+
+
+class _Kept(msgspec.Struct):
+    stamp: str
+    figures: Figures
 
 
 class _Pages:
@@ -74,23 +124,39 @@ class _Pages:
 
     def _document(self) -> str:
         self._run.refresh()
-        overview = self._run.overview
-        return self._page.head(overview.html(), self._run.rows, whole=overview.is_whole) + self._page.tail()
+        overview = Markup(self._run.overview())  # noqa: S704 - rendered with autoescape
+        return self._page.head(overview, self._list(), whole=self._run.is_whole) + self._page.tail()
+
+    def _list(self) -> dict[str, Any]:
+        return {"count": len(self._run.catalogue), "options": self._run.catalogue.options()}
+
+    async def rows(self, request: Request) -> Response:
+        """Trajectories that fit, as rows, and how many there are."""
+        asked = request.query_params
+        after, count = asked.get("after", "0"), asked.get("count", "1")
+        if not (after.isdecimal() and count.isdecimal() and len(after + count) < 18):
+            return PlainTextResponse("after and count: whole numbers", status_code=400, headers=SAFE)
+        texts = {name: asked.get(name, "") for name in Wanted._fields if name != "down"}
+        wanted = Wanted(**texts, down="down" in asked)
+        return json_reply(await self.read(self._rows, wanted, int(after), min(int(count), _MOST_ROWS)))
+
+    def _rows(self, wanted: Wanted, after: int, count: int) -> dict[str, Any]:
+        total, rows = self._run.catalogue.find(wanted, after, count)
+        return {"total": total, "rows": rows}
 
     async def news(self, request: Request) -> Response:
-        """Rows after the first so many, whether the run is over, and the figures if anything is new."""
-        after = request.query_params.get("after", "")
-        if not (after.isdecimal() and len(after) < 10):
-            return PlainTextResponse("after: how many rows are known", status_code=400, headers=SAFE)
+        """How many trajectories there are, whether the run is over, and the figures if anything is new."""
+        known = request.query_params.get("known", "")
+        if not (known.isdecimal() and len(known) < 10):
+            return PlainTextResponse("known: how many rows are known", status_code=400, headers=SAFE)
         knew_whole = request.query_params.get("whole") == "true"
-        return json_reply(await self.read(self._news, int(after), knew_whole))
+        return json_reply(await self.read(self._news, int(known), knew_whole))
 
-    def _news(self, after: int, knew_whole: bool) -> dict[str, Any]:
+    def _news(self, known: int, knew_whole: bool) -> dict[str, Any]:
         self._run.refresh()
-        rows, overview = self._run.rows[after:], self._run.overview
-        whole = overview.is_whole
-        is_new = rows or whole != knew_whole
-        return {"rows": rows, "whole": whole, "overview": str(overview.html()) if is_new else ""}
+        whole = self._run.is_whole
+        is_new = known != len(self._run.catalogue) or whole != knew_whole
+        return {**self._list(), "whole": whole, "overview": self._run.overview() if is_new else ""}
 
     async def trajectory(self, request: Request) -> Response:
         """Everything about one attempt."""
@@ -101,7 +167,7 @@ class _Pages:
         return json_reply(shown)
 
     def _trajectory(self, attempt_id: str) -> dict[str, Any]:
-        trajectory = self._run.reader.trajectory(attempt_id)
+        trajectory = self._run.trajectory(attempt_id)
         task = self._run.reader.tasks.get(trajectory.episode.task_id)
         return page(trajectory, task, self._run.verdicts.of(attempt_id))
 
@@ -120,8 +186,15 @@ async def _store_failed(_: Request, error: Exception) -> Response:
     return PlainTextResponse(str(error), status_code=500, headers=SAFE)
 
 
-def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
+def view_app(
+    run_path: Path, config: ViewConfig | None = None, closing: asyncio.Event | None = None
+) -> Starlette:
     """The application that serves a run.
+
+    Args:
+        run_path: the run folder.
+        config: how it is served.
+        closing: is set when the monitor's streams are to end.
 
     Raises:
         RunFolderError: the folder is no run.
@@ -133,9 +206,11 @@ def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
         routes=[
             Route("/", pages.document),
             Route("/api/news", pages.news),
+            Route("/api/rows", pages.rows),
             Route("/api/trajectory", pages.trajectory),
             Route("/screenshots/{prefix}/{name}.png", pages.picture),
             *Labelling(run, pages.read, config).routes(),
+            *Monitoring(run_path, config, closing or asyncio.Event()).routes(),
         ],
         middleware=[ONLY_LOCAL_NAMES],
         exception_handlers={StoreError: _store_failed, UsageError: unusable},
@@ -154,4 +229,6 @@ async def serve_view(run_path: Path, config: ViewConfig, ready: Callable[[str], 
         RunFolderError: the folder is no run.
         ConfigError: the port cannot be listened on.
     """
-    await serve(await asyncio.to_thread(view_app, run_path, config), config.port, ready)
+    closing = asyncio.Event()
+    app = await asyncio.to_thread(view_app, run_path, config, closing)
+    await serve(app, config.port, ready, closing)

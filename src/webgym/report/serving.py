@@ -42,13 +42,28 @@ def json_reply(value: Any) -> Response:
     return Response(msgspec.json.encode(value), media_type="application/json", headers=SAFE)
 
 
-async def serve(app: Starlette, port: int, ready: Callable[[str], None]) -> None:
+class _Server(uvicorn.Server):
+    """Lets streams without an end know that the server is to end: it would wait for them."""
+
+    def __init__(self, config: uvicorn.Config, closing: asyncio.Event) -> None:
+        super().__init__(config)
+        self._closing = closing
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        self._closing.set()
+        await super().shutdown(sockets)
+
+
+async def serve(
+    app: Starlette, port: int, ready: Callable[[str], None], closing: asyncio.Event | None = None
+) -> None:
     """Serve an application until cancelled or interrupted.
 
     Args:
         app: to serve.
         port: to listen on; 0 takes a free one.
         ready: is told the address as soon as it can be opened.
+        closing: is set when streams are to end.
 
     Raises:
         ConfigError: the port cannot be listened on.
@@ -63,7 +78,8 @@ async def serve(app: Starlette, port: int, ready: Callable[[str], None]) -> None
                 hint="choose another port, or leave --port out for a free one",
             ) from error
         listener.listen()
-        server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="off"))
+        config = uvicorn.Config(app, log_level="warning", lifespan="off")
+        server = _Server(config, closing or asyncio.Event())
         ready(f"http://{LOOPBACK}:{listener.getsockname()[1]}/")
         try:
             await server.serve(sockets=[listener])

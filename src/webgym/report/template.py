@@ -119,12 +119,12 @@ class Page(Document):
         super().__init__(title, _SCRIPTS, settings, live=live)
         self._live = live
 
-    def head(self, overview: Markup, rows: list[Any], *, whole: bool = True) -> str:
+    def head(self, overview: Markup, rows: Any, *, whole: bool = True) -> str:
         """Everything up to the data: shown at once, while the rest is still being read.
 
         Args:
             overview: the figures.
-            rows: of the table.
+            rows: of the table; of a live page, how many there are and the values of the filters.
             whole: whether nothing more is to come.
         """
         shown = {"overview": overview, "rows": inert(rows), "live": self._live, "whole": whole}

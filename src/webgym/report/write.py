@@ -11,11 +11,12 @@ from typing import Protocol
 from webgym.core.trajectory import Trajectory
 from webgym.report.config import ReportConfig
 from webgym.report.content import page, row
-from webgym.report.overview import Overview
+from webgym.report.overview import Overview, overview_html
 from webgym.report.template import Page
 from webgym.report.thumbnails import thumbnails
 from webgym.rollout.files import REPORT, TORN, disk_errors
 from webgym.rollout.store import RunReader
+from webgym.rollout.summary import digest_of
 from webgym.rollout.verdicts import VerdictReader
 
 
@@ -81,12 +82,13 @@ def _parts(reader: RunReader, config: ReportConfig, progress: ReportProgress) ->
     overview = Overview(reader)
     rows, names = [], dict[str, None]()
     for trajectory in reader.trajectories():
-        overview.add(trajectory)
+        overview.add(digest_of(trajectory))
         rows.append(row(trajectory, tasks.get(trajectory.episode.task_id)))
         names |= dict.fromkeys(_shown(trajectory))
     verdicts = VerdictReader(reader.path)
     document = Page(reader.path.resolve().name, live=False)
-    yield document.head(overview.html(), rows)
+    figures = overview_html(reader, overview.figures(), reader.skipped)
+    yield document.head(figures, rows)
     for number, told in enumerate(rows):
         trajectory = reader.trajectory(told["id"])
         task = tasks.get(trajectory.episode.task_id)

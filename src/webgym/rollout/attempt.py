@@ -250,7 +250,7 @@ class Attempt:
             step = await conversation.turn(view.observation, view.image, at)
             self._final = None
             self._steps.append(step)
-            stage.progress.stepped(is_valid=step.action is not None)
+            stage.progress.stepped(self.planned.attempt_id, is_valid=step.action is not None)
             if isinstance(step.action, Answer):
                 self._answer = step.action.text
                 return Ending.ANSWERED
@@ -322,7 +322,7 @@ class Attempt:
 
     def _move(self, state: State | None) -> None:
         if state != self._state:
-            self._stage.progress.move(self._state, state)
+            self._stage.progress.move(self._state, state, self.planned.attempt_id)
             self._state = state
 
     def episode(self) -> Episode:

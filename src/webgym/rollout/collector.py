@@ -143,7 +143,7 @@ class Collector:
         config, progress = self._config, self._stage.progress
         deadline = time.monotonic() + config.server_patience_seconds
         pause = config.server_retry_seconds
-        progress.move(None, "opening")
+        progress.move(None, "opening", attempt.planned.attempt_id)
         try:
             while True:
                 try:
@@ -154,12 +154,12 @@ class Collector:
                     await asyncio.sleep(pause)
                     pause = min(pause * 2, 8 * config.server_retry_seconds)
         finally:
-            progress.move("opening", None)
+            progress.move("opening", None, attempt.planned.attempt_id)
 
     async def _conclude(self, plan: Plan, planned: Planned, episode: Episode) -> None:
         """Judge and record an episode, then let the plan know."""
         progress = self._stage.progress
-        progress.move(None, "judging")
+        progress.move(None, "judging", planned.attempt_id)
         started = time.monotonic()
         try:
             judged = await find(
@@ -167,7 +167,7 @@ class Collector:
             )
             await self._record(episode, judged, time.monotonic() - started)
         finally:
-            progress.move("judging", None)
+            progress.move("judging", None, planned.attempt_id)
             self._free_judges.release()
         if self._blocklist and judged.outcome is Outcome.BLOCKED and judged.verdict is not None:
             reason = judged.verdict.blocked.reason

@@ -10,9 +10,10 @@ import fcntl
 import os
 import re
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 from webgym.core.errors import RunFolderError, StoreError, StoreFull, StoreLocked
 
@@ -21,6 +22,7 @@ TASKS = "tasks.jsonl"
 TRAJECTORIES = "trajectories"
 SCREENSHOTS = "screenshots"
 METRICS = "metrics.jsonl"
+LIVE = "live.json"
 SUMMARY = "summary.json"
 VERDICTS = "verdicts"
 REPORT = "report.html"
@@ -100,17 +102,30 @@ def sync_folder(path: Path) -> None:
 
 def write_whole(path: Path, data: bytes, *, durable: bool = True) -> None:
     """Write a file whole or not at all. If durable, so is its name once its folder is synced."""
+    write_lines(path, [data], durable=durable)
+
+
+def write_lines(path: Path, lines: Iterable[bytes], *, append: bool = False, durable: bool = True) -> None:
+    """Write a file as its parts come, whole or not at all, or add them to its end."""
+    if append:
+        with path.open("ab") as file:
+            _write(file, lines, durable=durable)
+        return
     torn = path.with_name(f".{path.name}.{uuid.uuid4().hex}{TORN}")
     try:
         with torn.open("wb") as file:
-            file.write(data)
-            if durable:
-                file.flush()
-                os.fsync(file.fileno())
+            _write(file, lines, durable=durable)
         torn.replace(path)
     except BaseException:
         torn.unlink(missing_ok=True)
         raise
+
+
+def _write(file: BinaryIO, lines: Iterable[bytes], *, durable: bool) -> None:
+    file.writelines(lines)
+    if durable:
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def last_line_end(path: Path) -> int:

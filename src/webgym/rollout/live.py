@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager, suppress
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.live import Live
 from rich.panel import Panel
 from rich.progress_bar import ProgressBar
@@ -14,10 +14,12 @@ from rich.table import Table
 from rich.text import Text
 
 from webgym.core.outcome import Outcome
+from webgym.core.task import LEVELS
 from webgym.core.text import plain
-from webgym.rollout.progress import STATES, Progress
+from webgym.rollout.grid import grid, look
+from webgym.rollout.progress import STATES, Progress, Queue
 
-REFRESH_SECONDS = 0.25
+REFRESH_SECONDS = 0.5
 LINE_SECONDS = 10.0
 
 COLORS = {
@@ -52,22 +54,52 @@ def _success(progress: Progress) -> str:
 
 def line(progress: Progress) -> str:
     """The progress on one line."""
-    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in progress.outcomes.most_common())
+    outcomes = ", ".join(f"{count} {outcome}" for outcome, count in progress.outcomes.most_common() if count)
     return (
         f"{progress.done}/{progress.total} done, {progress.steps} steps, "
-        f"{progress.steps_per_second:.1f} steps/s, success {_success(progress)}, {_invalid(progress)}"
+        f"{progress.steps_per_second:.1f} steps/s, {progress.trajectories_per_minute:.1f} trajectories/min, "
+        f"success {_success(progress)}, "
         f"{duration(progress.seconds_left)} left ({outcomes or 'nothing ended yet'})"
-        + "".join(f"; {plain(told)}" for told in (progress.note, progress.trouble()) if told)
+        + "".join(f"; {plain(told)}" for told in progress.warnings)
     )
 
 
-def _invalid(progress: Progress) -> str:
-    """The share of replies without an action, where there are any."""
-    return f"{progress.invalid / progress.steps:.1%} of replies invalid, " if progress.invalid else ""
+class panel:  # noqa: N801 - called as the function that it could be, if a terminal's size were not needed
+    """The progress as a panel that fits the terminal: figures first, then the attempts, then the newest ends.
+
+    Args:
+        progress: what to show.
+        title: of the panel.
+        reserved: lines of the terminal that something else takes.
+        among: how many panels share the rest.
+    """
+
+    def __init__(
+        self, progress: Progress, title: str = "webgym", *, reserved: int = 0, among: int = 1
+    ) -> None:
+        self._progress = progress
+        self._title = title
+        self._reserved = reserved
+        self._among = among
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        progress, width = self._progress, max(1, options.max_width - _FRAME_COLUMNS)
+        height = (options.max_height - self._reserved) // max(1, self._among) - _FRAME_LINES
+        lines = _figures(progress, width)
+        for told in progress.warnings:
+            lines += Text(plain(told), style="yellow").wrap(console, width)
+        left = height - 1 - len(lines)  # of the bar
+        cells = grid(progress.cells.values(), width, left)
+        left -= len(cells.plain.splitlines())
+        last = [_ended(*ended) for ended in progress.last][: max(0, left)]
+        parts = [*lines, *([cells] if cells else []), *last][: max(1, height - 1)]
+        yield Panel(Group(_bar(progress), *parts), title=self._title, title_align="left")
 
 
-def panel(progress: Progress, title: str = "webgym") -> RenderableType:
-    """The progress as a panel."""
+_FRAME_LINES, _FRAME_COLUMNS, _NAME_COLUMNS, _GAP = 2, 4, 10, 3
+
+
+def _bar(progress: Progress) -> RenderableType:
     head = Table.grid(padding=(0, 2), expand=True)
     head.add_column(ratio=1)
     head.add_column(justify="right")
@@ -75,32 +107,65 @@ def panel(progress: Progress, title: str = "webgym") -> RenderableType:
         ProgressBar(total=max(progress.total, 1), completed=progress.done),
         f"[bold]{progress.done}[/]/{progress.total}",
     )
-    figures = Table.grid(padding=(0, 3))
-    figures.add_row(
-        f"[dim]success[/] [bold]{_success(progress)}[/]",
-        f"[dim]steps/s[/] [bold]{progress.steps_per_second:.1f}[/]",
-        f"[dim]steps[/] {progress.steps}",
-        f"[dim]elapsed[/] {duration(progress.seconds)}",
-        f"[dim]left[/] {duration(progress.seconds_left)}",
+    return head
+
+
+def _figures(progress: Progress, width: int) -> list[Text]:
+    """Lines for each kind of figure that there is something to tell about."""
+    figures = {
+        "success": _success(progress),
+        "steps/s": f"{progress.steps_per_second:.1f}",
+        "trajectories/min": f"{progress.trajectories_per_minute:.1f}",
+        "steps": f"{progress.steps}",
+        "elapsed": duration(progress.seconds),
+        "left": duration(progress.seconds_left),
+    }
+    successes = {level: progress.successes_of(level).of_judged for level in LEVELS}
+    ended = [outcome for outcome in Outcome if progress.outcomes[outcome]]
+    told: dict[str, Iterable[tuple[str, str, str]]] = {
+        "": ((name, "dim", value) for name, value in figures.items()),
+        "by level": (
+            (level, "dim", f"{rate.value:.1%}") for level, rate in successes.items() if rate.value is not None
+        ),
+        "now": (
+            (f"{letter} {state}", color, str(progress.states[state]))
+            for state in STATES
+            for letter, color in [look(state)]
+        ),
+        "queues": ((plain(kind), "dim", _queue(queue)) for kind, queue in progress.queues().items()),
+        "outcomes": ((outcome.value, COLORS[outcome], str(progress.outcomes[outcome])) for outcome in ended),
+        "errors": ((plain(code), "yellow", str(n)) for code, n in progress.errors.most_common() if n),
+    }
+    return [line for name, values in told.items() for line in _told(name, values, width)]
+
+
+def _queue(queue: Queue) -> str:
+    times = "".join(
+        f", {name} {value:.1f} s"
+        for name, value in (("waited", queue.wait), ("took", queue.service))
+        if value is not None
     )
-    states = Text("now       ")
-    for state in STATES:
-        states.append(f"{state} ", style="dim")
-        states.append(f"{progress.states[state]}   ", style="bold" if progress.states[state] else "dim")
-    outcomes = Text("outcomes  ")
-    for outcome in Outcome:
-        if count := progress.outcomes[outcome]:
-            outcomes.append(f"{outcome} ", style=COLORS[outcome])
-            outcomes.append(f"{count}   ", style="bold")
-    last = Table.grid(padding=(0, 2))
-    for outcome, task_id, steps in progress.last:
-        # As text: a task may come from anywhere, and square brackets in its id are no markup.
-        last.add_row(
-            Text(outcome, style=COLORS[outcome]), Text(f"{steps} steps", style="dim"), Text(plain(task_id))
-        )
-    told = (progress.note, _invalid(progress).rstrip(", "), progress.trouble())
-    warnings = [Text(plain(each), style="yellow") for each in told if each]
-    return Panel(Group(head, figures, states, outcomes, *warnings, last), title=title, title_align="left")
+    return f"{queue.waiting}+{queue.running}{times}"
+
+
+def _told(name: str, values: Iterable[tuple[str, str, str]], width: int) -> list[Text]:
+    """Figures, each what it is of, in a style, and its value, on lines that are broken between them alone."""
+    lines: list[Text] = []
+    for of, style, value in values:
+        figure = Text.assemble((of, style), " ", (value, "bold"))
+        if not lines or lines[-1].cell_len + _GAP + figure.cell_len > width:
+            head = "" if not name else f"{'' if lines else name:<{_NAME_COLUMNS}}"
+            lines.append(Text(head, no_wrap=True, overflow="ellipsis"))
+        else:
+            lines[-1].append(" " * _GAP)
+        lines[-1].append_text(figure)
+    return lines
+
+
+def _ended(outcome: Outcome, task_id: str, steps: int) -> Text:
+    """An attempt that ended. As text: a task may come from anywhere, and brackets in its id are no markup."""
+    told = Text(f"{outcome:<18}", style=COLORS[outcome], no_wrap=True, overflow="ellipsis")
+    return told.append(f"{steps:>3} steps  ", style="dim").append(plain(task_id), style="default")
 
 
 @asynccontextmanager

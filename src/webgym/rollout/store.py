@@ -7,6 +7,7 @@
       trajectories/00000.jsonl  one checksummed line per trajectory (see `records`), rotated by size
       screenshots/ab/<name>.png named by content, so that equal pictures are stored once
       metrics.jsonl             figures over time
+      live.json                 what the collector is doing now, while it does (see `feed`)
       verdicts/<judge>.jsonl    what other judges said afterwards (see `verdicts`)
       summary.json, report.html made from the above
 
@@ -37,6 +38,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.rollout.files import (
     CONFIG,
+    LIVE,
     LOCK,
     METRICS,
     REPORT,
@@ -58,7 +60,7 @@ from webgym.rollout.files import (
 )
 from webgym.rollout.records import CorruptLine, Entry, Index, complain, pictures, read_at, seal
 
-_OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, SUMMARY, REPORT, LOCK, VERDICTS}
+_OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, LIVE, SUMMARY, REPORT, LOCK, VERDICTS}
 
 T = TypeVar("T")
 
@@ -110,11 +112,13 @@ class RunWriter:
         attempts: an entry for every trajectory on disk, by attempt id.
         skipped: the corrupt lines that :meth:`reopen` was told to go on without.
         torn_bytes: how much of an unfinished, never counted line :meth:`reopen` cut off.
+        on_metric: is told every line of ``metrics.jsonl`` once it is written, in the thread that wrote it.
     """
 
     def __init__(self, path: Path, limits: StoreLimits, lock: int) -> None:
         self.path = path
         self.torn_bytes = 0
+        self.on_metric: Callable[[Mapping[str, Any]], object] = lambda _: None
         self._limits = limits
         self._lock = lock
         self._index = Index(path / TRAJECTORIES)
@@ -330,12 +334,13 @@ class RunWriter:
         Raises:
             StoreFull: there is no space.
         """
-        await self._in(self._journal, self._metric, msgspec.json.encode(values) + b"\n")
+        await self._in(self._journal, self._metric, dict(values))
 
-    def _metric(self, line: bytes) -> None:
+    def _metric(self, values: Mapping[str, Any]) -> None:
         assert self._metrics is not None
         with disk_errors("writing metrics"):
-            self._metrics.append(line, durable=False)
+            self._metrics.append(msgspec.json.encode(values) + b"\n", durable=False)
+        self.on_metric(values)
 
     async def write_summary(self, summary: Mapping[str, Any]) -> None:
         """Write ``summary.json``, whole or not at all.

@@ -9,6 +9,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Literal, TypeAlias, TypedDict
 
+import msgspec
+import numpy as np
+
 from webgym.agent.policy import ORACLES
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
@@ -145,17 +148,8 @@ class Summary(TypedDict):
 
 def quantiles(values: Sequence[float]) -> Quantiles:
     """Median and 95th percentile, by linear interpolation between the ranks."""
-    ranked = sorted(values)
-
-    def at(share: float) -> float | None:
-        if not ranked:
-            return None
-        place = share * (len(ranked) - 1)
-        low = math.floor(place)
-        high = min(low + 1, len(ranked) - 1)
-        return ranked[low] + (ranked[high] - ranked[low]) * (place - low)
-
-    return {"count": len(ranked), "p50": at(0.5), "p95": at(0.95)}
+    p50, p95 = map(float, np.quantile(values, (0.5, 0.95))) if len(values) else (None, None)
+    return {"count": len(values), "p50": p50, "p95": p95}
 
 
 def environment_milliseconds(steps: Sequence[Step]) -> list[float]:
@@ -163,6 +157,78 @@ def environment_milliseconds(steps: Sequence[Step]) -> list[float]:
     return [
         max(0.0, (after.at - before.at - before.reply.seconds) * 1000) for before, after in pairwise(steps)
     ]
+
+
+class Digest(msgspec.Struct, frozen=True, array_like=True):
+    """What the figures of a run are made from: of a trajectory some hundred numbers, instead of its record.
+
+    Attributes:
+        judge: who judged it; ``None`` if nobody could.
+        steps: how many were taken.
+        waits: as :func:`environment_milliseconds` says.
+        operations: milliseconds by operation, ``policy`` and ``judge`` among them.
+        loss: why it carries no reward: error code, or outcome where there was no error, and message.
+        invalid: steps whose replies hold no action.
+        first_invalid: what was wrong with the first of these.
+    """
+
+    attempt_id: str
+    task_id: str
+    sample: int
+    retry: int
+    outcome: Outcome
+    policy: str
+    judge: str | None
+    started_at: float
+    seconds: float
+    steps: int
+    waits: list[float]
+    operations: dict[str, list[float]]
+    loss: tuple[str, str] | None
+    invalid: int
+    first_invalid: str
+
+
+def digest_of(trajectory: Trajectory) -> Digest:
+    """What the figures of a run need of a trajectory."""
+    episode = trajectory.episode
+    operations: defaultdict[str, list[float]] = defaultdict(list)
+    for observation in episode.observations:
+        for operation, milliseconds in observation.milliseconds.items():
+            operations[operation].append(milliseconds)
+    operations["policy"] = [step.reply.seconds * 1000 for step in episode.steps]
+    if trajectory.judge_seconds:
+        operations["judge"] = [trajectory.judge_seconds * 1000]
+    unread = [
+        f"{step.parse_error} ({episode.attempt_id}, step {step.index})"
+        for step in episode.steps
+        if step.action is None
+    ]
+    return Digest(
+        attempt_id=episode.attempt_id,
+        task_id=episode.task_id,
+        sample=episode.sample,
+        retry=episode.retry,
+        outcome=trajectory.outcome,
+        policy=episode.policy,
+        judge=trajectory.verdict.judge if trajectory.verdict else None,
+        started_at=episode.started_at,
+        seconds=episode.seconds,
+        steps=len(episode.steps),
+        waits=environment_milliseconds(episode.steps),
+        operations=dict(operations),
+        loss=_loss(trajectory),
+        invalid=len(unread),
+        first_invalid=unread[0] if unread else "",
+    )
+
+
+def _loss(trajectory: Trajectory) -> tuple[str, str] | None:
+    if trajectory.outcome.is_rewarded:
+        return None
+    if failure := trajectory.episode.failure or trajectory.judge_failure:
+        return failure.code, failure.message
+    return trajectory.outcome.value, trajectory.verdict.blocked.reason if trajectory.verdict else ""
 
 
 class _Count:
@@ -173,11 +239,11 @@ class _Count:
         self.steps = 0
         self.lengths = array("d")
 
-    def add(self, trajectory: Trajectory) -> None:
-        self.outcomes[trajectory.outcome] += 1
-        self.steps += len(trajectory.episode.steps)
-        if trajectory.outcome.is_rewarded:
-            self.lengths.append(len(trajectory.episode.steps))
+    def add(self, digest: Digest) -> None:
+        self.outcomes[digest.outcome] += 1
+        self.steps += digest.steps
+        if digest.outcome.is_rewarded:
+            self.lengths.append(digest.steps)
 
     def group(self, planned: int) -> Group:
         rewarded = sum(count for outcome, count in self.outcomes.items() if outcome.is_rewarded)
@@ -240,56 +306,33 @@ class Tally:
         self._invalid = 0
         self._first_invalid = ""
 
-    def add(self, trajectory: Trajectory) -> None:
+    def add(self, digest: Digest) -> None:
         """Count one trajectory."""
-        episode = trajectory.episode
-        task = self._tasks.get(episode.task_id)
-        samples = self._attempted[episode.task_id]
-        is_new = episode.sample not in samples
-        newest = samples.get(episode.sample)
-        if newest is None or newest[0] <= episode.retry:
-            samples[episode.sample] = (episode.retry, trajectory.outcome)
+        task = self._tasks.get(digest.task_id)
+        samples = self._attempted[digest.task_id]
+        is_new = digest.sample not in samples
+        newest = samples.get(digest.sample)
+        if newest is None or newest[0] <= digest.retry:
+            samples[digest.sample] = (digest.retry, digest.outcome)
         for place in _places(task):
-            self._counts[place].add(trajectory)
+            self._counts[place].add(digest)
             # More than the run says it planned, as of a task that it does not hold.
-            self._planned[place] += is_new and len(samples) > self._samples[episode.task_id]
-        self._policies.setdefault(episode.policy)
-        if trajectory.verdict is not None:
-            self._judges.setdefault(trajectory.verdict.judge)
-        self._spans.append((episode.started_at, episode.started_at + episode.seconds))
-        self._time(trajectory)
-        self._lose(trajectory)
-        for step in episode.steps:
-            if step.action is None:
-                self._invalid += 1
-                told = f"{step.parse_error} ({episode.attempt_id}, step {step.index})"
-                self._first_invalid = self._first_invalid or told
-
-    def _time(self, trajectory: Trajectory) -> None:
-        episode = trajectory.episode
-        self._waits.extend(environment_milliseconds(episode.steps))
-        for observation in episode.observations:
-            for operation, milliseconds in observation.milliseconds.items():
-                self._operations[operation].append(milliseconds)
-        self._operations["policy"].extend(step.reply.seconds * 1000 for step in episode.steps)
-        if trajectory.judge_seconds:
-            self._operations["judge"].append(trajectory.judge_seconds * 1000)
-
-    def _lose(self, trajectory: Trajectory) -> None:
-        if trajectory.outcome.is_rewarded:
-            return
-        outcome = trajectory.outcome.value
-        code, message = outcome, ""
-        if failure := trajectory.episode.failure or trajectory.judge_failure:
-            code, message = failure.code, failure.message
-        elif trajectory.verdict is not None:
-            message = trajectory.verdict.blocked.reason
-        attempt_id = trajectory.episode.attempt_id
-        loss = self._losses.setdefault(
-            code, {"count": 0, "outcomes": {}, "attempt_id": attempt_id, "message": message}
-        )
-        loss["count"] += 1
-        loss["outcomes"][outcome] = loss["outcomes"].get(outcome, 0) + 1
+            self._planned[place] += is_new and len(samples) > self._samples[digest.task_id]
+        self._policies.setdefault(digest.policy)
+        if digest.judge is not None:
+            self._judges.setdefault(digest.judge)
+        self._spans.append((digest.started_at, digest.started_at + digest.seconds))
+        self._waits.extend(digest.waits)
+        for operation, milliseconds in digest.operations.items():
+            self._operations[operation].extend(milliseconds)
+        self._invalid += digest.invalid
+        self._first_invalid = self._first_invalid or digest.first_invalid
+        if digest.loss is not None:
+            code, message = digest.loss
+            first: Loss = {"count": 0, "outcomes": {}, "attempt_id": digest.attempt_id, "message": message}
+            loss, outcome = self._losses.setdefault(code, first), digest.outcome.value
+            loss["count"] += 1
+            loss["outcomes"][outcome] = loss["outcomes"].get(outcome, 0) + 1
 
     def _notes(self, policies: Iterable[str]) -> Iterator[str]:
         for name in policies:
@@ -381,5 +424,5 @@ def summarise(
     """
     tally = Tally(tasks, samples)
     for trajectory in trajectories:
-        tally.add(trajectory)
+        tally.add(digest_of(trajectory))
     return tally.summary(seed=seed, policy=policy, judge=judge, wall_seconds=wall_seconds)

@@ -123,4 +123,4 @@ class _Again:
             judge_seconds=trajectory.judge_seconds + seconds,
         )
         await self._stage.store.append(judged)
-        self._stage.progress.judged_again(judged)
+        self._stage.progress.judged_again(trajectory, judged)

@@ -76,6 +76,11 @@ def _unseal(line: bytes) -> Judged | None:
         return None
 
 
+def is_whole_verdict(line: bytes) -> bool:
+    """Whether a line of a file of verdicts can be trusted."""
+    return _unseal(line) is not None
+
+
 def book_path(run: Path, judge: str) -> Path:
     """Where a judge's verdicts on a run lie."""
     readable = re.sub(r"[^a-z0-9.]+", "-", judge.casefold()).strip("-.")[:60]

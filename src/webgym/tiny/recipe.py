@@ -38,7 +38,7 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.files import write_whole
 from webgym.rollout.judging import find
 from webgym.rollout.plan import Planned
-from webgym.rollout.summary import Tally
+from webgym.rollout.summary import Tally, digest_of
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.lessons import Lesson, Signs, acting, signs_of
 from webgym.tiny.model import make_model
@@ -213,7 +213,7 @@ async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str,
     judge, tally, seconds = OfflineJudge(), Tally(tasks), CollectorConfig().judge_seconds
     for task, episode in zip(tasks, episodes, strict=True):
         found = await find(judge, task, episode, _no_picture, seconds)
-        tally.add(Trajectory(episode, found.outcome, found.verdict, found.failure))
+        tally.add(digest_of(Trajectory(episode, found.outcome, found.verdict, found.failure)))
     summary = tally.summary()
     unread = sum(step.action is None for episode in episodes for step in episode.steps)
     return {

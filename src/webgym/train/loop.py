@@ -36,6 +36,7 @@ from webgym.rollout.files import CONFIG
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
+from webgym.rollout.trackers import TrackerName
 from webgym.settings import Section
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
@@ -46,7 +47,6 @@ from webgym.train.frontier import Frontier
 from webgym.train.progress import TrainingProgress
 from webgym.train.replay import Draw, Replay
 from webgym.train.serving import Serving
-from webgym.train.trackers import TrackerName
 
 Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
 Tell: TypeAlias = Callable[[str], None]

@@ -17,6 +17,7 @@ from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
 from webgym.judge.factory import refuse_unjudgeable
 from webgym.rollout.files import CONFIG
+from webgym.rollout.trackers import tracking
 from webgym.settings import first_problem, settings_of
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
@@ -24,7 +25,6 @@ from webgym.train.loop import Show, Tell, TrainConfig, Training
 from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
 from webgym.train.serving import LocalServing, Serving
-from webgym.train.trackers import tracking
 from webgym.train.vllm_serving import VllmServing
 
 

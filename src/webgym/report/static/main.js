@@ -10,8 +10,15 @@ function crumbs(id) {
     disabled: at < 0 || !fitting[index], onclick: () => { location.hash = addressOf(fitting[index].id); } }, icon(path));
   return h("nav", { class: "crumbs", "aria-label": "Trajectories" },
     h("a", { class: "quiet", href: listAddress(), id: "back" }, icon(LEFT), "All trajectories"), h("span", { class: "grow" }),
-    at >= 0 && h("span", { class: "where" }, `${at + 1} of ${fitting.length}`),
+    at >= 0 && h("span", { class: "where" }, `${at + 1} of ${total}`),
     to(at - 1, LEFT, "Previous trajectory ([)"), to(at + 1, RIGHT, "Next trajectory (])"));
+}
+
+/** After the list has changed, or the place in it; the last that is shown of a longer list has the next ones follow. */
+function redrawCrumbs() {
+  if (open === null) return;
+  byId("trajectory").querySelector(".crumbs")?.replaceWith(crumbs(open));
+  if (fitting.length < total && fitting.at(-1)?.id === open) { shown += PAGE; drawTable(); }
 }
 
 async function showTrajectory(id, step) {
@@ -24,6 +31,7 @@ async function showTrajectory(id, step) {
   place.hidden = false;
   const body = h("div", {}, h("p", { class: "muted" }, "Loading…"));
   place.replaceChildren(crumbs(id), body);
+  redrawCrumbs();
   scrollTo(0, 0);
   try {
     const it = await trajectory(id);
@@ -38,14 +46,14 @@ async function showTrajectory(id, step) {
 
 const title = document.title;
 
-function showList(query) {
+async function showList(query) {
   open = playing = null;
   document.title = title;
   byId("trajectory").hidden = true;
   byId("trajectory").replaceChildren();
   byId("home").hidden = false;
-  readState(query);
-  scrollTo(0, scrolled);
+  await readState(query);
+  if (open === null) scrollTo(0, scrolled);
 }
 
 function route() {

@@ -1,6 +1,20 @@
 // Where rows, trajectories and pictures come from: the file itself, or the server behind a live page.
 
-const rows = JSON.parse(byId("rows").textContent);
+const held = JSON.parse(byId("rows").textContent);   // rows; of a live page, how many there are, and the filters' values
+const list = settings.live ? { count: held.count, options: held.options }
+  : { count: held.length, options: Object.fromEntries(["outcome", "level", "domain", "site"].map((key) => [key, [...new Set(held.map((row) => row[key]))].filter(Boolean)])) };
+
+/** The first so many rows that fit, in their order, and how many there are. */
+async function find(state, count) {
+  if (!settings.live) {
+    const fitting = choose(held);
+    return { total: fitting.length, rows: fitting.slice(0, count) };
+  }
+  const told = Object.entries(state).filter(([, value]) => value).map(([key, value]) => [key, String(value)]);
+  const reply = await fetch(`api/rows?${new URLSearchParams([...told, ["after", "0"], ["count", String(count)]])}`);
+  if (!reply.ok) throw new Error(await reply.text());
+  return reply.json();
+}
 
 /** Resolves once the whole file has been read: its data stand behind this script. */
 const whole = new Promise((done) => {
@@ -15,7 +29,7 @@ async function trajectory(id) {
     return reply.json();
   }
   await whole;
-  const element = byId(`t-${rows.findIndex((row) => row.id === id)}`);
+  const element = byId(`t-${held.findIndex((row) => row.id === id)}`);
   if (!element) throw new Error("The report holds no such trajectory.");
   return JSON.parse(element.textContent);
 }
@@ -33,20 +47,18 @@ function follow(changed) {
   if (!settings.live) return;
   const badge = byId("live");
   badge.hidden = false;
-  let known = rows.length;
   let isWhole = byId("overview").dataset.whole === "true";
   const tell = () => {
     badge.classList.toggle("whole", isWhole);
-    badge.textContent = `${isWhole ? "finished" : "live"}, ${known} attempts`;
+    badge.textContent = `${isWhole ? "finished" : "live"}, ${list.count} attempts`;
   };
   tell();
   async function ask() {
     try {
-      const reply = await fetch(`api/news?after=${known}&whole=${isWhole}`);
+      const reply = await fetch(`api/news?known=${list.count}&whole=${isWhole}`);
       if (!reply.ok) throw new Error(String(reply.status));
       const news = await reply.json();
-      rows.push(...news.rows);
-      known += news.rows.length;
+      Object.assign(list, { count: news.count, options: news.options });
       isWhole = news.whole;
       badge.classList.remove("lost");
       tell();

@@ -24,7 +24,9 @@ const FILTERS = {
 
 const state = { q: "", outcome: "", level: "", domain: "", site: "", sort: "", down: false };
 let shown = PAGE;
-let fitting = [];
+let fitting = [];        // the first rows that fit, as many as are shown
+let total = 0;           // how many fit
+let turn = 0;            // of the newest drawing: the reply to an older question is of no use
 
 const addressOf = (id, step) => `#/t/${encodeURIComponent(id)}${step ? `/${step}` : ""}`;
 
@@ -34,15 +36,15 @@ function fits(row) {
   return state.q.toLowerCase().split(/\s+/).every((word) => text.includes(word));
 }
 
-function choose() {
-  fitting = rows.filter(fits);
+/** Rows that fit, in their order. */
+function choose(rows) {
+  const found = rows.filter(fits);
   const column = COLUMNS.find((one) => one.key === state.sort);
-  if (column) {
-    const sign = state.down ? -1 : 1;
-    const keyed = fitting.map((row) => [column.by(row), row]);
-    keyed.sort(([a], [b]) => (a < b ? -sign : a > b ? sign : 0));
-    fitting = keyed.map(([, row]) => row);
-  }
+  if (!column) return found;
+  const sign = state.down ? -1 : 1;
+  const keyed = found.map((row) => [column.by(row), row]);
+  keyed.sort(([a], [b]) => (a < b ? -sign : a > b ? sign : 0));
+  return keyed.map(([, row]) => row);
 }
 
 function line(row) {
@@ -53,13 +55,22 @@ function line(row) {
   return h("tr", { "data-id": row.id, onclick: open }, cells);
 }
 
-function drawTable() {
-  choose();
-  byId("rows-body").replaceChildren(...fitting.slice(0, shown).map(line));
-  byId("list-count").textContent = fitting.length === rows.length ? `${rows.length}` : `${fitting.length} of ${rows.length}`;
-  byId("nothing").hidden = fitting.length > 0;
-  byId("more").hidden = fitting.length <= shown;
-  byId("more").textContent = `Show ${Math.min(PAGE, fitting.length - shown)} more`;
+async function drawTable() {
+  const mine = ++turn;
+  try {
+    const found = await find(state, shown);
+    if (mine !== turn) return;
+    fitting = found.rows;
+    total = found.total;
+  } catch (error) {
+    byId("list-count").textContent = String(error.message || error);
+    return;
+  }
+  byId("rows-body").replaceChildren(...fitting.map(line));
+  byId("list-count").textContent = total === list.count ? `${total}` : `${total} of ${list.count}`;
+  byId("nothing").hidden = total > 0;
+  byId("more").hidden = total <= fitting.length;
+  byId("more").textContent = `Show ${Math.min(PAGE, total - fitting.length)} more`;
   byId("clear").hidden = !state.q && !Object.keys(FILTERS).some((key) => state[key]);
   for (const head of byId("columns").children) {
     if (head.dataset.key === state.sort) head.setAttribute("aria-sort", state.down ? "descending" : "ascending");
@@ -67,13 +78,14 @@ function drawTable() {
   }
   for (const key of document.querySelectorAll(".key"))
     key.setAttribute("aria-pressed", String(key.dataset.outcome === state.outcome));
+  redrawCrumbs();
 }
 
 /** Offer what the rows hold. */
 function fillFilters() {
   for (const [key, { name, order }] of Object.entries(FILTERS)) {
     const select = byId(`filter-${key}`);
-    const values = [...new Set(rows.map((row) => row[key]))].filter(Boolean).sort(order);
+    const values = [...list.options[key]].sort(order);
     select.replaceChildren(select.options[0], ...values.map((value) => h("option", { value }, name(value))));
     select.value = state[key];
   }
@@ -100,7 +112,7 @@ function readState(query) {
   for (const key of Object.keys(state)) state[key] = key === "down" ? told.has(key) : told.get(key) || "";
   byId("search").value = state.q;
   fillFilters();
-  drawTable();
+  return drawTable();
 }
 
 function beginTable() {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import types
 from pathlib import Path
@@ -9,8 +10,10 @@ from typing import Any
 
 import pytest
 
+from webgym.collection import RunConfig, ServerChoice, TaskChoice, collect, resume
 from webgym.core.errors import ConfigError
-from webgym.train.trackers import FOLDER, numbers_in, tracking
+from webgym.offline.app import SitesConfig
+from webgym.rollout.trackers import FOLDER, numbers_in, tracking
 
 
 def row(iteration: int, rate: float | None) -> dict[str, Any]:
@@ -62,6 +65,31 @@ def test_tensorboard_shows_every_iteration_once_also_after_a_resume(tmp_path: Pa
     assert found["collect/success_rate/overall"] == [(1, 0.25), (2, 0.5)]
     assert "collect/success_rate/easy" not in found
     assert found["update/dropped/request too long"] == [(1, 2.0), (2, 2.0)]
+
+
+async def test_a_run_tells_what_its_metrics_hold_also_after_a_resume(tmp_path: Path) -> None:
+    config = RunConfig(
+        server=ServerChoice(rehearsed=True),
+        sites=SitesConfig(collection="small", per_family=1),
+        tasks=TaskChoice(count=3),
+        trackers=("tensorboard",),
+    )
+    for go_on in (collect(config, tmp_path / "run"), resume(tmp_path / "run")):
+        await go_on
+        lines = (tmp_path / "run/metrics.jsonl").read_text().splitlines()
+        rows = [json.loads(line) for line in lines]
+        done = scalars(tmp_path / "run")["done"]
+        assert done == [(number, row["done"]) for number, row in enumerate(rows, 1)]
+    assert done[-1] == (len(rows), 3)
+
+
+async def test_a_run_without_its_tracker_leaves_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ConfigError, match="TensorBoard is not installed"):
+        await collect(RunConfig(trackers=("tensorboard",)), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
 
 
 def test_weights_and_biases_is_given_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import os
 import resource
+import shutil
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
@@ -90,6 +91,23 @@ async def test_it_knows_no_secret_of_ours(
         assert f"TMPDIR={browser.profile}".encode() in given
     finally:
         await browser.kill()
+
+
+@pytest.mark.browser
+async def test_it_writes_into_its_profile_alone(
+    executable: Path, egress: Egress, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Debian's ``chromium`` keeps crash reports and settings in folders of the user's."""
+    ours = {"HOME": tmp_path, "XDG_CONFIG_HOME": tmp_path / "config", "XDG_CACHE_HOME": tmp_path / "cache"}
+    for name, folder in ours.items():
+        monkeypatch.setenv(name, str(folder))
+    full = shutil.which("chromium")
+    short = ProfileRoot()  # a socket is in it, whose path has an end
+    browser = await launch(BrowserConfig(), Path(full) if full else executable, short, OFF, egress.main)
+    given = Path(f"/proc/{browser.pid}/environ").read_bytes()
+    await browser.kill()
+    assert str(tmp_path).encode() not in given
+    assert list(tmp_path.iterdir()) == []
 
 
 async def test_when_files_run_out_nothing_is_left(root: ProfileRoot, egress: Egress) -> None:

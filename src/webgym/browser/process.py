@@ -288,8 +288,13 @@ def _high(descriptor: int) -> Iterator[int]:
 
 def _environment(profile: Path) -> dict[str, str]:
     """What Chromium may know of ours. A page that breaks out of its renderer finds no keys there."""
-    harmless = {name: value for name, value in os.environ.items() if not _MAY_HOLD_A_SECRET.search(name)}
-    return {**harmless, "TMPDIR": str(profile)}
+    harmless = {
+        name: value
+        for name, value in os.environ.items()
+        if not (_MAY_HOLD_A_SECRET.search(name) or name.startswith("XDG_"))
+    }
+    # Crash reports, caches and certificates go to folders of the user's, whatever the profile is.
+    return {**harmless, "TMPDIR": str(profile), "HOME": str(profile)}
 
 
 def _spawn(arguments: list[str], theirs: socket.socket, profile: Path) -> int:

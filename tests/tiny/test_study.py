@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -16,7 +17,7 @@ pytest.importorskip("torch")
 from tests.report.training import World, build_training, tasks
 from tests.train.worlds import training_of
 
-from webgym.core.errors import ConfigError, UsageError
+from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.tiny import study
 from webgym.tiny.study import Result, carry_out, read_study, table, write
 from webgym.train.loop import TrainConfig, Training
@@ -90,7 +91,8 @@ async def test_a_training_that_was_killed_after_its_last_evaluation_is_brought_t
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     short = STUDY.model_copy(update={"base": STUDY.base | {"loop": {**STUDY.base["loop"], "iterations": 2}}})
-    path = tmp_path / "trainings/reference/seed-1"
+    path, first = tmp_path / "trainings/reference/seed-1", tmp_path / "weights"
+    first.mkdir()
     await asyncio.to_thread(build_training, path, iterations=2, count=6)
     (path / "iterations/0002/metrics.json").unlink()  # what an iteration writes last
 
@@ -100,5 +102,40 @@ async def test_a_training_that_was_killed_after_its_last_evaluation_is_brought_t
         yield training_of(out, World(3), held, tasks(6))
 
     monkeypatch.setattr(study, "open_training", opened)
-    (result,) = await carry_out(short, tmp_path, ["reference"], 1, tmp_path, print)
+    (result,) = await carry_out(short, first, ["reference"], 1, tmp_path, print)
     assert result.trajectories == [0, 6, 12]
+
+    # What is in study.json is not made again: on another machine that file is enough.
+    def never(*_: Any, **__: Any) -> None:
+        raise AssertionError("a training was begun")
+
+    monkeypatch.setattr(study, "open_training", never)
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    shutil.copy(tmp_path / "study.json", elsewhere)
+    assert await carry_out(short, first, ["reference"], 1, elsewhere, print) == [result]
+
+    # Unless it was made otherwise: with other settings, or other first weights.
+    with pytest.raises(RunFolderError, match="reference, seed 1 was made with other settings"):
+        await carry_out(STUDY, first, ["reference"], 1, elsewhere, print)
+    (first / "config.json").write_text("{}")
+    with pytest.raises(RunFolderError, match="other settings or first weights"):
+        await carry_out(short, first, ["reference"], 1, elsewhere, print)
+    (elsewhere / "study.json").write_text("[{")
+    with pytest.raises(RunFolderError, match="holds no results"):
+        await carry_out(short, first, ["reference"], 1, elsewhere, print)
+
+
+async def test_a_training_that_was_begun_with_other_settings_is_not_gone_on_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def killed(*_: Any, **__: Any) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(study, "open_training", killed)
+    with pytest.raises(MemoryError):
+        await carry_out(STUDY, tmp_path / "weights", ["reference"], 1, tmp_path, print)
+    other = STUDY.model_copy(update={"base": STUDY.base | {"evaluation": {"count": 7}}})
+    with pytest.raises(RunFolderError, match="was made with other settings"):
+        await carry_out(other, tmp_path / "weights", ["reference"], 1, tmp_path, print)
+    assert len((tmp_path / "study.md").read_text().splitlines()) == 2, "no figures yet"

@@ -1,13 +1,17 @@
 """The paper's study in miniature: a training per row and seed, and the table that they make.
 
 out/trainings/<row>/seed-<n>/   trainings, as `webgym train` makes them
-out/study.json                  success before, after and at the peak, per row and seed
+out/study.json                  success over trajectories, per row and seed: what is in it is not made again,
+                                so a study goes on elsewhere with this file alone
 out/study.md                    the table
 out/study.png                   success over trajectories
 """
 
 from __future__ import annotations
 
+import asyncio
+import hashlib
+import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,14 +21,15 @@ from typing import Any, Final
 import msgspec
 from pydantic import BaseModel, ConfigDict
 
-from webgym.core.errors import UsageError
+from webgym.core.errors import RunFolderError, UsageError
 from webgym.plotting import CATEGORIES, PAGE, new_figure, save, styled
-from webgym.rollout.files import CONFIG
+from webgym.rollout.files import CONFIG, write_whole
 from webgym.settings import merged, settings_of
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.start import open_training, read_config
 
+RESULTS: Final = "study.json"
 SETTINGS: Final = Path(__file__).parent / "study.yaml"
 
 
@@ -68,12 +73,20 @@ class StudyConfig(BaseModel):
 
 
 class Result(msgspec.Struct):
-    """What a training came to: success on the test tasks, with how many trajectories it took to get there."""
+    """What a training came to: success on the test tasks, with how many trajectories it took to get there.
+
+    Attributes:
+        row, seed: of the training.
+        trajectories: before each evaluation.
+        success: of each evaluation; empty until the training is finished.
+        settings: hash of what the training was begun with, first weights included.
+    """
 
     row: str
     seed: int
     trajectories: list[int]
     success: list[float]
+    settings: str = ""
 
     @property
     def before(self) -> float:
@@ -117,21 +130,57 @@ async def carry_out(
         seeds: trainings per row, seeds from 1.
         out: folder; what is in it is gone on from.
         tell: is told what goes on.
+
+    Raises:
+        RunFolderError: ``study.json`` cannot be read, or a training in it was begun with other settings.
     """
-    results: list[Result] = []
+    results = {(each.row, each.seed): each for each in _read(out / RESULTS)}
+    first = await asyncio.to_thread(_hash_of, weights)
     wanted = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
     for number, (row, seed) in enumerate(wanted, start=1):
         config = study.training(row, seed, weights)
         folder = TrainingFolder(out / "trainings" / _slug(row) / f"seed-{seed}")
         tell(f"training {number} of {len(wanted)}: {row}, seed {seed}")
+        settings = _settings(config, first)
+        begun = results.setdefault((row, seed), Result(row, seed, [], [], settings))
+        if begun.settings not in ("", settings):
+            raise RunFolderError(
+                f"{out / RESULTS}: {row}, seed {seed} was made with other settings or first weights",
+                hint="give another folder, or take it out of that file and its folder out of trainings/",
+            )
+        if begun.success and begun.settings:
+            continue
+        write(study, list(results.values()), out)
         if folder.stage(config.loop.iterations) is not None:
             resume = (folder.path / CONFIG).exists()
             held = read_config(folder.path) if resume else config
             async with open_training(held, folder.path, resume=resume, tell=tell) as training:
                 await training.run()
-        results.append(result_of(folder, row, seed))
-        write(study, results, out)
-    return results
+        results[row, seed] = msgspec.structs.replace(result_of(folder, row, seed), settings=settings)
+        write(study, list(results.values()), out)
+    return [results[each] for each in wanted]
+
+
+def _read(path: Path) -> list[Result]:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=list[Result]) if path.exists() else []
+    except msgspec.DecodeError as error:
+        raise RunFolderError(f"{path} holds no results: {error}") from error
+
+
+def _hash_of(weights: Path) -> str:
+    """Of the model's content: it lies elsewhere on another machine."""
+    found = hashlib.sha256()
+    for path in sorted([*weights.glob("*.safetensors"), *weights.glob("*.json")]):
+        found.update(path.name.encode() + hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
+
+
+def _settings(config: TrainConfig, weights: str) -> str:
+    """Hash of what a training is made with: of what is set, since defaults may be added to."""
+    places: Any = {"learn": {"model"}, "local": {"path"}}
+    held = config.model_dump(mode="json", exclude_unset=True, exclude=places)
+    return hashlib.sha256(f"{weights} {json.dumps(held, sort_keys=True)}".encode()).hexdigest()[:16]
 
 
 def result_of(folder: TrainingFolder, row: str, seed: int) -> Result:
@@ -148,9 +197,11 @@ def result_of(folder: TrainingFolder, row: str, seed: int) -> Result:
 
 def write(study: StudyConfig, results: Sequence[Result], out: Path) -> None:
     """Table and figure of what there is so far."""
-    (out / "study.json").write_bytes(msgspec.json.format(msgspec.json.encode(results)))
-    (out / "study.md").write_text("\n".join(table(study, results)) + "\n")
-    _draw(results, out / "study.png")
+    write_whole(out / RESULTS, msgspec.json.format(msgspec.json.encode(results)))
+    finished = [each for each in results if each.success]
+    (out / "study.md").write_text("\n".join(table(study, finished)) + "\n")
+    if finished:
+        _draw(finished, out / "study.png")
 
 
 def table(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:

@@ -28,7 +28,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 @pytest.fixture(scope="module")
 def report(run_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = shutil.copytree(run_folder, tmp_path_factory.mktemp("report") / "run")
-    return write_report(run)
+    return write_report(run, config=ReportConfig(embed=True))
 
 
 @asynccontextmanager
@@ -260,15 +260,16 @@ async def test_an_unknown_trajectory_is_said(browser: Browser, report: Path) -> 
         await expect(page.locator("#trajectory")).to_contain_text("holds no such trajectory")
 
 
-async def test_pictures_beyond_the_budget_come_from_the_folder(
+async def test_pictures_come_from_the_folder_and_a_report_that_was_moved_says_so(
     browser: Browser, run_folder: Path, tmp_path: Path
 ) -> None:
     run = shutil.copytree(run_folder, tmp_path / "run")
-    report = write_report(run, config=ReportConfig(image_budget_bytes=0))
+    report = write_report(run, config=ReportConfig())
     made = attempt(run, 0)
     gone = RunReader(run).image_path(made.episode.steps[1].observation.screenshot)
     async with opened(browser, address(report, run, 0)) as page:
         await loaded(page, 1280)
+        await expect(page.locator("#moved")).to_be_hidden()
     gone.unlink()
     context = await browser.new_context()
     page = await context.new_page()
@@ -277,7 +278,8 @@ async def test_pictures_beyond_the_budget_come_from_the_folder(
     await expect(absent).to_contain_text(f"screenshots/{gone.parent.name}/{gone.name} is not beside it")
     await page.goto("about:blank")
     await page.goto(address(report.rename(tmp_path / "moved.html"), run, 0))
-    await expect(absent).to_contain_text("If it was moved, move it back into its folder.")
+    await expect(absent).to_contain_text("If it was moved, move it back into its folder")
+    await expect(page.locator("#moved")).to_contain_text("it was moved. Move it back")
     await context.close()
 
 

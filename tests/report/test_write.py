@@ -11,8 +11,10 @@ import re
 import shutil
 import subprocess
 import sys
+import zlib
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -23,9 +25,10 @@ from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
 from webgym.report import ReportConfig, write_report
+from webgym.report.template import CHUNK
 from webgym.rollout.store import RunReader, RunWriter
 
-SMALL = ReportConfig(image_width=160)
+SMALL = ReportConfig(embed=True, image_width=160)
 
 
 @pytest.fixture
@@ -39,6 +42,13 @@ def _data(text: str, element_id: str) -> object:
     return json.loads(found[1])
 
 
+def _packed(text: str, number: int) -> list[dict[str, Any]]:
+    found = re.search(rf'<script type="text/plain" id="c-{number}">(.*?)</script>', text)
+    assert found is not None
+    shown: list[dict[str, Any]] = json.loads(zlib.decompress(base64.b64decode(found[1])))
+    return shown
+
+
 def test_it_holds_every_trajectory_and_every_picture(run: Path) -> None:
     told: list[tuple[str, int, int]] = []
     path = write_report(run, config=SMALL, progress=lambda *step: told.append(step))
@@ -49,9 +59,9 @@ def test_it_holds_every_trajectory_and_every_picture(run: Path) -> None:
     assert Counter(row["outcome"] for row in rows) == Counter(
         {**dict.fromkeys(map(str, Outcome), 1), "success": 4, "failure": 2}
     )
-    for number, row in enumerate(rows):
-        page = _data(text, f"t-{number}")
-        assert isinstance(page, dict)
+    pages = _packed(text, 0)
+    assert len(pages) == len(rows)
+    for row, page in zip(rows, pages, strict=True):
         assert page["id"] == row["id"]
         for step in page["steps"]:
             assert f'id="p-{step["shot"]}"' in text
@@ -73,9 +83,25 @@ def test_a_report_is_replaced_whole(run: Path) -> None:
     assert write_report(run, config=SMALL).read_text().startswith("<!doctype html>")
 
 
-def test_pictures_beyond_the_budget_are_not_embedded(run: Path) -> None:
-    text = write_report(run, config=ReportConfig(image_width=160, image_budget_bytes=0)).read_text()
-    assert 'id="p-' not in text
+@pytest.mark.parametrize("config", [ReportConfig(), ReportConfig(embed=True, image_budget_bytes=0)])
+def test_pictures_are_embedded_on_demand_and_within_the_budget(run: Path, config: ReportConfig) -> None:
+    assert 'id="p-' not in write_report(run, config=config).read_text()
+
+
+async def test_the_report_of_thousands_stays_light(run: Path) -> None:
+    """Twelve trajectories stand for as many as there are: what each adds is told by the file's growth."""
+    small = (await asyncio.to_thread(write_report, run)).stat().st_size
+    held = list(RunReader(run).trajectories())
+    async with await RunWriter.reopen(run) as writer:
+        for number in range(1, 26):
+            for one in held:
+                sample, name = 100 * number + one.episode.sample, f"{one.episode.attempt_id}-{number}"
+                episode = replace(one.episode, attempt_id=name, sample=sample)
+                await writer.append(replace(one, episode=episode))
+    path = await asyncio.to_thread(write_report, run)
+    assert len(_packed(path.read_text(), 12)) == 312 - 12 * CHUNK
+    each = (path.stat().st_size - small) / (25 * len(held))
+    assert each < 2_500, "bytes of a trajectory: ten thousand make 25 MB"
 
 
 def test_corrupt_records_are_counted_on_the_page(run: Path) -> None:
@@ -146,7 +172,7 @@ def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
 
 def test_the_command_prints_the_path(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["report", str(run), "--width", "160"])
+        main(["report", str(run), "--embed", "--width", "160"])
     assert ended.value.code == 0
     assert capsys.readouterr().out == f"{run / 'report.html'}\n"
 

@@ -16,6 +16,13 @@ _DEFAULTS = ReportConfig()
 
 def command(
     run: Annotated[Path, typer.Argument(help="The folder of a run or of a training.")],
+    embed: Annotated[
+        bool,
+        typer.Option(
+            "--embed/--no-embed",
+            help="Put screenshots into the file; else it shows those beside it in the run folder.",
+        ),
+    ] = _DEFAULTS.embed,
     width: Annotated[
         int, typer.Option(help="Width of embedded screenshots, pixels.", min=64)
     ] = _DEFAULTS.image_width,
@@ -23,8 +30,8 @@ def command(
         int, typer.Option(help="How much of the file screenshots may take; the others are linked to.", min=0)
     ] = _DEFAULTS.image_budget_bytes // 2**20,
 ) -> None:
-    """Write RUN/report.html, one file that needs no network, and print its path."""
-    config = ReportConfig(image_width=width, image_budget_bytes=megabytes * 2**20)
+    """Write RUN/report.html, which needs no network, and print its path."""
+    config = ReportConfig(embed=embed, image_width=width, image_budget_bytes=megabytes * 2**20)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:

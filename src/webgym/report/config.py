@@ -13,6 +13,10 @@ class ReportConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
+    embed: bool = False
+    """Put the pictures of a run into the file, as far as the budget goes. Else it shows those beside it in
+    the run folder, and stays small. The report of a training, which shows few, embeds them always."""
+
     image_width: int = Field(default=800, ge=64)
     """Width of an embedded screenshot, pixels; the height follows. Smaller ones are left as they are."""
 

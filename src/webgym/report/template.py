@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import zlib
 from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
@@ -20,6 +21,8 @@ from webgym.core.outcome import Outcome
 from webgym.report import charts, words
 
 _SCRIPTS = ("dom.js", "theme.js", "source.js", "table.js", "stage.js", "trajectory.js", "main.js")
+CHUNK = 25
+"""Trajectories that are packed together: more are smaller, and slower to look into."""
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
 
@@ -115,25 +118,32 @@ class Page(Document):
     """
 
     def __init__(self, title: str, *, live: bool, refresh_seconds: float = 0.0) -> None:
-        settings = {"live": live, "refresh": refresh_seconds, "outcomes": outcome_words()}
+        settings = {"live": live, "refresh": refresh_seconds, "outcomes": outcome_words(), "chunk": CHUNK}
         super().__init__(title, _SCRIPTS, settings, live=live)
         self._live = live
 
-    def head(self, overview: Markup, rows: Any, *, whole: bool = True) -> str:
+    def head(self, overview: Markup, rows: Any, *, whole: bool = True, picture: str = "") -> str:
         """Everything up to the data: shown at once, while the rest is still being read.
 
         Args:
             overview: the figures.
             rows: of the table; of a live page, how many there are and the values of the filters.
             whole: whether nothing more is to come.
+            picture: one of those that lie beside the file, by which the page finds out whether it was moved.
         """
         shown = {"overview": overview, "rows": inert(rows), "live": self._live, "whole": whole}
-        return self.render("page.html.j2", **shown)
+        return self.render("page.html.j2", picture=picture, **shown)
 
     @staticmethod
     def data(element_id: str, value: Any) -> str:
         """A piece of inert data."""
         return f'<script type="application/json" id="{element_id}">{inert(value)}</script>\n'
+
+    @staticmethod
+    def chunk(number: int, values: list[Any]) -> str:
+        """Trajectories, packed: a sixth of their size, and unpacked when one of them is looked at."""
+        packed = base64.b64encode(zlib.compress(msgspec.json.encode(values))).decode()
+        return f'<script type="text/plain" id="c-{number}">{packed}</script>\n'
 
     @staticmethod
     def picture(name: str, data: str) -> str:

@@ -1,4 +1,4 @@
-"""``report.html``: one file that works from anywhere, without a network."""
+"""``report.html``: one file that needs no network; its pictures lie beside it, or inside."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from webgym.core.trajectory import Trajectory
 from webgym.report.config import ReportConfig
 from webgym.report.content import page, row
 from webgym.report.overview import Overview, overview_html
-from webgym.report.template import Page
+from webgym.report.template import CHUNK, Page
 from webgym.report.thumbnails import thumbnails
 from webgym.rollout.files import REPORT, TORN, disk_errors
 from webgym.rollout.store import RunReader
@@ -88,15 +88,18 @@ def _parts(reader: RunReader, config: ReportConfig, progress: ReportProgress) ->
     verdicts = VerdictReader(reader.path)
     document = Page(reader.path.resolve().name, live=False)
     figures = overview_html(reader, overview.figures(), reader.skipped)
-    yield document.head(figures, rows)
-    for number, told in enumerate(rows):
-        trajectory = reader.trajectory(told["id"])
-        task = tasks.get(trajectory.episode.task_id)
-        yield document.data(f"t-{number}", page(trajectory, task, verdicts.of(told["id"])))
-        progress("trajectories", number + 1, len(rows))
-    for number, small in enumerate(thumbnails(reader.path, names, config)):
-        yield document.picture(small.name, small.data)
-        progress("pictures", number + 1, len(names))
+    yield document.head(figures, rows, picture="" if config.embed else next(iter(names), ""))
+    for first in range(0, len(rows), CHUNK):
+        chunk = rows[first : first + CHUNK]
+        shown = ((reader.trajectory(told["id"]), verdicts.of(told["id"])) for told in chunk)
+        yield document.chunk(
+            first // CHUNK, [page(one, tasks.get(one.episode.task_id), others) for one, others in shown]
+        )
+        progress("trajectories", first + len(chunk), len(rows))
+    if config.embed:
+        for number, small in enumerate(thumbnails(reader.path, names, config)):
+            yield document.picture(small.name, small.data)
+            progress("pictures", number + 1, len(names))
     yield document.tail()
 
 

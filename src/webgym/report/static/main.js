@@ -89,6 +89,7 @@ function localTimes() {
 
 beginTable();
 localTimes();
+lookForPictures();
 addEventListener("hashchange", route);
 if (location.hash.startsWith("#/t/")) { readState(""); }
 route();

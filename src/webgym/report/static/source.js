@@ -29,9 +29,25 @@ async function trajectory(id) {
     return reply.json();
   }
   await whole;
-  const element = byId(`t-${held.findIndex((row) => row.id === id)}`);
-  if (!element) throw new Error("The report holds no such trajectory.");
-  return JSON.parse(element.textContent);
+  const number = held.findIndex((row) => row.id === id), size = settings.chunk;
+  const element = byId(`c-${Math.floor(number / size)}`);
+  if (number < 0 || !element) throw new Error("The report holds no such trajectory.");
+  return (await unpacked(element))[number % size];
+}
+
+/** The values that an element holds packed. */
+async function unpacked(element) {
+  const bytes = Uint8Array.from(atob(element.textContent), (character) => character.charCodeAt(0));
+  return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"))).json();
+}
+
+/** Say so if the pictures that should lie beside the file do not. */
+function lookForPictures() {
+  const warning = byId("moved"), name = warning.dataset.picture;
+  if (!name) return;
+  const probe = new Image();
+  probe.addEventListener("error", () => { warning.hidden = false; });
+  probe.src = wholePicture(name);
 }
 
 const wholePicture = (name) => `screenshots/${name.slice(0, 2)}/${name}.png`;

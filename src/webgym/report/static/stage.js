@@ -55,7 +55,7 @@ function marks(action) {
 /** What is said in place of a picture that is not there. A report may have been moved away from its pictures. */
 function whereIsIt(name) {
   if (settings.live) return "This picture is not in the run folder.";
-  return `This report has no picture of its own here, and ${picture(name)} is not beside it. If it was moved, move it back into its folder.`;
+  return `This report has no picture of its own here, and ${picture(name)} is not beside it. If it was moved, move it back into its folder, or write it with --embed.`;
 }
 
 function image(name, alt, lazy) {

@@ -8,13 +8,20 @@ from webgym.core.action import (
     GRID,
     Action,
     Answer,
+    DoubleClick,
+    Drag,
     GoBack,
+    Hover,
     LeftClick,
     Mode,
     Navigate,
+    Press,
+    RightClick,
     Scroll,
+    Space,
     Target,
     Type,
+    Upload,
     Wait,
 )
 
@@ -39,8 +46,8 @@ def targets(mode: Mode) -> st.SearchStrategy[Target]:
     return st.tuples(side, side).map(lambda point: Target(coordinate=point))
 
 
-def actions(mode: Mode) -> st.SearchStrategy[Action]:
-    return st.one_of(
+def actions(mode: Mode, space: Space = "paper") -> st.SearchStrategy[Action]:
+    paper = st.one_of(
         st.builds(LeftClick, targets(mode)),
         st.builds(Type, targets(mode), TEXTS),
         st.builds(Scroll, st.sampled_from(["up", "down"])),
@@ -48,4 +55,19 @@ def actions(mode: Mode) -> st.SearchStrategy[Action]:
         st.just(GoBack()),
         st.builds(Navigate, SAID.map(str.strip)),
         st.builds(Answer, SAID),
+    )
+    if space == "paper":
+        return paper
+    places = targets(mode) | targets("coordinates")
+    names = st.lists(SAID, min_size=1, max_size=3).map(tuple)
+    modifiers = st.lists(st.sampled_from(["Alt", "Control", "Meta", "Shift"]), max_size=2).map(tuple)
+    return st.one_of(
+        paper,
+        st.builds(LeftClick, places, modifiers),
+        *(st.builds(act, places) for act in (DoubleClick, RightClick, Hover)),
+        st.builds(Drag, places, places),
+        st.builds(Type, places, TEXTS, st.booleans()),
+        st.builds(Press, names),
+        st.builds(Scroll, st.sampled_from(["up", "down", "left", "right"]), st.none() | places),
+        st.builds(Upload, places, names),
     )

@@ -14,9 +14,9 @@ from tests.agent.shop import Shop, task
 
 from webgym.agent import Agent, AgentConfig, Player, RandomPolicy, ScriptedPolicy, Turn, create_policy
 from webgym.agent.prompts import render_reply
-from webgym.core.action import Answer, Scroll
+from webgym.core.action import Answer, DoubleClick, Drag, Hover, Press, RightClick, Scroll
 from webgym.core.errors import ConfigError, PolicyBadReply, PolicyError, PolicyUnreachable, ProtocolError
-from webgym.core.observation import Observation
+from webgym.core.observation import Element, Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import ImageRef, Reply, Revision, Step
 from webgym.llm import ChatConfig
@@ -182,6 +182,17 @@ async def test_random_play_is_readable_repeatable_and_ends(play: Play, mode: Any
     first = [await digest(seed) for seed in range(6)]
     assert first == [await digest(seed) for seed in range(6)]
     assert len(set(first)) == 6
+
+
+async def test_random_play_in_the_extended_space() -> None:
+    agent = Agent(RandomPolicy(), AgentConfig(mode="marks", actions="extended"))
+    conversation = agent.begin(task(), 1, 300)
+    button = Element(1, "button", "Go", (0, 0, 50, 20))
+    seen = msgspec.structs.replace(observation(0), elements=(button,))
+    steps = [await conversation.turn(seen, b"", 0) for _ in range(150)]
+    assert {step.parse_error for step in steps} == {""}
+    done = {type(step.action) for step in steps}
+    assert {Hover, DoubleClick, RightClick, Drag, Press} <= done
 
 
 async def test_random_play_without_elements() -> None:

@@ -15,6 +15,7 @@ from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply, system_prompt, tool_declaration
 from webgym.core.action import Answer, GoBack, LeftClick, Scroll, Target
 from webgym.core.observation import Notice, NoticeKind, Observation
+from webgym.core.task import MAX_ATTACHED_BYTES, Attachment
 from webgym.core.trajectory import ImageRef, Message, Reply, Revision, Step, TextPart
 
 TASK = task()
@@ -222,3 +223,29 @@ def test_actions_in_few_words() -> None:
     assert describe(Scroll("down")) == "scroll direction 'down'"
     assert describe(GoBack()) == "go_back"
     assert len(describe(Answer("a" * 1000))) == 200
+
+
+def test_files_of_the_task_are_named_where_they_can_be_chosen() -> None:
+    files = (Attachment("cv.txt", text="Ann"), Attachment("photo.png", data=b"1234"))
+
+    def opening(**config: Any) -> str:
+        settings = AgentConfig(**config)
+        now = Now(observation(0), 0, 15)
+        profile = choose_profile(None, "test", settings.mode)
+        return said(build_request(replace(TASK, files=files), [], now, settings, profile).messages[1])
+
+    assert "'cv.txt' (3 bytes), 'photo.png' (4 bytes)" in opening(actions="extended")
+    assert "cv.txt" not in opening()
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "", "..", "a\x00b", "x" * 300, "a\\b"])
+def test_a_file_has_a_plain_name(name: str) -> None:
+    with pytest.raises(ValueError, match="no name of a file"):
+        Attachment(name)
+
+
+def test_files_of_a_task_have_bounds() -> None:
+    with pytest.raises(ValueError, match="share a name"):
+        replace(TASK, files=(Attachment("a"), Attachment("a")))
+    with pytest.raises(ValueError, match="bytes"):
+        replace(TASK, files=(Attachment("a", text="x" * MAX_ATTACHED_BYTES), Attachment("b", text="x")))

@@ -1,21 +1,41 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.agent.strategies import JSON_OBJECTS, LINES, actions
 
-from webgym.agent.config import PromptFormat
+from webgym.agent.config import AgentConfig, PromptFormat
 from webgym.agent.parser import ParsedReply, ParseError, parse_reply
-from webgym.agent.prompts import render_reply
-from webgym.core.action import Action, Answer, GoBack, LeftClick, Mode, Scroll, Target, Type, Wait
+from webgym.agent.prompts import render_reply, tool_declaration
+from webgym.agent.wire import keys_of
+from webgym.core.action import (
+    Action,
+    Answer,
+    Drag,
+    GoBack,
+    LeftClick,
+    Mode,
+    Press,
+    Scroll,
+    Space,
+    Target,
+    Type,
+    Wait,
+    actions_of,
+    fields_of,
+)
+from webgym.server.messages import ExecuteRequest
 
 MODES: tuple[Mode, ...] = ("coordinates", "marks")
 FORMATS: tuple[PromptFormat, ...] = ("memory", "official")
+SPACES: tuple[Space, ...] = ("paper", "extended")
 
 
 def call(arguments: Any, name: Any = "computer_use") -> str:
@@ -59,9 +79,11 @@ def test_a_whole_memory_reply() -> None:
     )
 
 
-@given(st.data(), st.sampled_from(MODES), st.sampled_from(FORMATS))
-def test_what_is_rendered_is_read(data: st.DataObject, mode: Mode, prompt_format: PromptFormat) -> None:
-    action = data.draw(actions(mode))
+@given(st.data(), st.sampled_from(MODES), st.sampled_from(FORMATS), st.sampled_from(SPACES))
+def test_what_is_rendered_is_read(
+    data: st.DataObject, mode: Mode, prompt_format: PromptFormat, space: Space
+) -> None:
+    action = data.draw(actions(mode, space))
     memory, progress = data.draw(JSON_OBJECTS), data.draw(JSON_OBJECTS)
     intention, description = data.draw(LINES), data.draw(LINES)
     text = render_reply(
@@ -77,7 +99,9 @@ def test_what_is_rendered_is_read(data: st.DataObject, mode: Mode, prompt_format
         if prompt_format == "memory"
         else ParsedReply(action, description=description)
     )
-    assert parse_reply(text, mode, prompt_format) == expected
+    assert parse_reply(text, mode, prompt_format, space=space) == expected
+    sent = msgspec.json.encode(ExecuteRequest(action)) if not isinstance(action, Answer) else b""
+    assert not sent or msgspec.json.decode(sent, type=ExecuteRequest).action == action, "the server takes it"
 
 
 PIECES = [
@@ -281,3 +305,99 @@ def test_a_hundred_kilobytes_take_linear_time(filler: str) -> None:
     ):
         read(whole)
     assert time.perf_counter() - started < 2
+
+
+# --- the extended space -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("space", SPACES)
+def test_prompt_and_parser_know_the_same_actions(mode: Mode, space: Space) -> None:
+    """The declaration has a line for each action and a schema for each argument, and no others."""
+    parameters = tool_declaration(mode, space=space)["function"]["parameters"]["properties"]
+    action = parameters.pop("action")
+    assert action["enum"] == list(actions_of(space))
+    assert re.findall(r"^\* `(\w+)`:", action["description"], re.MULTILINE) == action["enum"]
+    keys = {
+        key
+        for kind in actions_of(space).values()
+        for field in fields_of(kind, space)
+        for key in keys_of(field, mode, space)
+    }
+    assert set(parameters) == keys
+    for name in action["enum"]:
+        parsed = parse_reply(call({"action": name, "bogus": 1}), mode, "memory", space=space)
+        assert isinstance(parsed, ParseError)
+        assert parsed.kind == "bad_arguments", "it is known, and takes no such argument"
+
+
+EXTENDED = [
+    ({"action": "left_click", "coordinate": [1, 2], "modifiers": ["Control"]}, "bad_arguments"),
+    ({"action": "scroll", "direction": "left"}, "bad_arguments"),
+    ({"action": "scroll", "direction": "down", "coordinate": [1, 2]}, "bad_arguments"),
+    ({"action": "type", "coordinate": [1, 2], "text": "x", "enter": False}, "bad_arguments"),
+    ({"action": "drag", "start_coordinate": [1, 2], "coordinate": [3, 4]}, "unknown_action"),
+    ({"action": "press", "keys": ["Enter"]}, "unknown_action"),
+    ({"action": "press", "keys": "Control+a"}, "unknown_action"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "kind"), EXTENDED, ids=str)
+def test_the_papers_space_stays_as_it_is(arguments: dict[str, Any], kind: str) -> None:
+    assert problem_of(call(arguments)) == kind
+    assert isinstance(parse_reply(call(arguments), "coordinates", "memory", space="extended"), ParsedReply)
+
+
+@pytest.mark.parametrize(
+    ("mode", "arguments", "kind"),
+    [
+        ("coordinates", {"action": "hover", "element": 3}, "wrong_mode"),
+        ("coordinates", {"action": "drag", "start_element": 3, "coordinate": [1, 2]}, "wrong_mode"),
+        ("coordinates", {"action": "drag", "coordinate": [1, 2]}, "bad_arguments"),
+        ("marks", {"action": "hover", "element": 3, "coordinate": [1, 2]}, "bad_arguments"),
+        ("marks", {"action": "hover", "coordinate": [1, 2000]}, "bad_target"),
+        ("marks", {"action": "left_click", "element": 3, "modifiers": ["ctrl"]}, "bad_arguments"),
+        ("marks", {"action": "type", "element": 3, "text": "x", "enter": "no"}, "bad_arguments"),
+        ("marks", {"action": "press", "keys": []}, "bad_arguments"),
+        ("marks", {"action": "press", "keys": ["Enter", 3]}, "bad_arguments"),
+        ("marks", {"action": "press", "keys": ["  "]}, "bad_arguments"),
+        ("marks", {"action": "scroll", "direction": "away"}, "bad_arguments"),
+        ("marks", {"action": "upload", "element": 3}, "bad_arguments"),
+    ],
+    ids=str,
+)
+def test_no_action_in_the_extended_space(mode: Mode, arguments: dict[str, Any], kind: str) -> None:
+    parsed = parse_reply(call(arguments), mode, "memory", space="extended")
+    assert isinstance(parsed, ParseError)
+    assert parsed.kind == kind
+
+
+def test_extended_actions() -> None:
+    def read(arguments: dict[str, Any]) -> Action:
+        parsed = parse_reply(call(arguments), "marks", "memory", space="extended")
+        assert isinstance(parsed, ParsedReply), parsed
+        return parsed.action
+
+    drag = {"action": "drag", "start_element": 3, "coordinate": [1, 2]}
+    assert read(drag) == Drag(Target(element=3), Target(coordinate=(1, 2)))
+    assert read({"action": "press", "keys": "Control+a"}) == Press(("Control+a",))
+    assert read({"action": "press", "keys": [" "]}) == Press((" ",)), "the space bar"
+    held = {"action": "left_click", "element": 3, "modifiers": "Shift"}
+    assert read(held) == LeftClick(Target(element=3), ("Shift",))
+
+
+def test_records_of_the_papers_space_are_written_as_they_were() -> None:
+    written = {
+        b'{"name":"left_click","target":{"element":3}}': LeftClick(Target(element=3)),
+        b'{"name":"type","target":{"element":3},"text":"x"}': Type(Target(element=3), "x"),
+        b'{"name":"scroll","direction":"down"}': Scroll("down"),
+    }
+    for line, action in written.items():
+        assert msgspec.json.encode(action) == line
+        assert msgspec.json.decode(line, type=Action) == action
+
+
+def test_a_compact_reply_has_the_papers_actions_only() -> None:
+    with pytest.raises(ValueError, match="compact"):
+        AgentConfig(actions="extended", prompt_format="compact")
+    assert AgentConfig().actions == "paper"

@@ -9,13 +9,11 @@ from webgym.browser.gestures import (
     Choose,
     Click,
     Fill,
-    Hover,
     HoverAndScroll,
-    Press,
     ScrollElement,
     Wheel,
 )
-from webgym.core.action import LeftClick, Target
+from webgym.core.action import Hover, LeftClick, Press, Target
 
 from .conftest import Site, Tab
 

@@ -468,12 +468,12 @@ def _means(arguments: dict[str, Any], found: ParsedReply, case: Case) -> bool:
     given = {key: value for key, value in arguments.items() if value is not None}
     name, action = given.pop("action", None), found.action
     match action:
-        case LeftClick(target):
+        case LeftClick(target, ()):
             return name == "left_click" and _is_at(given.pop(_key(case), None), target, case) and not given
-        case Type(target, text):
+        case Type(target, text, True):
             at = _is_at(given.pop(_key(case), None), target, case)
             return name == "type" and at and given == {"text": text}
-        case Scroll(direction):
+        case Scroll(direction, None):
             return name == "scroll" and given == {"direction": direction}
         case Wait(seconds):
             return name == "wait" and set(given) == {"time"} and _same(given["time"], seconds)
@@ -483,6 +483,8 @@ def _means(arguments: dict[str, Any], found: ParsedReply, case: Case) -> bool:
             return name == "navigate" and set(given) == {"url"} and str(given["url"]).strip() == url
         case Answer(text):
             return name == "answer" and given == {"text": text}
+        case _:  # of the extended space, which is not asked for
+            return False
 
 
 def _key(case: Case) -> str:

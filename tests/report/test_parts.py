@@ -9,6 +9,7 @@ import io
 import json
 import re
 import shutil
+from importlib import resources
 from pathlib import Path
 
 import msgspec
@@ -17,9 +18,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from webgym.core.action import LeftClick, Target, Type
+from webgym.core.action import (
+    DoubleClick,
+    Drag,
+    Hover,
+    LeftClick,
+    Press,
+    RightClick,
+    Scroll,
+    Target,
+    Type,
+    Upload,
+)
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Revision
+from webgym.judge.history import action_history
 from webgym.report.charts import Histogram, LogAxis, outcome_bar, rate_bar
 from webgym.report.config import ReportConfig
 from webgym.report.content import page, row
@@ -64,6 +77,38 @@ def test_a_mark_that_was_not_recorded_is_still_shown(run_folder: Path) -> None:
     episode = msgspec.structs.replace(made.episode, steps=(step,))
     action = page(msgspec.structs.replace(made, episode=episode), None)["steps"][0]["action"]
     assert action == {"name": "type", "text": "x", "mark": 77}
+
+
+PLACE = Target(coordinate=(500, 40))
+EXTENDED = {
+    "click": LeftClick(PLACE, ("Control", "Shift")),
+    "double_click": DoubleClick(PLACE),
+    "right_click": RightClick(PLACE),
+    "hover": Hover(PLACE),
+    "drag": Drag(Target(element=77), PLACE),
+    "press": Press(("Control", "a")),
+    "upload": Upload(PLACE, ("cv.txt", "photo.png")),
+    "scroll": Scroll("left", PLACE),
+}
+
+
+@pytest.mark.parametrize("name", EXTENDED)
+def test_extended_actions_are_told_and_drawn(run_folder: Path, name: str) -> None:
+    made = next(RunReader(run_folder).trajectories())
+    step = msgspec.structs.replace(made.episode.steps[0], action=EXTENDED[name])
+    episode = msgspec.structs.replace(made.episode, steps=(step,))
+    action = page(msgspec.structs.replace(made, episode=episode), None)["steps"][0]["action"]
+    assert action["name"] == name
+    assert name == "press" or action["on"] == "Search the catalogue"
+    assert action.get("from") == ({"mark": 77} if name == "drag" else None)
+    script = (resources.files("webgym.report") / "static" / "stage.js").read_text("utf-8")
+    sentence, marks = script.split("function marks(")
+    assert f'case "{name}":' in sentence
+    assert f'case "{name}":' in marks
+    assert f"{name}: " in sentence.partition("const SHORT")[2]
+    told = action_history(episode, line_chars=300, limit=3000)
+    assert f"step 1, on {step.observation.url}: " in told
+    assert "77" in told if name == "drag" else "cv.txt, photo.png" in told or name != "upload"
 
 
 def test_how_a_memory_was_mended_is_told(run_folder: Path) -> None:

@@ -19,7 +19,7 @@ from tests.tasks.strategies import task_lists
 
 from webgym.collection import RunConfig, TaskChoice, choose_tasks
 from webgym.core.errors import TaskFileError
-from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.task import Attachment, FactGroup, Rubric, Task
 from webgym.offline import OfflineWeb
 from webgym.tasks import Format, read_tasks, write_tasks
 
@@ -70,6 +70,13 @@ def test_lines_and_parquet_give_each_other_back_byte_for_byte(
     assert through(folder, "tasks.parquet", from_lines)[1] == parquet
 
 
+def test_the_files_of_a_task_come_back_in_every_format(tmp_path: Path) -> None:
+    files = (Attachment("cv.txt", text="Ann"), Attachment("photo.png", data=b"\x89PNG"))
+    tasks = [task(1, files=files), task(2)]
+    for name in NAMES:
+        assert through(tmp_path, name, tasks)[0] == tasks, name
+
+
 def test_the_offline_web_with_its_truths_comes_back_in_every_format(tmp_path: Path) -> None:
     tasks = list(OfflineWeb(per_family=2).tasks(None))
     for name in NAMES:
@@ -105,6 +112,7 @@ def test_parquet_has_a_typed_column_per_field(tmp_path: Path) -> None:
             "flags": ["dated"],
             "extra": '{"attempt_level":2}',
             "truth": None,
+            "files": None,
         }
     ]
     meta = pq.ParquetFile(path).metadata.row_group(0).column(0)

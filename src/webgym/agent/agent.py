@@ -145,6 +145,7 @@ class Conversation:
             mode=profile.mode,
             prompt_format=config.prompt_format,
             screen=profile.screen(sent),
+            space=config.actions,
         )
         reply = await self._ask(turn)
         parsed = self._parse(reply, turn)
@@ -180,6 +181,7 @@ class Conversation:
             turn.prompt_format,
             screen=turn.screen,
             thinking=thinking_of(reply, self._agent.profile),
+            space=turn.space,
         )
         if isinstance(parsed, ParseError) and reply.finish_reason == "length":
             return ParseError(parsed.kind, f"{parsed.message}; it was too long and was cut off")

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import datetime
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, Self, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from webgym.core.action import Mode
+from webgym.core.action import Mode, Space
 
 PromptFormat: TypeAlias = Literal["memory", "official", "compact", "compact_official"]
 """``memory``: Memory, Progress, Intention, Action, tool call. ``official``: the last two (paper §5). The
@@ -33,6 +33,11 @@ class AgentConfig(BaseModel):
     prompt_format: PromptFormat = "memory"
     """What a reply consists of. The memory prompt is worth three points of success (paper §5)."""
 
+    actions: Space = "paper"
+    """``paper``: the paper's seven actions. ``extended``: also hover, key chords, double, right and modified
+    clicks, drags, scrolling a box that is named, to all four sides, typing without Enter, and choosing files
+    of the task; in marks mode, points for places that carry no number."""
+
     rounds: int = Field(default=4, ge=0, le=50)
     """Past rounds that are shown whole, as screenshot and reply, before the current screenshot. The paper
     has 3, its authors' code 4. What is older is known from the memory and a list of actions alone."""
@@ -57,3 +62,9 @@ class AgentConfig(BaseModel):
 
     summary_line_max_chars: int = Field(default=200, ge=20)
     """Longest description of one older action in the list of actions."""
+
+    @model_validator(mode="after")
+    def _has_words_for_its_actions(self) -> Self:
+        if self.actions == "extended" and self.prompt_format.startswith("compact"):
+            raise ValueError(f"the prompt format {self.prompt_format} has the paper's actions only")
+        return self

@@ -207,6 +207,9 @@ def _opening(
     task: Task, older: Sequence[Round], now: Now, config: AgentConfig, screen: Size, cut: Cut
 ) -> str:
     parts = [f"Task: {task.instruction}", f"It starts on: {task.website}"]
+    if task.files and config.actions == "extended":
+        named = ", ".join(f"{_cut(file.name, 200)!r} ({len(file.content)} bytes)" for file in task.files)
+        parts.append(f"Its files, for upload: {named}")
     if older:
         lines = [f"(The first {cut.lines} are left out.)"] if cut.lines else []
         lines += [_summary_line(past, screen, config.summary_line_max_chars) for past in older[cut.lines :]]

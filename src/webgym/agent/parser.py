@@ -29,7 +29,7 @@ from webgym.agent.config import WITH_MEMORY, PromptFormat
 from webgym.agent.pictures import Size
 from webgym.agent.profile import Thinking
 from webgym.agent.wire import TOOL_NAME, ParseProblem, Refused, from_arguments
-from webgym.core.action import GRID, Action, Mode
+from webgym.core.action import GRID, Action, Mode, Space
 
 _THINK, _END_THINK = "<think>", "</think>"
 _CALL, _END_CALL = "<tool_call>", "</tool_call>"
@@ -81,6 +81,7 @@ def parse_reply(
     *,
     screen: Size = (GRID, GRID),
     thinking: Thinking = "tagged",
+    space: Space = "paper",
 ) -> ParsedReply | ParseError:
     """What ``text`` says. Never raises.
 
@@ -90,12 +91,13 @@ def parse_reply(
         prompt_format: which sections are read.
         screen: where the reply's points end, to the right and below.
         thinking: whether a chat template has opened the thinking.
+        space: which actions there are; the compact formats have the paper's.
     """
     try:
         if prompt_format in COMPACT_FORMATS:
             return _read_compact(text, mode, prompt_format, screen, thinking)
         before, call = _split(text, thinking)
-        action = _read_call(call, mode, screen)
+        action = _read_call(call, mode, screen, space)
     except Refused as refused:
         return ParseError(refused.kind, refused.message)
     sections = _sections(before)
@@ -163,7 +165,7 @@ def _split(text: str, thinking: Thinking) -> tuple[str, str]:
     return before, call
 
 
-def _read_call(text: str, mode: Mode, screen: Size) -> Action:
+def _read_call(text: str, mode: Mode, screen: Size, space: Space) -> Action:
     call = _read_json(_without_fence(text))
     if not isinstance(call, dict) or set(call) != {"name", "arguments"}:
         raise Refused("bad_arguments", "the tool call must be an object with name and arguments")
@@ -171,7 +173,7 @@ def _read_call(text: str, mode: Mode, screen: Size) -> Action:
         raise Refused("wrong_tool", f"the only tool is {TOOL_NAME}")
     if not isinstance(call["arguments"], dict):
         raise Refused("bad_arguments", "arguments must be an object")
-    return from_arguments(call["arguments"], mode, screen)
+    return from_arguments(call["arguments"], mode, screen, space)
 
 
 def _without_fence(text: str) -> str:

@@ -15,7 +15,7 @@ import msgspec
 
 from webgym.agent.config import PromptFormat
 from webgym.agent.pictures import Size
-from webgym.core.action import GRID, Mode
+from webgym.core.action import GRID, Mode, Space
 from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Message, Reply, Step
@@ -38,6 +38,7 @@ class Turn(msgspec.Struct, frozen=True):
         mode: how a target is named.
         prompt_format: what the reply must consist of.
         screen: where points in the reply end, to the right and below.
+        space: which actions there are.
     """
 
     task: Task
@@ -50,6 +51,7 @@ class Turn(msgspec.Struct, frozen=True):
     mode: Mode
     prompt_format: PromptFormat
     screen: Size = (GRID, GRID)
+    space: Space = "paper"
 
 
 class Player(Protocol):

@@ -9,13 +9,23 @@ from __future__ import annotations
 import datetime
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
 from webgym.agent.compact import COMPACT_FORMATS, render_compact
 from webgym.agent.config import WITH_MEMORY, AgentConfig, PromptFormat
 from webgym.agent.pictures import Size
-from webgym.agent.wire import ARGUMENTS, TOOL_NAME, to_arguments
-from webgym.core.action import GRID, MAX_WAIT_SECONDS, Action, Mode
+from webgym.agent.wire import TOOL_NAME, keys_of, to_arguments
+from webgym.core.action import (
+    DIRECTIONS,
+    GRID,
+    MAX_WAIT_SECONDS,
+    Action,
+    Mode,
+    Modifier,
+    Space,
+    actions_of,
+    fields_of,
+)
 
 _ACTIONS: dict[str, str] = {
     "left_click": "click {target}.",
@@ -25,6 +35,18 @@ _ACTIONS: dict[str, str] = {
     "go_back": "go back to the previous page.",
     "navigate": "open `url` in the tab.",
     "answer": "end the task and give the user `text`, the final answer.",
+}
+
+_EXTENDED_ACTIONS: dict[str, str] = _ACTIONS | {
+    "left_click": "click {target}, with the keys `modifiers` held down if there are any.",
+    "double_click": "click {target} twice in a row.",
+    "right_click": "click {target} with the right mouse button.",
+    "hover": "move the mouse to {target} and leave it there, so that a menu or a hint opens.",
+    "drag": "press the mouse button at {start}, move to {target} and let go there.",
+    "type": "click {target}, clear the field, type `text` and press Enter, unless `enter` is false.",
+    "press": "press the keys `keys` together, wherever the focus is.",
+    "scroll": "scroll `direction` by most of what is shown: the box at {target} if given, else the page.",
+    "upload": "click {target}, which asks for a file, and choose `files`, by the names of the task's files.",
 }
 
 _SCREEN: dict[Mode, str] = {
@@ -51,6 +73,26 @@ _ARGUMENT_SCHEMA: dict[str, dict[str, Any]] = {
     "time": {"type": "number", "minimum": 0, "description": "Seconds: for wait."},
     "url": {"type": "string", "description": "A full http or https address: for navigate."},
 }
+
+_POINT = _ARGUMENT_SCHEMA["coordinate"]
+_NUMBER = _ARGUMENT_SCHEMA["element"]
+_NAMES = {"type": "array", "items": {"type": "string"}, "minItems": 1}
+_EXTENDED_SCHEMA: dict[str, dict[str, Any]] = {
+    "start_coordinate": _POINT | {"description": "[x, y], the point to start from"},
+    "coordinate": _POINT | {"description": "[x, y], the point to use"},
+    "start_element": _NUMBER | {"description": "The number on the element to start from"},
+    "element": _NUMBER | {"description": "The number on the element to use"},
+    "modifiers": _NAMES
+    | {"items": {"type": "string", "enum": list(get_args(Modifier))}, "description": "Keys to hold"},
+    "text": {"type": "string", "description": "What to type, or the final answer"},
+    "enter": {"type": "boolean", "description": "Whether to press Enter afterwards, true by default"},
+    "keys": _NAMES | {"description": 'Keys by name, as ["Control", "a"], ["ArrowDown"], ["Escape"]'},
+    "direction": {"type": "string", "enum": list(DIRECTIONS["extended"]), "description": "Where to"},
+    "files": _NAMES | {"description": "Names of files of the task"},
+    "time": {"type": "number", "minimum": 0, "description": "Seconds"},
+    "url": {"type": "string", "description": "A full http or https address"},
+}
+"""Of the extended space. Which actions an argument is for is added from the actions themselves."""
 
 _ROLE = """\
 You carry out tasks on the web for a user. You see the browser as screenshots and act with one tool, one \
@@ -91,10 +133,13 @@ Action: one sentence that says what you do now and on what.
 </tool_call>"""
 
 _REPLIES = {"memory": _MEMORY_REPLY, "official": _OFFICIAL_REPLY}
-_TARGETS: dict[Mode, str] = {
-    "coordinates": "the point `coordinate`",
-    "marks": "the element with the number `element`",
+_TARGETS: dict[tuple[Mode, Space], str] = {
+    ("coordinates", "paper"): "the point `coordinate`",
+    ("marks", "paper"): "the element with the number `element`",
+    ("coordinates", "extended"): "the point `{0}coordinate`",
+    ("marks", "extended"): "the element `{0}element`",
 }
+_UNNUMBERED = " A place that carries no number is named by `coordinate` instead. {0}"
 
 
 def system_prompt(config: AgentConfig, mode: Mode = "coordinates", screen: Size = (GRID, GRID)) -> str:
@@ -109,22 +154,22 @@ def system_prompt(config: AgentConfig, mode: Mode = "coordinates", screen: Size 
         return "act with memory" if config.prompt_format in WITH_MEMORY else "act"
     parts = [
         _ROLE if config.today is None else f"{_ROLE}\n{_date(config.today)}",
-        f"# Tool\n<tools>\n{json.dumps(tool_declaration(mode, screen))}\n</tools>",
+        f"# Tool\n<tools>\n{json.dumps(tool_declaration(mode, screen, config.actions))}\n</tools>",
         _REPLIES[config.prompt_format].format(tool=TOOL_NAME),
         _RULES,
     ]
     return "\n\n".join(parts)
 
 
-def tool_declaration(mode: Mode, screen: Size = (GRID, GRID)) -> dict[str, Any]:
+def tool_declaration(mode: Mode, screen: Size = (GRID, GRID), space: Space = "paper") -> dict[str, Any]:
     """The ``computer_use`` tool as a JSON schema, in the form in which chat templates declare tools."""
-    lines = [f"* `{name}`: {text.format(target=_TARGETS[mode])}" for name, text in _ACTIONS.items()]
-    left_out = "element" if mode == "coordinates" else "coordinate"
-    arguments = {key: schema for key, schema in _ARGUMENT_SCHEMA.items() if key != left_out}
-    if mode == "coordinates":
-        point = arguments["coordinate"]
-        arguments["coordinate"] = point | {"items": point["items"] | {"maximum": max(screen)}}
+    texts = _ACTIONS if space == "paper" else _EXTENDED_ACTIONS
+    place = _TARGETS[mode, space]
+    places = {"target": place.format(""), "start": place.format("start_")}
+    lines = [f"* `{name}`: {texts[name].format(**places)}" for name in actions_of(space)]
     described = f"Use a web browser by mouse and keyboard. {_SCREEN[mode].format(*screen)}"
+    if mode == "marks" and space == "extended":
+        described += _UNNUMBERED.format(_SCREEN["coordinates"].format(*screen))
     return {
         "type": "function",
         "function": {
@@ -135,15 +180,33 @@ def tool_declaration(mode: Mode, screen: Size = (GRID, GRID)) -> dict[str, Any]:
                 "properties": {
                     "action": {
                         "type": "string",
-                        "enum": list(ARGUMENTS),
+                        "enum": list(actions_of(space)),
                         "description": "What to do:\n" + "\n".join(lines),
                     },
-                    **arguments,
+                    **_arguments(mode, screen, space),
                 },
                 "required": ["action"],
             },
         },
     }
+
+
+def _arguments(mode: Mode, screen: Size, space: Space) -> dict[str, dict[str, Any]]:
+    """The tool's arguments but ``action``: those that an action of the space takes in this mode."""
+    takers: dict[str, list[str]] = {}
+    for name, action in actions_of(space).items():
+        for field in fields_of(action, space):
+            for key in keys_of(field, mode, space):
+                takers.setdefault(key, []).append(name)
+    schema = _ARGUMENT_SCHEMA if space == "paper" else _EXTENDED_SCHEMA
+    found = {key: schema[key] for key in schema if key in takers}
+    for key, argument in found.items():
+        if key.endswith("coordinate"):
+            found[key] = found[key] | {"items": argument["items"] | {"maximum": max(screen)}}
+        if space == "extended":
+            purpose = f"{argument['description']}: for {', '.join(takers[key])}."
+            found[key] = found[key] | {"description": purpose}
+    return found
 
 
 def _date(today: datetime.date) -> str:

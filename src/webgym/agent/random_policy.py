@@ -13,9 +13,15 @@ from webgym.core.action import (
     GRID,
     Action,
     Answer,
+    DoubleClick,
+    Drag,
     GoBack,
+    Hover,
     LeftClick,
+    Press,
+    RightClick,
     Scroll,
+    Side,
     Target,
     Type,
     Wait,
@@ -28,6 +34,9 @@ _ANSWER_CHANCE: Final = 0.05
 """Chance of an answer at any turn but the last one, which always answers."""
 
 _WEIGHTS: Final = {"element": 12, "point": 1, "scroll": 4, "back": 1, "wait": 1}
+_MORE: Final = {"mouse": 4, "drag": 1, "keys": 2}
+"""In the extended space."""
+_KEYS: Final = ("Enter", "Escape", "Tab", "ArrowDown", "Control+a", "Backspace")
 
 
 class RandomPolicy(OpensNothing):
@@ -59,7 +68,17 @@ class RandomPlayer:
         seen, rng = turn.observation, self._rng
         if turn.index >= turn.budget - 1 or rng.random() < _ANSWER_CHANCE:
             return Answer(self._words(seen, 3))
-        match rng.choices(list(_WEIGHTS), weights=list(_WEIGHTS.values()))[0]:
+        is_extended = turn.space == "extended"
+        weights = _WEIGHTS | (_MORE if is_extended else {})
+        match rng.choices(list(weights), weights=list(weights.values()))[0]:
+            case "mouse" if elements := usable(seen):
+                act = rng.choice((DoubleClick, RightClick, Hover))
+                return act(target_of(rng.choice(elements), seen, turn.mode))
+            case "drag" if elements := usable(seen):
+                start, end = rng.choices(elements, k=2)
+                return Drag(target_of(start, seen, turn.mode), target_of(end, seen, turn.mode))
+            case "keys" if is_extended:
+                return Press((rng.choice(_KEYS),))
             case "element" if elements := usable(seen):
                 element = rng.choice(elements)
                 target = target_of(element, seen, turn.mode)
@@ -72,7 +91,8 @@ class RandomPlayer:
             case "wait":
                 return Wait(1.0)
             case _:
-                return Scroll(rng.choice(("up", "down", "down")))
+                sides: tuple[Side, ...] = ("left", "right") if is_extended else ()
+                return Scroll(rng.choice(("up", "down", "down", *sides)))
 
     def _words(self, seen: Observation, most: int) -> str:
         """Some words that stand on the page."""

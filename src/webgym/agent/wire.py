@@ -2,9 +2,11 @@
 
 The names and arguments follow the computer-use convention that Qwen3-VL was trained on:
 ``{"action": "left_click", "coordinate": [x, y]}``. In marks mode ``element`` stands in place of
-``coordinate``. Reading is strict:
+``coordinate``; in the extended space beside it, for places that carry no number. Which actions there are, and
+what each takes, follows from :func:`webgym.core.action.actions_of`. Reading is strict:
 
-- every argument that the action needs must be there, and no other (``null`` counts as absent);
+- every argument that the action needs must be there, and none that it does not take (``null`` counts as
+  absent);
 - a coordinate is a list of exactly two finite numbers from 0 to 1000, or to the size of the picture where
   the model points at pixels; an element is a whole number from 0;
 - a number may be written as a string of plain ASCII digits (``"512"``, ``"0.5"``), nothing looser;
@@ -15,21 +17,23 @@ from __future__ import annotations
 
 import math
 import re
-from typing import Any, Final, Literal, TypeAlias
+from collections.abc import Mapping
+from typing import Any, Final, Literal, TypeAlias, get_args
+
+import msgspec
 
 from webgym.agent.pictures import Size
 from webgym.core.action import (
+    DIRECTIONS,
     GRID,
     Action,
-    Answer,
-    GoBack,
-    LeftClick,
     Mode,
-    Navigate,
-    Scroll,
+    Modifier,
+    Space,
     Target,
-    Type,
-    Wait,
+    actions_of,
+    fields_of,
+    name_of,
 )
 
 TOOL_NAME: Final = "computer_use"
@@ -58,46 +62,38 @@ class Refused(Exception):
         self.message = message
 
 
-ARGUMENTS: Final[dict[str, tuple[str, ...]]] = {
-    "left_click": ("target",),
-    "type": ("target", "text"),
-    "scroll": ("direction",),
-    "wait": ("time",),
-    "go_back": (),
-    "navigate": ("url",),
-    "answer": ("text",),
-}
-"""What every action takes. ``target`` is ``coordinate`` or ``element``, by the mode."""
+_PLACES: Final = {"target": "", "start": "start_"}
+"""Fields that say where: what comes before ``coordinate`` and ``element`` in the names of their arguments."""
 
-_TARGETS: Final[dict[Mode, str]] = {"coordinates": "coordinate", "marks": "element"}
 _LARGEST_ELEMENT: Final = 2**53
 """From here on, not every whole number is one of its own once it was read."""
 
 _NUMBER = re.compile(r"-?[0-9]{1,20}(\.[0-9]{1,20})?", re.ASCII)
 
 
-def target_key(mode: Mode) -> str:
-    """The name of the argument that says where an action lands."""
-    return _TARGETS[mode]
+def keys_of(field: str, mode: Mode, space: Space) -> tuple[str, ...]:
+    """The arguments that give a field of an action, of which one is written."""
+    if field not in _PLACES:
+        return (field,)
+    names = ["coordinate"] if mode == "coordinates" else ["element"]
+    if space == "extended" and mode == "marks":
+        names.append("coordinate")
+    return tuple(_PLACES[field] + name for name in names)
 
 
 def to_arguments(action: Action, screen: Size = (GRID, GRID)) -> dict[str, Any]:
     """The tool's arguments that mean this action, on a screen whose points end here."""
-    match action:
-        case LeftClick(target=target):
-            return {"action": "left_click"} | _target_argument(target, screen)
-        case Type(target=target, text=text):
-            return {"action": "type"} | _target_argument(target, screen) | {"text": text}
-        case Scroll(direction=direction):
-            return {"action": "scroll", "direction": direction}
-        case Wait(time=time):
-            return {"action": "wait", "time": time}
-        case GoBack():
-            return {"action": "go_back"}
-        case Navigate(url=url):
-            return {"action": "navigate", "url": url}
-        case Answer(text=text):
-            return {"action": "answer", "text": text}
+    found: dict[str, Any] = {"action": name_of(action)}
+    for field, default in fields_of(type(action), "extended").items():
+        value = getattr(action, field)
+        if value == default:
+            continue
+        if isinstance(value, Target):
+            told = _target_argument(value, screen)
+            found |= {_PLACES[field] + key: part for key, part in told.items()}
+        else:
+            found[field] = list(value) if isinstance(value, tuple) else value
+    return found
 
 
 def _target_argument(target: Target, screen: Size) -> dict[str, Any]:
@@ -112,66 +108,95 @@ def _rescaled(value: float, old: int, new: int) -> float:
     return value if old == new else min(float(new), value * new / old)
 
 
-def from_arguments(arguments: dict[str, Any], mode: Mode, screen: Size = (GRID, GRID)) -> Action:
+def from_arguments(
+    arguments: dict[str, Any], mode: Mode, screen: Size = (GRID, GRID), space: Space = "paper"
+) -> Action:
     """The action that these arguments mean.
 
     Args:
         arguments: of the tool.
         mode: how a target is named.
         screen: where the points end, to the right and below.
+        space: which actions there are.
 
     Raises:
         Refused: they mean none.
     """
     given = {key: value for key, value in arguments.items() if value is not None}
     name = given.pop("action", None)
-    if not isinstance(name, str) or name not in ARGUMENTS:
-        raise Refused("unknown_action", f"the action must be one of {', '.join(ARGUMENTS)}")
-    wanted = {target_key(mode) if key == "target" else key for key in ARGUMENTS[name]}
-    _check_keys(name, set(given), wanted, mode)
-    match name:
-        case "left_click":
-            return LeftClick(_target(given, mode, screen))
-        case "type":
-            return Type(_target(given, mode, screen), _text(given, "text", empty=True))
-        case "scroll":
-            return Scroll(_direction(given["direction"]))
-        case "wait":
-            return Wait(_seconds(given["time"]))
-        case "go_back":
-            return GoBack()
-        case "navigate":
-            return Navigate(_text(given, "url").strip())
-        case _:
-            return Answer(_text(given, "text"))
+    actions = actions_of(space)
+    if not isinstance(name, str) or name not in actions:
+        raise Refused("unknown_action", f"the action must be one of {', '.join(actions)}")
+    fields = fields_of(actions[name], space)
+    keys = {field: keys_of(field, mode, space) for field in fields}
+    _check_keys(name, set(given), keys, fields)
+    values = {
+        field: _read(name, field, key, given[key], screen, space)
+        for field, options in keys.items()
+        for key in options
+        if key in given
+    }
+    try:
+        return actions[name](**values)
+    except ValueError as error:
+        raise Refused("bad_arguments", f"{name}: {error}") from None
 
 
-def _check_keys(name: str, given: set[str], wanted: set[str], mode: Mode) -> None:
-    other = _TARGETS["marks" if mode == "coordinates" else "coordinates"]
-    if other in given and target_key(mode) in wanted:
-        raise Refused("wrong_mode", f"{name} takes {target_key(mode)} here, not {other}")
-    if missing := wanted - given:
+def _check_keys(
+    name: str, given: set[str], keys: Mapping[str, tuple[str, ...]], fields: Mapping[str, Any]
+) -> None:
+    for field in keys.keys() & _PLACES:
+        options = keys[field]
+        for other in {_PLACES[field] + "coordinate", _PLACES[field] + "element"} - {*options}:
+            if other in given:
+                raise Refused("wrong_mode", f"{name} takes {options[0]} here, not {other}")
+        if len(given & {*options}) > 1:
+            raise Refused("bad_arguments", f"{name} takes {' or '.join(options)}, not both")
+    needed = [options for field, options in keys.items() if fields[field] is msgspec.NODEFAULT]
+    if missing := [" or ".join(options) for options in needed if not given & {*options}]:
         raise Refused("bad_arguments", f"{name} needs {' and '.join(sorted(missing))}")
-    if extra := given - wanted:
+    if extra := given - {key for options in keys.values() for key in options}:
         named = ", ".join(" ".join(key[:40].split()) for key in sorted(extra)[:5])
         raise Refused("bad_arguments", f"{name} does not take {named}")
 
 
-def _target(given: dict[str, Any], mode: Mode, screen: Size) -> Target:
-    if mode == "marks":
-        number = _number(given["element"])
-        if number is None or number != int(number) or not 0 <= number < _LARGEST_ELEMENT:
-            raise Refused("bad_target", "element must be a whole number, as drawn on the screenshot")
-        return Target(element=int(number))
-    point = given["coordinate"]
+def _read(name: str, field: str, key: str, value: Any, screen: Size, space: Space) -> Any:
+    """The value of a field, from the argument that gives it."""
+    match field:
+        case "target" | "start":
+            return _element(key, value) if key.endswith("element") else _point(key, value, screen)
+        case "text":
+            return _text(key, value, empty=name == "type")
+        case "url":
+            return _text(key, value).strip()
+        case "direction":
+            return _choice(key, value, DIRECTIONS[space])
+        case "time":
+            return _seconds(value)
+        case "enter":
+            return _flag(key, value)
+        case "modifiers":
+            return tuple(_choice(key, one, get_args(Modifier)) for one in _texts(key, value))
+        case _:
+            return _texts(key, value)
+
+
+def _element(key: str, value: Any) -> Target:
+    number = _number(value)
+    if number is None or number != int(number) or not 0 <= number < _LARGEST_ELEMENT:
+        raise Refused("bad_target", f"{key} must be a whole number, as drawn on the screenshot")
+    return Target(element=int(number))
+
+
+def _point(key: str, point: Any, screen: Size) -> Target:
     if not isinstance(point, list) or len(point) != 2:
-        raise Refused("bad_target", "coordinate must be a list of two numbers, [x, y]")
+        raise Refused("bad_target", f"{key} must be a list of two numbers, [x, y]")
     x, y = _number(point[0]), _number(point[1])
     if x is None or y is None:
-        raise Refused("bad_target", "coordinate must be a list of two numbers, [x, y]")
+        raise Refused("bad_target", f"{key} must be a list of two numbers, [x, y]")
     if not (0 <= x <= screen[0] and 0 <= y <= screen[1]):
         where = f"0 and {GRID}" if screen == (GRID, GRID) else f"[0, 0] and [{screen[0]}, {screen[1]}]"
-        raise Refused("bad_target", f"coordinate must lie between {where}")
+        raise Refused("bad_target", f"{key} must lie between {where}")
     return Target(coordinate=(_rescaled(x, screen[0], GRID), _rescaled(y, screen[1], GRID)))
 
 
@@ -188,8 +213,7 @@ def _number(value: Any) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _text(given: dict[str, Any], key: str, *, empty: bool = False) -> str:
-    value = given[key]
+def _text(key: str, value: Any, *, empty: bool = False) -> str:
     if not isinstance(value, str):
         raise Refused("bad_arguments", f"{key} must be a string")
     if not empty and not value.strip():
@@ -197,12 +221,24 @@ def _text(given: dict[str, Any], key: str, *, empty: bool = False) -> str:
     return value
 
 
-def _direction(value: Any) -> Literal["up", "down"]:
-    if value == "up":
-        return "up"
-    if value == "down":
-        return "down"
-    raise Refused("bad_arguments", "direction must be up or down")
+def _texts(key: str, value: Any) -> tuple[str, ...]:
+    """A list of texts; one alone may stand without it. A space is the name of a key."""
+    values = [value] if isinstance(value, str) else value
+    if not isinstance(values, list) or not values or not all(isinstance(one, str) and one for one in values):
+        raise Refused("bad_arguments", f"{key} must be a list of strings")
+    return tuple(values)
+
+
+def _choice(key: str, value: Any, choices: tuple[str, ...]) -> str:
+    if value not in choices:
+        raise Refused("bad_arguments", f"{key} must be {', '.join(choices[:-1])} or {choices[-1]}")
+    return str(value)
+
+
+def _flag(key: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise Refused("bad_arguments", f"{key} must be true or false")
+    return value
 
 
 def _seconds(value: Any) -> float:

@@ -4,31 +4,36 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 
-from webgym.browser.chords import chord, keys_of
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, strokes
 from webgym.browser.page import BLANK, Page, Returned
+from webgym.browser.pointer import Point, click, drag, held, mouse, press, scroll
 from webgym.browser.settle import settle
-from webgym.browser.wire import History, HistoryEntry, Nothing
+from webgym.browser.upload import upload
+from webgym.browser.wire import History, HistoryEntry
 from webgym.browser.worlds import DocumentGone
 from webgym.core.action import (
     GRID,
     MAX_WAIT_SECONDS,
     BrowserAction,
+    DoubleClick,
+    Drag,
     GoBack,
+    Hover,
     LeftClick,
     Navigate,
+    Press,
+    RightClick,
     Scroll,
     Target,
     Type,
+    Upload,
     Wait,
 )
 from webgym.core.errors import ActionFailed, NavigationFailed
-
-Point = tuple[float, float]
 
 _SAID_LENGTH = 300
 _FRAME_DEPTH = 8
@@ -58,19 +63,6 @@ class _Field(msgspec.Struct, frozen=True):
     why: str = ""
 
 
-class _Wheel(msgspec.Struct, frozen=True):
-    """Where the wheel turns, and the height of which it scrolls a part, CSS pixels."""
-
-    point: Point
-    height: float
-
-
-class _List(msgspec.Struct, frozen=True):
-    """The wheel over an open list, if there is one."""
-
-    wheel: _Wheel | None = None
-
-
 async def perform(page: Page, action: BrowserAction) -> None:
     """Carry an action out, without waiting for what it sets off.
 
@@ -80,12 +72,26 @@ async def perform(page: Page, action: BrowserAction) -> None:
         TargetGone, BrowserCrashed: the page or the browser is gone.
     """
     match action:
-        case LeftClick(target=target):
-            await click(page, point_of(page, target))
-        case Type(target=target, text=text):
-            await type_at(page, point_of(page, target), text)
-        case Scroll(direction=direction):
-            await _scroll(page, direction)
+        case LeftClick(target=target, modifiers=modifiers):
+            point = point_of(page, target)
+            async with held(page, modifiers) as bits:
+                await click(page, point, modifiers=bits)
+        case DoubleClick(target=target):
+            await click(page, point_of(page, target), count=2)
+        case RightClick(target=target):
+            await click(page, point_of(page, target), button="right")
+        case Hover(target=target):
+            await mouse(page, "mouseMoved", point_of(page, target))
+        case Drag(start=start, target=target):
+            await drag(page, point_of(page, start), point_of(page, target))
+        case Type(target=target, text=text, enter=enter):
+            await type_at(page, point_of(page, target), text, enter=enter)
+        case Press(keys=keys):
+            await press(page, keys)
+        case Scroll(direction=direction, target=target):
+            await scroll(page, direction, None if target is None else point_of(page, target))
+        case Upload(target=target, files=names):
+            await upload(page, point_of(page, target), names)
         case Wait(time=seconds):
             await page.rest(max(0.0, min(seconds, MAX_WAIT_SECONDS)))
         case GoBack():
@@ -111,48 +117,6 @@ def point_of(page: Page, target: Target) -> Point:
     return min(x / GRID * width, width - 1), min(y / GRID * height, height - 1)
 
 
-# --- mouse --------------------------------------------------------------------------------------------
-
-
-async def mouse(page: Page, kind: str, point: Point, **more: Any) -> None:
-    """One mouse event of the protocol, until the page has taken it."""
-    params = {"type": kind, "x": point[0], "y": point[1], **more}
-    await page.session.call(
-        "Input.dispatchMouseEvent", params, reply=Nothing, seconds=page.config.execute_seconds
-    )
-
-
-async def click(page: Page, point: Point) -> None:
-    """Move the mouse here and press and release its left button."""
-    button = {"button": "left", "clickCount": 1}
-    await asyncio.gather(  # sent at once, taken in order
-        mouse(page, "mouseMoved", point),
-        mouse(page, "mousePressed", point, **button, buttons=1),
-        mouse(page, "mouseReleased", point, **button),
-    )
-
-
-async def _scroll(page: Page, direction: Literal["up", "down"]) -> None:
-    sign = 1 if direction == "down" else -1
-    wheel = await wheel_over(page, sign)
-    distance = wheel.height * page.config.scroll_fraction * sign
-    await mouse(page, "mouseWheel", wheel.point, deltaX=0, deltaY=distance)
-
-
-async def wheel_over(page: Page, sign: int) -> _Wheel:
-    """Where the wheel turns. An open list in a frame of another origin goes first: the tab's own frame does
-    not know of it."""
-    try:
-        for frame in page.worlds.entered:
-            over = (await page.run("listWheel", reply=_List, frame=frame)).wheel
-            if over is not None:
-                return _Wheel(await page.worlds.outward(frame, over.point), over.height)
-        return await page.run("wheel", sign, reply=_Wheel)
-    except DocumentGone:
-        width, height = page.options.viewport
-        return _Wheel((width / 2, height / 2), height)
-
-
 # --- keyboard -----------------------------------------------------------------------------------------
 
 
@@ -161,19 +125,6 @@ async def _press(page: Page, key: Key) -> None:
     seconds = page.config.execute_seconds
     await asyncio.gather(  # sent at once, taken in order
         *(page.session.do("Input.dispatchKeyEvent", key.event(kind), seconds=seconds) for kind in kinds)
-    )
-
-
-async def press(page: Page, *names: str) -> None:
-    """Press these keys together.
-
-    Raises:
-        ValueError: a name that no key has.
-    """
-    seconds = page.config.execute_seconds
-    events = chord(keys_of(names))
-    await asyncio.gather(  # sent at once, taken in order
-        *(page.session.do("Input.dispatchKeyEvent", event, seconds=seconds) for event in events)
     )
 
 
@@ -267,7 +218,7 @@ async def type_at(
             await _write(page, text)
         case "text" if text:
             if not replace:
-                await press(page, "Control", "End")  # the selection gives way to a caret behind it
+                await press(page, ("Control", "End"))  # the selection gives way to a caret behind it
             await _write(page, text)
         case "text" if field.filled and replace:
             await _press(page, BACKSPACE)

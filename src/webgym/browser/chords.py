@@ -83,6 +83,11 @@ def keys_of(names: Iterable[str]) -> list[Key]:
     return [_named(part) for part in parts]
 
 
+def modifier_bits(names: Iterable[str]) -> int:
+    """The protocol's bits of modifiers that are held."""
+    return sum(_BITS[name] for name in names)
+
+
 def _named(name: str) -> Key:
     if len(name) == 1:
         return key_of(name)

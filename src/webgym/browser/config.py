@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import Mode
+from webgym.core.task import Attachment, check_attachments
 
 _TEXT = r"[^\x00-\x1f\x7f;\ud800-\udfff]"
 _COOKIE = {
@@ -72,6 +73,7 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
         cuts: whether they carry the lines that are cut off, for checks of websites.
         elements: whether observations carry the interactive elements (always in marks mode).
         cookies: set before the first page is opened.
+        files: what can be chosen where a page asks for a file.
         jpeg_quality: 1 to 100 for pictures as JPEG, a third of the bytes and a quarter less CPU; ``None``
             for PNG, which loses nothing: equal names of pictures mean equal pixels then.
     """
@@ -82,7 +84,11 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
     cuts: bool = False
     elements: bool = False
     cookies: tuple[Cookie, ...] = ()
+    files: tuple[Attachment, ...] = ()
     jpeg_quality: int | None = None
+
+    def __post_init__(self) -> None:
+        check_attachments(self.files)
 
 
 class BrowserConfig(BaseModel):

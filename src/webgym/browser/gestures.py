@@ -1,4 +1,4 @@
-"""What a hand can do beside the agent's seven actions: low-level gestures, for programs that drive a
+"""What a hand can do beside the agent's actions: low-level gestures, for programs that drive a
 browser themselves and for the compatibility layer.
 
 Places are targets as actions have them: a point of the 0-1000 grid, or the number of an element. An
@@ -13,23 +13,15 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from webgym.browser.actions import Point, click, mouse, perform, point_of, press, type_at, wheel_over
-from webgym.browser.chords import keys_of
+from webgym.browser.actions import perform, point_of, type_at
 from webgym.browser.page import Page
-from webgym.core.action import BrowserAction, Direction, Target
+from webgym.browser.pointer import Point, click, mouse, wheel_over
+from webgym.core.action import BrowserAction, Direction, Hover, Side, Target
 from webgym.core.errors import ActionFailed
-
-Side: TypeAlias = Literal["up", "down", "left", "right"]
 
 
 class Click(msgspec.Struct, frozen=True, tag_field="name", tag="click"):
     """A left click. On an option of a closed dropdown: choose it."""
-
-    target: Target
-
-
-class Hover(msgspec.Struct, frozen=True, tag_field="name", tag="hover"):
-    """Move the mouse here and leave it there."""
 
     target: Target
 
@@ -58,20 +50,6 @@ class ScrollElement(msgspec.Struct, frozen=True, tag_field="name", tag="scroll_e
     direction: Side
 
 
-class Press(msgspec.Struct, frozen=True, tag_field="name", tag="press"):
-    """Press keys together: down in this order, up in the reverse one.
-
-    Attributes:
-        keys: names as in :mod:`webgym.browser.chords`; ``("Control", "a")`` and ``("Control+a",)`` are one.
-    """
-
-    keys: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        if not keys_of(self.keys):
-            raise ValueError("no key is named")
-
-
 class Fill(msgspec.Struct, frozen=True, tag_field="name", tag="fill"):
     """Click here and type. Where no field takes the focus the keys are pressed all the same.
 
@@ -96,7 +74,7 @@ class Choose(msgspec.Struct, frozen=True, tag_field="name", tag="choose"):
     element: int
 
 
-Gesture: TypeAlias = Click | Hover | HoverAndScroll | Wheel | ScrollElement | Press | Fill | Choose
+Gesture: TypeAlias = Click | HoverAndScroll | Wheel | ScrollElement | Fill | Choose
 AnyAction: TypeAlias = BrowserAction | Gesture
 """Whatever a slot carries out."""
 
@@ -138,8 +116,6 @@ async def carry_out(page: Page, action: AnyAction) -> None:
             await _turn(page, await _over_page(page, distance), distance)
         case ScrollElement(element=element, direction=direction):
             await _scroll_element(page, element, direction)
-        case Press(keys=names):
-            await press(page, *names)
         case Fill(target=target, text=text, press_enter=enter, delete_existing=replace):
             point = await _point(page, target)
             await type_at(page, point, text, replace=replace, enter=enter, blindly=True)
@@ -193,7 +169,7 @@ async def _turn(page: Page, point: Point, distance: float) -> None:
 
 async def _over_page(page: Page, distance: float) -> Point:
     spot = await page.run("wheelPoint", reply=_Spot)
-    return spot.point or (await wheel_over(page, 1 if distance > 0 else -1)).point
+    return spot.point or (await wheel_over(page, "down" if distance > 0 else "up")).point
 
 
 async def _hover_and_scroll(page: Page, point: Point, direction: Direction) -> None:

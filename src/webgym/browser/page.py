@@ -7,6 +7,7 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import urldefrag
 
@@ -21,6 +22,7 @@ from webgym.browser.traffic import Traffic
 from webgym.browser.wire import (
     DialogOpening,
     DownloadWillBegin,
+    FileChooser,
     FrameNavigated,
     Navigated,
     NavigatedWithinDocument,
@@ -141,6 +143,10 @@ class Page:
         """That have been there since the action began."""
         self._forget_hold: Callable[[], None] | None = None
         """Set while the tab is kept at its document."""
+        self.files: dict[str, Path] = {}
+        """Where the files are that can be chosen, by name."""
+        self.choosers: list[FileChooser] | None = None
+        """What asks for files, while an action waits for that."""
         self.worlds = Worlds(session, target_id, config)
         self.popups = Popups(self)
         self.workers = Workers(self)
@@ -151,7 +157,7 @@ class Page:
         session.on("Page.navigatedWithinDocument", NavigatedWithinDocument, self._on_within_document)
         session.on("Page.javascriptDialogOpening", DialogOpening, self._on_dialog)
         session.on("Page.downloadWillBegin", DownloadWillBegin, self._on_download)
-        session.on("Page.fileChooserOpened", Nothing, self._on_file_chooser)
+        session.on("Page.fileChooserOpened", FileChooser, self._on_file_chooser)
         session.on("Network.responseReceived", ResponseReceived, self._on_response)
         session.on("Network.loadingFailed", RequestFailed, self._on_request_failed)
         session.on("Inspector.targetCrashed", Nothing, self._on_crashed)
@@ -461,8 +467,13 @@ class Page:
         name = event.suggested_filename or event.url
         self.note("download_refused", f'the download of "{name[:_SAID_LENGTH]}" was refused')
 
-    def _on_file_chooser(self, _: Nothing) -> None:
-        self.note("action_failed", "the page asked for a file; files cannot be uploaded")
+    def _on_file_chooser(self, event: FileChooser) -> None:
+        if self.choosers is not None:
+            self.choosers.append(event)
+        elif self.files:
+            self.note("action_failed", "the page asked for a file; upload chooses one of the task's")
+        else:
+            self.note("action_failed", "the page asked for a file; files cannot be uploaded")
 
     def _on_crashed(self, _: Nothing) -> None:
         self.session.crashed = TargetGone("the page crashed")

@@ -27,6 +27,7 @@ from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState
 from webgym.browser.settle import settle_timed
 from webgym.browser.timers import Timers
+from webgym.browser.upload import lay_out
 from webgym.browser.wire import (
     AttachedToTarget,
     BrowserContext,
@@ -221,11 +222,11 @@ class Slot:
             await door.close()
 
     def _on_attached(self, attached: AttachedToTarget) -> None:
-        if attached.target_info.opener_id:
-            if self._page is not None:
-                self._page.popups.adopt(attached)
-        elif self._attached is not None and not self._attached.done():
-            self._attached.set_result(attached)
+        wanted = self._attached
+        if wanted is not None and not wanted.done() and not attached.target_info.opener_id:
+            wanted.set_result(attached)
+        elif self._page is not None:  # also without an opener: Ctrl and a click open a tab of its own
+            self._page.popups.adopt(attached)
 
     def _on_detached(self, detached: DetachedFromTarget) -> None:
         if self._page is None:
@@ -274,10 +275,15 @@ class Slot:
             await self.start()
         await self.warm()
         assert self._page is not None
+        assert self._process is not None
         assert self._door is not None
         self._door.renew()
         try:
             await self._page.begin(options)
+            if options.files:
+                self._page.files = await lay_out(options.files, self._process.profile / "files")
+        except OSError as error:
+            raise BrowserError(f"the task's files cannot be written: {error.strerror}") from error
         except (CommandFailed, TargetGone) as error:
             raise BrowserCrashed(f"no fresh page could be had: {error.message}") from error
         self._is_open = True

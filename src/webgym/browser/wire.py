@@ -112,6 +112,13 @@ class NavigationStarted(Wire, frozen=True):
     loader_id: str
 
 
+class FileChooser(Wire, frozen=True):
+    """``Page.fileChooserOpened``: an ``<input type=file>`` wants files."""
+
+    mode: str = "selectSingle"
+    backend_node_id: int = 0
+
+
 class ScheduledNavigation(Wire, frozen=True):
     """``Page.frameScheduledNavigation``; the delay in seconds."""
 

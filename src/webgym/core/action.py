@@ -1,12 +1,16 @@
-"""What an agent can do (paper §5, appendix C): seven actions, in two interaction modes.
+"""What an agent can do, in two interaction modes and two action spaces.
 
 In *coordinates* mode a target is a point on a 0-1000 grid over the viewport, whatever its size in
 pixels. In *marks* mode (Set-of-Marks) a target is the number drawn on an element.
+
+The *paper* space has the paper's seven actions (§5, appendix C), each by the fields that it must have. The
+*extended* space has every action here, with all of its fields. Prompt, parser and server take both from
+these types: an action, or a field of one, that is added here is everywhere.
 """
 
 from __future__ import annotations
 
-from typing import Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 import msgspec
 
@@ -14,7 +18,10 @@ GRID = 1000
 """Coordinates run from 0 to this, left to right and top to bottom (Qwen3-VL's convention)."""
 
 Mode: TypeAlias = Literal["coordinates", "marks"]
+Space: TypeAlias = Literal["paper", "extended"]
 Direction: TypeAlias = Literal["up", "down"]
+Side: TypeAlias = Literal["up", "down", "left", "right"]
+Modifier: TypeAlias = Literal["Alt", "Control", "Meta", "Shift"]
 
 MAX_WAIT_SECONDS = 10.0
 """The longest ``wait`` that is carried out; longer ones are cut to it."""
@@ -38,48 +45,178 @@ class Target(msgspec.Struct, frozen=True, omit_defaults=True):
             raise ValueError(f"a coordinate lies between 0 and {GRID}")
 
 
-class LeftClick(msgspec.Struct, frozen=True, tag_field="name", tag="left_click"):
-    """Press and release the left mouse button on the target."""
+class _Action(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="name"):
+    """Base of all actions. What has its default is not written, so that records of the paper's space stay as
+    they are."""
+
+
+class LeftClick(_Action, frozen=True, tag="left_click"):
+    """Press and release the left mouse button on the target.
+
+    Attributes:
+        modifiers: keys that are held meanwhile.
+    """
 
     target: Target
+    modifiers: tuple[Modifier, ...] = ()
 
 
-class Type(msgspec.Struct, frozen=True, tag_field="name", tag="type"):
-    """Click the target, clear it, type the text, press Enter."""
+class Type(_Action, frozen=True, tag="type"):
+    """Click the target, clear it, type the text, press Enter.
+
+    Attributes:
+        enter: whether Enter is pressed afterwards.
+    """
 
     target: Target
     text: str
+    enter: bool = True
 
 
-class Scroll(msgspec.Struct, frozen=True, tag_field="name", tag="scroll"):
-    """Turn the mouse wheel over the middle of the viewport."""
+class Scroll(_Action, frozen=True, tag="scroll"):
+    """Turn the mouse wheel over the target, by default over the middle of the viewport."""
 
-    direction: Direction
+    direction: Side
+    target: Target | None = None
 
 
-class Wait(msgspec.Struct, frozen=True, tag_field="name", tag="wait"):
+class Wait(_Action, frozen=True, tag="wait"):
     """Let the page go on for ``time`` seconds."""
 
     time: float
 
 
-class GoBack(msgspec.Struct, frozen=True, tag_field="name", tag="go_back"):
+class GoBack(_Action, frozen=True, tag="go_back"):
     """Go one entry back in the tab's history."""
 
 
-class Navigate(msgspec.Struct, frozen=True, tag_field="name", tag="navigate"):
+class Navigate(_Action, frozen=True, tag="navigate"):
     """Open a URL in the tab."""
 
     url: str
 
 
-class Answer(msgspec.Struct, frozen=True, tag_field="name", tag="answer"):
+class Answer(_Action, frozen=True, tag="answer"):
     """End the attempt with this text. Never sent to a browser."""
 
     text: str
 
 
-BrowserAction: TypeAlias = LeftClick | Type | Scroll | Wait | GoBack | Navigate
+class DoubleClick(_Action, frozen=True, tag="double_click"):
+    """Click the target twice in a row."""
+
+    target: Target
+
+
+class RightClick(_Action, frozen=True, tag="right_click"):
+    """Press and release the right mouse button on the target."""
+
+    target: Target
+
+
+class Hover(_Action, frozen=True, tag="hover"):
+    """Move the mouse to the target and leave it there."""
+
+    target: Target
+
+
+class Drag(_Action, frozen=True, tag="drag"):
+    """Press the left mouse button at the start, move to the target, release it there."""
+
+    start: Target
+    target: Target
+
+
+class Press(_Action, frozen=True, tag="press"):
+    """Press keys together: down in this order, up in the reverse one.
+
+    Attributes:
+        keys: names of :mod:`webgym.browser.chords`; ``("Control", "a")`` and ``("Control+a",)`` are one.
+
+    Raises:
+        ValueError: there is none.
+    """
+
+    keys: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not all(key.strip() or key == " " for key in self.keys) or not self.keys:
+            raise ValueError("no key is named")
+
+
+class Upload(_Action, frozen=True, tag="upload"):
+    """Click the target, which asks for a file, and choose these.
+
+    Attributes:
+        files: names of files that the task comes with; no others can be chosen.
+
+    Raises:
+        ValueError: there is none.
+    """
+
+    target: Target
+    files: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if not self.files:
+            raise ValueError("no file is named")
+
+
+BrowserAction: TypeAlias = (
+    LeftClick
+    | Type
+    | Scroll
+    | Wait
+    | GoBack
+    | Navigate
+    | DoubleClick
+    | RightClick
+    | Hover
+    | Drag
+    | Press
+    | Upload
+)
 """The actions that a browser carries out."""
 
 Action: TypeAlias = BrowserAction | Answer
+
+_PAPER: Final[tuple[type[Action], ...]] = (LeftClick, Type, Scroll, Wait, GoBack, Navigate, Answer)
+_EXTENDED: Final[tuple[type[Action], ...]] = (
+    LeftClick,
+    DoubleClick,
+    RightClick,
+    Hover,
+    Drag,
+    Type,
+    Press,
+    Scroll,
+    Upload,
+    Wait,
+    GoBack,
+    Navigate,
+    Answer,
+)
+DIRECTIONS: Final[dict[Space, tuple[Side, ...]]] = {"paper": get_args(Direction), "extended": get_args(Side)}
+"""Where a scroll leads, by space."""
+
+
+def name_of(action: Action) -> str:
+    """What an action is called in prompts, replies and records."""
+    return str(type(action).__struct_config__.tag)
+
+
+def actions_of(space: Space) -> dict[str, type[Action]]:
+    """The actions of a space by name, in the order in which a model is told of them."""
+    chosen = _PAPER if space == "paper" else _EXTENDED
+    return {str(action.__struct_config__.tag): action for action in chosen}
+
+
+def fields_of(action: type[Action], space: Space) -> dict[str, Any]:
+    """The fields by which an action is given in a space, with their defaults; ``msgspec.NODEFAULT`` where
+    one must be given. The paper's space has none that need not be."""
+    fields = {field.name: field.default for field in msgspec.structs.fields(action)}
+    return {
+        name: default
+        for name, default in fields.items()
+        if space == "extended" or default is msgspec.NODEFAULT
+    }

@@ -6,6 +6,7 @@ look at them (``gc=False``).
 
 from __future__ import annotations
 
+import re
 from itertools import combinations
 from typing import Any, Literal, TypeAlias
 
@@ -97,6 +98,52 @@ WHOLE_TASK = Rubric(
 """The rubric of a task that was given none: one fact, which says nothing of its own."""
 
 
+MAX_ATTACHED_BYTES = 512 * 1024
+"""Of all files of a task: they travel with every session."""
+
+_NO_FILE_NAME = re.compile(r"[/\\\x00-\x1f\x7f\ud800-\udfff]|^\.{1,2}$")
+
+
+class Attachment(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
+    """A file that a task comes with, which the agent may choose where a page asks for one.
+
+    Attributes:
+        name: what the page is told it is called.
+        text: what it holds, as UTF-8; or else
+        data: its bytes (base64 in JSON).
+
+    Raises:
+        ValueError: no file is called so, or it holds both.
+    """
+
+    name: str
+    text: str = ""
+    data: bytes = b""
+
+    def __post_init__(self) -> None:
+        if not self.name.strip() or _NO_FILE_NAME.search(self.name) or len(self.name.encode()) > 200:
+            raise ValueError(f"{self.name[:100]!r} is no name of a file")
+        if self.text and self.data:
+            raise ValueError(f"the file {self.name!r} has both text and data")
+
+    @property
+    def content(self) -> bytes:
+        """Its bytes."""
+        return self.data or self.text.encode()
+
+
+def check_attachments(files: tuple[Attachment, ...]) -> None:
+    """Whether these files can come with a task.
+
+    Raises:
+        ValueError: two share a name, or they are too large.
+    """
+    if len({file.name for file in files}) < len(files):
+        raise ValueError("two files of a task share a name")
+    if sum(len(file.content) for file in files) > MAX_ATTACHED_BYTES:
+        raise ValueError(f"the files of a task have more than {MAX_ATTACHED_BYTES:,} bytes")
+
+
 class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     """One thing to do on one website.
 
@@ -116,6 +163,10 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
         flags: what a user may want to choose or leave out by, such as ``"dated"``.
         extra: columns of the published set that are not used here, kept so that it can be written again.
         truth: what an offline judge and a scripted policy know; never shown to a model.
+        files: what the agent may choose where a page asks for a file, in the extended action space.
+
+    Raises:
+        ValueError: two of its files share a name, or they are too large.
     """
 
     id: str
@@ -133,6 +184,11 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     flags: tuple[str, ...] = ()
     extra: dict[str, Any] = {}
     truth: Truth | None = None
+    files: tuple[Attachment, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.files:
+            check_attachments(self.files)
 
     @property
     def difficulty(self) -> int:

@@ -2,7 +2,23 @@
 
 from __future__ import annotations
 
-from webgym.core.action import Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
+from webgym.core.action import (
+    Action,
+    Answer,
+    DoubleClick,
+    Drag,
+    GoBack,
+    Hover,
+    LeftClick,
+    Navigate,
+    Press,
+    RightClick,
+    Scroll,
+    Target,
+    Type,
+    Upload,
+    Wait,
+)
 from webgym.core.observation import Observation
 from webgym.core.trajectory import Episode, Step
 
@@ -36,12 +52,25 @@ def _line(step: Step, chars: int, with_answer: bool) -> str:
 
 def _words(action: Action, seen: Observation, with_answer: bool) -> str:
     match action:
-        case LeftClick(target):
-            return f"clicked {_target(target, seen)}"
-        case Type(target, text):
-            return f'typed "{text}" into {_target(target, seen)}'
-        case Scroll(direction):
-            return f"scrolled {direction}"
+        case LeftClick(target, modifiers):
+            held = f" with {'+'.join(modifiers)} held" if modifiers else ""
+            return f"clicked {_target(target, seen)}{held}"
+        case DoubleClick(target):
+            return f"double-clicked {_target(target, seen)}"
+        case RightClick(target):
+            return f"right-clicked {_target(target, seen)}"
+        case Hover(target):
+            return f"moved the mouse to {_target(target, seen)}"
+        case Drag(start, target):
+            return f"dragged {_target(start, seen)} to {_target(target, seen)}"
+        case Type(target, text, enter):
+            return f'typed "{text}" into {_target(target, seen)}{"" if enter else " without Enter"}'
+        case Press(keys):
+            return f"pressed {'+'.join(keys)}"
+        case Upload(target, files):
+            return f"chose the files {', '.join(files)} at {_target(target, seen)}"
+        case Scroll(direction, target):
+            return f"scrolled {direction}" + ("" if target is None else f" at {_target(target, seen)}")
         case Wait(seconds):
             return f"waited {seconds:g} s"
         case GoBack():

@@ -10,7 +10,25 @@ from collections.abc import Sequence
 from typing import Any, TypedDict
 from urllib.parse import urlsplit
 
-from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
+from webgym.core.action import (
+    GRID,
+    Action,
+    Answer,
+    DoubleClick,
+    Drag,
+    GoBack,
+    Hover,
+    LeftClick,
+    Navigate,
+    Press,
+    RightClick,
+    Scroll,
+    Target,
+    Type,
+    Upload,
+    Wait,
+    name_of,
+)
 from webgym.core.observation import Element, Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Failure, Revision, Step, Trajectory
@@ -227,12 +245,21 @@ def _mended(revision: Revision | None) -> str:
 
 def _action(action: Action, seen: Observation) -> dict[str, Any]:
     match action:
-        case LeftClick(target):
-            return {"name": "click", **_place(target, seen)}
+        case LeftClick(target, modifiers):
+            return {"name": "click", "keys": "+".join(modifiers), **_place(target, seen)}
+        case DoubleClick(target) | RightClick(target) | Hover(target):
+            return {"name": name_of(action), **_place(target, seen)}
+        case Drag(start, target):
+            return {"name": "drag", "from": _place(start, seen), **_place(target, seen)}
         case Type(target, text):
             return {"name": "type", "text": text, **_place(target, seen)}
-        case Scroll(direction):
-            return {"name": "scroll", "direction": direction}
+        case Press(keys):
+            return {"name": "press", "keys": "+".join(keys)}
+        case Upload(target, files):
+            return {"name": "upload", "text": ", ".join(files), **_place(target, seen)}
+        case Scroll(direction, target):
+            place = {} if target is None else _place(target, seen)
+            return {"name": "scroll", "direction": direction, **place}
         case Wait(seconds):
             return {"name": "wait", "seconds": seconds}
         case GoBack():

@@ -202,6 +202,7 @@ class Attempt:
             cuts=stage.config.record_cuts,
             elements=stage.agent.wants_elements,
             cookies=stage.backstage.cookies(self._visitor) if stage.backstage else (),
+            files=self.planned.task.files if stage.agent.config.actions == "extended" else (),
         )
 
     def truncate(self, after: float) -> None:

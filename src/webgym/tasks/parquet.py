@@ -1,8 +1,8 @@
 """Task sets as Parquet: a column per field of :class:`webgym.core.task.Task`, the rubric nested and typed.
 
-What has no type of its own (``truth``, ``extra``) is JSON in a string column. ``difficulty`` is there for
-whoever opens the file with something else; reading takes it from the rubric. The writer's settings are
-fixed, so that the same tasks give the same bytes for the same release of pyarrow.
+What has no type of its own (``truth``, ``extra``, ``files``) is JSON in a string column. ``difficulty`` is
+there for whoever opens the file with something else; reading takes it from the rubric. The writer's settings
+are fixed, so that the same tasks give the same bytes for the same release of pyarrow.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from webgym.core.errors import TaskFileError
-from webgym.core.task import FactGroup, Rubric, Task, WebsiteFrom
+from webgym.core.task import Attachment, FactGroup, Rubric, Task, WebsiteFrom
 from webgym.core.truth import Truth
 from webgym.tasks.files import Findings
 from webgym.tasks.published import looks_published, task_of
@@ -55,6 +55,7 @@ SCHEMA: Final = pa.schema(
         pa.field("flags", pa.list_(pa.field("flag", pa.string(), nullable=False)), nullable=False),
         pa.field("extra", pa.string()),
         pa.field("truth", pa.string()),
+        pa.field("files", pa.string()),
     ],
     metadata={_VERSION_KEY: str(VERSION)},
 )
@@ -67,7 +68,7 @@ _REPEATING: Final = frozenset(
     {"website", "domain", "subdomain", "source", "parent_id", "split", "website_from"}
 )
 _ALLOWED: Final = {"split": {"train", "test"}, "website_from": {*get_args(WebsiteFrom)}}
-_JSON: Final[dict[str, Any]] = {"extra": dict[str, Any], "truth": Truth}
+_JSON: Final[dict[str, Any]] = {"extra": dict[str, Any], "truth": Truth, "files": tuple[Attachment, ...]}
 
 
 # --- writing ----------------------------------------------------------------------------------------
@@ -98,11 +99,11 @@ def _batch(tasks: list[Task]) -> pa.RecordBatch:
     columns = {
         name: pa.array([getattr(task, name) for task in tasks], SCHEMA.field(name).type)
         for name in SCHEMA.names
-        if name not in ("rubric", "extra", "truth")
+        if name not in ("rubric", *_JSON)
     }
     columns["rubric"] = _rubrics([task.rubric for task in tasks])
-    columns["extra"] = pa.array([_json(task.extra or None) for task in tasks], pa.string())
-    columns["truth"] = pa.array([_json(task.truth) for task in tasks], pa.string())
+    for name in _JSON:
+        columns[name] = pa.array([_json(getattr(task, name) or None) for task in tasks], pa.string())
     return pa.RecordBatch.from_arrays([columns[name] for name in SCHEMA.names], schema=SCHEMA)
 
 

@@ -3,30 +3,43 @@
   const webgym = globalThis.webgym;
   if (webgym.wheel) return;
   const {
-    ownerDocument, clientHeight, scrollHeight, scrollTop, getBoundingClientRect, body, documentElement,
-    scrollingElement, defaultView, querySelectorAll,
+    ownerDocument, clientHeight, clientWidth, scrollHeight, scrollWidth, scrollTop, scrollLeft, getBoundingClientRect,
+    body, documentElement, scrollingElement, defaultView, querySelectorAll,
   } = webgym.dom;
-  const { state, rootOf } = webgym;
+  const { state, rootOf, isFrame } = webgym;
   const { intersect, middle, parentOf, hit, begin } = webgym.geometry;
 
   const LEAST_SHARE = 0.005; // of the viewport: smaller boxes are not what one scrolls for
 
-  const isScroller = (element) => {
-    if (scrollHeight(element) - clientHeight(element) <= 1) return false;
+  // How a side is measured: its axis, and whether it leads to the beginning.
+  const DOWN = { shown: clientHeight, extent: scrollHeight, at: scrollTop, overflow: 'overflowY', whole: () => innerHeight };
+  const ACROSS = { shown: clientWidth, extent: scrollWidth, at: scrollLeft, overflow: 'overflowX', whole: () => innerWidth };
+  const SIDES = {
+    up: { ...DOWN, isBack: true }, down: { ...DOWN, isBack: false },
+    left: { ...ACROSS, isBack: true }, right: { ...ACROSS, isBack: false },
+  };
+
+  const isScroller = (element, side) => {
+    if (side.extent(element) - side.shown(element) <= 1) return false;
     const owner = ownerDocument(element);
-    const { overflowY } = getComputedStyle(element);
-    if (element !== scrollingElement(owner)) return overflowY === 'auto' || overflowY === 'scroll';
-    const outer = overflowY === 'visible' && body(owner) ? getComputedStyle(body(owner)).overflowY : overflowY;
+    const overflow = getComputedStyle(element)[side.overflow];
+    if (element !== scrollingElement(owner)) return overflow === 'auto' || overflow === 'scroll';
+    const outer = overflow === 'visible' && body(owner) ? getComputedStyle(body(owner))[side.overflow] : overflow;
     return outer !== 'hidden' && outer !== 'clip';
   };
 
-  const hasRoom = (element, direction) =>
-    direction < 0 ? scrollTop(element) > 0 : scrollTop(element) + clientHeight(element) < scrollHeight(element) - 1;
+  // A page that is written from right to left begins at 0 and goes on below it.
+  const hasRoom = (element, side) => {
+    const room = side.extent(element) - side.shown(element) - 1;
+    const at = side.at(element);
+    const passed = at < 0 || getComputedStyle(element).direction === 'rtl' && side.overflow === 'overflowX' ? room + at : at;
+    return side.isBack ? passed > 0 : passed < room;
+  };
 
   // Whether something around an element scrolls, in its own frame and those above.
-  const isInScroller = (element) => {
+  const isInScroller = (element, side) => {
     for (let node = element; node; ) {
-      if (isScroller(node)) return true;
+      if (isScroller(node, side)) return true;
       const owner = ownerDocument(node);
       const view = defaultView(owner);
       node = parentOf(node) || (view !== window && node === documentElement(owner) ? view.frameElement : null);
@@ -34,10 +47,10 @@
     return false;
   };
 
-  const scrollers = (root, direction, found) => {
+  const scrollers = (root, side, found) => {
     for (const element of querySelectorAll(root, '*')) {
-      if (isScroller(element) && hasRoom(element, direction)) found.push(element);
-      if (rootOf(element)) scrollers(rootOf(element), direction, found);
+      if (isScroller(element, side) && hasRoom(element, side)) found.push(element);
+      if (rootOf(element)) scrollers(rootOf(element), side, found);
     }
     return found;
   };
@@ -50,34 +63,49 @@
   };
 
   // How much is shown of what the wheel scrolls here: of a box in the page less than of the page.
-  const shownAt = (point, direction) => {
-    for (let node = hit(...point); node; node = parentOf(node))
-      if (isScroller(node) && hasRoom(node, direction))
-        return node === scrollingElement(document) ? innerHeight : Math.min(clientHeight(node), innerHeight);
-    return innerHeight;
+  const shownAt = (point, side) => {
+    const whole = side.whole();
+    for (let node = hit(...point); node; node = parentOf(node)) {
+      if (node === scrollingElement(document)) return whole;
+      if (isFrame(node) || (isScroller(node, side) && hasRoom(node, side))) return Math.min(side.shown(node), whole);
+    }
+    return whole;
   };
 
-  const overList = ({ list }) => ({ point: middle(getBoundingClientRect(list)), height: clientHeight(list) });
+  const overList = ({ list }) => ({ point: middle(getBoundingClientRect(list)), extent: clientHeight(list) });
 
-  // {wheel}: {point, height} over an open list, or null.
+  // {wheel}: {point, extent} over an open list, or null.
   webgym.listWheel = () => ({ wheel: state.list && overList(state.list) });
 
-  // {point, height}: over an open list; else over the middle of the viewport; where nothing there scrolls
-  // at all, over the largest box that does. `height`: of what a part of is to be scrolled.
-  webgym.wheel = (direction) => {
+  // {point, extent}: at `wanted`, if a point is; else over an open list; else over the middle of the viewport;
+  // where nothing there scrolls at all, over the largest box that does. `extent`: of what a part of is to be
+  // scrolled.
+  webgym.wheel = (name, wanted) => {
+    const side = SIDES[name];
+    begin();
+    if (wanted) return { point: wanted, extent: shownAt(wanted, side) };
     const view = { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
     if (state.list) return overList(state.list);
-    begin();
     const found = hit(...middle(view));
     let point = middle(view);
-    if (found && !webgym.isFrame(found) && !isInScroller(found)) {
+    if (found && !isFrame(found) && !isInScroller(found, side)) {
       const area = ({ left, top, right, bottom }) => (right - left) * (bottom - top);
-      const boxes = scrollers(document, direction, [])
+      const boxes = scrollers(document, side, [])
         .map((element) => boxOf(element, view))
         .filter((box) => box && area(box) >= LEAST_SHARE * area(view))
         .sort((a, b) => area(b) - area(a));
       if (boxes.length) point = middle(boxes[0]);
     }
-    return { point, height: shownAt(point, direction) };
+    return { point, extent: shownAt(point, side) };
   };
+
+  // --- drags of the system --------------------------------------------------------------------------
+
+  let begun = null;
+  webgym.listen(
+    ['mousedown', () => (begun = null), { capture: true, passive: true }],
+    ['dragstart', (event) => (begun = event), { capture: true, passive: true }],
+  );
+  // Whether a drag of the system began since the button was pressed, and the page let it.
+  webgym.hasDragBegun = () => Boolean(begun && !begun.defaultPrevented);
 })();

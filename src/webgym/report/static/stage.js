@@ -1,12 +1,21 @@
 // A screenshot with the action drawn on it.
 
+/** What an action is aimed at. */
+const aim = (place) => place.on ? ` “${shorten(place.on, 60)}”` : place.mark !== undefined ? ` element ${place.mark}` : place.point ? " the page" : "";
+
 /** What an action does, in a few words. */
 function sentence(action) {
-  const on = action.on ? ` “${shorten(action.on, 60)}”` : action.mark !== undefined ? ` element ${action.mark}` : action.point ? " the page" : "";
+  const on = aim(action);
   switch (action.name) {
-    case "click": return `Click${on}`;
+    case "click": return `${action.keys ? `${action.keys}-click` : "Click"}${on}`;
+    case "double_click": return `Double-click${on}`;
+    case "right_click": return `Right-click${on}`;
+    case "hover": return `Hover over${on}`;
+    case "drag": return `Drag${aim(action.from)} to${on}`;
     case "type": return `Type “${shorten(action.text, 80)}” into${on || " the field"}`;
-    case "scroll": return `Scroll ${action.direction}`;
+    case "press": return `Press ${shorten(action.keys, 80)}`;
+    case "upload": return `Choose “${shorten(action.text, 80)}” at${on}`;
+    case "scroll": return `Scroll ${action.direction}${on && ` at${on}`}`;
     case "wait": return `Wait ${action.seconds} s`;
     case "back": return "Go back";
     case "navigate": return `Open ${shorten(action.text, 100)}`;
@@ -15,7 +24,9 @@ function sentence(action) {
   }
 }
 
-const SHORT = { click: "click", type: "type", scroll: "scroll", wait: "wait", back: "back", navigate: "open", answer: "answer" };
+const SHORT = { click: "click", double_click: "double", right_click: "right", hover: "hover", drag: "drag", type: "type", press: "press", upload: "upload",
+  scroll: "scroll", wait: "wait", back: "back", navigate: "open", answer: "answer" };
+const ARROWS = { up: "↑", down: "↓", left: "←", right: "→" };
 const share = (value) => `${value}%`;
 
 function bubbleAt(x, y, text) {
@@ -25,25 +36,36 @@ function bubbleAt(x, y, text) {
     [low ? "bottom" : "top"]: low ? `calc(${share(100 - y)} + 22px)` : `calc(${share(y)} + 22px)` } }, text);
 }
 
+/** The middle of a place, percent of the picture; nothing where the picture does not show it. */
+function middleOf(place) {
+  if (!place.box) return place.point || null;
+  const [left, top, width, height] = place.box;
+  return [left + width / 2, top + height / 2];
+}
+
+/** What shows a place: a frame around an element, a ring around a point. */
+function placeMark(place) {
+  if (place.box) {
+    const [left, top, width, height] = place.box;
+    return [h("div", { class: "target", style: { left: share(left), top: share(top), width: share(width), height: share(height) } })];
+  }
+  return place.point ? [h("div", { class: "ring", style: { left: share(place.point[0]), top: share(place.point[1]) } })] : [];
+}
+
 /** The marks that show an action. Places are percent of the picture. */
 function marks(action) {
   if (!action) return [];
   switch (action.name) {
-    case "click": case "type": {
-      const drawn = [];
-      let [x, y] = action.point || [];
-      if (action.box) {
-        const [left, top, width, height] = action.box;
-        drawn.push(h("div", { class: "target", style: { left: share(left), top: share(top), width: share(width), height: share(height) } }));
-        [x, y] = [left + width / 2, top + height / 2];
-      }
-      if (x === undefined) return [h("div", { class: "bubble key center bottom" }, sentence(action))];
-      if (!action.box) drawn.push(h("div", { class: "ring", style: { left: share(x), top: share(y) } }));
-      if (action.name === "type") drawn.push(bubbleAt(x, action.box ? action.box[1] + action.box[3] - 2 : y, action.text || "(nothing)"));
-      return drawn;
+    case "click": case "double_click": case "right_click": case "hover": case "drag": case "type": case "upload": {
+      const middle = middleOf(action);
+      if (!middle) return [h("div", { class: "bubble key center bottom" }, sentence(action))];
+      const said = action.name === "click" ? action.keys : action.name === "type" || action.name === "upload" ? action.text || "(nothing)" : SHORT[action.name];
+      const low = action.box ? action.box[1] + action.box[3] - 2 : middle[1];
+      return [...(action.from ? placeMark(action.from) : []), ...placeMark(action), said && bubbleAt(middle[0], low, said)].filter(Boolean);
     }
-    case "scroll": return [h("div", { class: `bubble key center ${action.direction === "down" ? "bottom" : "top"}` },
-      `${action.direction === "down" ? "↓" : "↑"} Scroll ${action.direction}`)];
+    case "scroll": return [...placeMark(action), h("div", { class: `bubble key center ${action.direction === "up" ? "top" : "bottom"}` },
+      `${ARROWS[action.direction]} ${sentence(action)}`)];
+    case "press": return [h("div", { class: "bubble key center bottom" }, sentence(action))];
     case "back": return [h("div", { class: "bubble key left top" }, "← Go back")];
     case "navigate": return [h("div", { class: "bubble key center top" }, `Open ${shorten(action.text, 120)}`)];
     case "wait": return [h("div", { class: "bubble key center top" }, sentence(action))];

@@ -12,20 +12,28 @@ from typing import Any, TypeAlias
 
 import msgspec
 
+from webgym.browser.chords import keys_of
 from webgym.browser.document import ReadRequest
 from webgym.browser.gestures import (
     AnyAction,
     Choose,
     Click,
     Fill,
-    Hover,
     HoverAndScroll,
-    Press,
     ScrollElement,
-    Side,
     Wheel,
 )
-from webgym.core.action import MAX_WAIT_SECONDS, Direction, GoBack, Navigate, Target, Wait
+from webgym.core.action import (
+    MAX_WAIT_SECONDS,
+    Direction,
+    GoBack,
+    Hover,
+    Navigate,
+    Press,
+    Side,
+    Target,
+    Wait,
+)
 from webgym.core.errors import PageError, ProtocolError
 from webgym.core.observation import NoticeKind
 from webgym.server.client import Session
@@ -186,8 +194,10 @@ def _fill(given: _FillPoint | _FillId, _: CompatConfig) -> Fill:
 
 
 def _press(given: _Keys, _: CompatConfig) -> Press:
+    names = (given.keys,) if isinstance(given.keys, str) else tuple(given.keys)
     try:
-        return Press((given.keys,) if isinstance(given.keys, str) else tuple(given.keys))
+        keys_of(names)
+        return Press(names)
     except ValueError as error:
         raise BadCommand(str(error)) from None
 

@@ -1,0 +1,246 @@
+"""The extended actions on real pages: what each does, and what is said where it cannot."""
+
+from __future__ import annotations
+
+import pytest
+
+from webgym.core.action import (
+    DoubleClick,
+    Drag,
+    Hover,
+    LeftClick,
+    Press,
+    RightClick,
+    Scroll,
+    Target,
+    Type,
+    Upload,
+)
+from webgym.core.task import Attachment
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+LOG = """<p id=log>.</p><script>
+const say = (...words) => log.append(words.join(' ') + '; ');
+</script>"""
+
+
+def log(tab: Tab) -> list[str]:
+    [line] = [line for line in tab.text if line.startswith(".")]
+    return [part.strip() for part in line.lstrip(".").split(";") if part.strip()]
+
+
+def at(x: float, y: float) -> Target:
+    return Target(coordinate=(x / 1280 * 1000, y / 768 * 1000))
+
+
+@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+async def test_every_kind_of_click(site: Site, open_tab: Open, mode: str) -> None:
+    tab = await open_tab(mode)
+    await tab.goto(
+        site.page(
+            LOG + "<button id=b style='width:200px;height:80px'>Here</button><script>"
+            "for (const name of ['click', 'dblclick', 'contextmenu', 'mouseenter']) b.addEventListener(name,"
+            "(e) => say(e.type, [e.ctrlKey, e.altKey, e.shiftKey].map(Number).join('')));"
+            "addEventListener('keydown', (e) => say(e.type, e.key));"
+            "addEventListener('keyup', (e) => say(e.type, e.key));</script>"
+        )
+    )
+    here = tab.at("Here")
+    await tab.step(Hover(here))
+    assert log(tab) == ["mouseenter 000"]
+    await tab.step(DoubleClick(here))
+    assert log(tab)[1:] == ["click 000", "click 000", "dblclick 000"]
+    await tab.step(RightClick(here))
+    assert log(tab)[4:] == ["contextmenu 000"]
+    await tab.step(LeftClick(here, ("Control", "Shift")))
+    held = ["keydown Control", "keydown Shift", "click 101", "keyup Shift", "keyup Control"]
+    assert log(tab)[5:] == held
+    await tab.step(LeftClick(here))
+    assert log(tab)[10:] == ["click 000"], "the keys were let go"
+
+
+async def test_ctrl_and_click_chooses_several(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<select multiple size=4 aria-label=Sizes><option>S<option>M<option>L</select>"
+            "<script>onchange = (e) => document.title ="
+            " [...e.target.selectedOptions].map((one) => one.value)</script>"
+        )
+    )
+    await tab.step(LeftClick(tab.at("S", "option")))
+    look = await tab.step(LeftClick(tab.at("L", "option"), ("Control",)))
+    assert look.observation.title == "S,L"
+
+
+@pytest.mark.parametrize("modifiers", [("Control",), ("Shift",)], ids=str)
+async def test_a_link_that_is_opened_beside_opens_here(
+    site: Site, tab: Tab, modifiers: tuple[str, ...]
+) -> None:
+    there = site.page("<title>There</title>")
+    await tab.goto(site.page(f"<a href='{there}'>Link</a>"))
+    look = await tab.step(LeftClick(tab.at("Link"), modifiers))  # type: ignore[arg-type]
+    assert look.observation.title == "There"
+    assert [kind for kind, _ in tab.notices] == ["popup"]
+
+
+SORTED = (
+    """<style>li, #bin { width: 200px; height: 40px; border: 1px solid }</style>
+<ul id=list><li draggable=true>One<li draggable=true>Two</ul><div id=bin>Bin</div>"""
+    + LOG
+    + """<script>
+let held;
+addEventListener('dragstart', (e) => { held = e.target; e.dataTransfer.setData('text', held.textContent); });
+bin.ondragover = (e) => e.preventDefault();
+bin.ondrop = (e) => { e.preventDefault(); say('drop', e.dataTransfer.getData('text')); bin.append(held); };
+addEventListener('dragend', () => say('end'));
+</script>"""
+)
+
+
+async def test_what_html_makes_draggable_is_dragged(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(SORTED))
+    await tab.step(Drag(at(100, 70), at(100, 130)))
+    assert log(tab)[0] == "drop Two"
+    assert "end" in log(tab)
+    assert tab.text.index("Two") > tab.text.index("Bin")
+    await tab.step(LeftClick(at(100, 30)))
+    assert len(log(tab)) == 2, "nothing is held any more"
+
+
+async def test_what_follows_the_mouse_is_dragged(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<div id=knob style='position:absolute;left:50px;top:100px;width:40px;height:40px;"
+            "background:#06c'></div><script>let from = null; let moves = 0;"
+            "knob.onpointerdown = (e) => { from = [e.clientX - knob.offsetLeft, e.clientY - knob.offsetTop];"
+            "knob.setPointerCapture(e.pointerId); };"
+            "knob.onpointermove = (e) => { if (!from) return; moves += 1;"
+            "knob.style.left = e.clientX - from[0] + 'px'; knob.style.top = e.clientY - from[1] + 'px'; };"
+            "knob.onpointerup = () => { from = null; document.title ="
+            "[knob.offsetLeft, knob.offsetTop, moves > 4] };</script>"
+        )
+    )
+    look = await tab.step(Drag(at(70, 120), at(570, 320)))
+    assert look.observation.title == "550,300,true"
+
+
+async def test_a_slider_and_a_selection_are_dragged(site: Site, open_tab: Open) -> None:
+    tab = await open_tab("marks")
+    await tab.goto(
+        site.page(
+            "<input type=range min=0 max=100 value=0 aria-label=Volume style='width:400px;margin:0'>"
+            "<p style='font:40px monospace;margin:0'>abcdef</p>"
+        )
+    )
+    x, y, _, height = tab.find("Volume").box
+    middle = y + height / 2
+    await tab.step(Drag(at(x + 8, middle), at(x + 200, middle)))
+    assert 45 <= float(tab.find("Volume").value or 0) <= 55
+
+
+async def test_keys_are_pressed_by_name(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<input aria-label=One value=abc><input aria-label=Two>"))
+    await tab.step(LeftClick(tab.at("One")))
+    await tab.step(Press(("Control+a",)))
+    await tab.step(Press(("Backspace",)))
+    await tab.step(Press(("Tab",)))
+    await tab.step(Press(("x",)))
+    assert (tab.find("One").value, tab.find("Two").value) == ("", "x")
+    await tab.step(Press(("Bogus",)))
+    [(kind, text)] = tab.notices
+    assert kind == "action_failed"
+    assert '"Bogus"' in text
+
+
+async def test_typing_without_enter(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page("<form action=/sent><input aria-label=Name value=old></form>"))
+    await tab.step(Type(tab.at("Name"), "new", enter=False))
+    assert tab.find("Name").value == "new"
+
+
+BOXES = (
+    "<style>.box { width: 300px; height: 200px; overflow: auto; position: absolute; top: 50px }"
+    ".box div { width: 1500px; height: 1500px }</style>"
+    "<div class=box id=left><div>left</div></div><div class=box id=right style='left:600px'><div>right</div>"
+    "</div><p style='height:3000px'></p><script>addEventListener('scroll', () => { document.title ="
+    "[left.scrollLeft, left.scrollTop, right.scrollLeft, right.scrollTop, scrollY] }, true)</script>"
+)
+
+
+async def test_the_box_that_is_named_scrolls_to_every_side(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(BOXES))
+    shown = 200 - 15  # without the scroll bar
+    seen = []
+    for action in (
+        Scroll("down", at(700, 150)),
+        Scroll("right", at(700, 150)),
+        Scroll("right", at(100, 150)),
+        Scroll("left", at(700, 150)),
+        Scroll("up", at(700, 150)),
+        Scroll("down", at(450, 400)),
+    ):
+        look = await tab.step(action)
+        seen.append([float(part) for part in look.observation.title.split(",")])
+    across, down = (300 - 15) * 0.75, shown * 0.75
+    expected = [
+        [0, 0, 0, down, 0],
+        [0, 0, across, down, 0],
+        [across, 0, across, down, 0],
+        [across, 0, 0, down, 0],
+        [across, 0, 0, 0, 0],
+        [across, 0, 0, 0, 768 * 0.75],
+    ]
+    for found, wanted in zip(seen, expected, strict=True):
+        assert found == pytest.approx(wanted, abs=15)
+
+
+FILES = (Attachment("cv.txt", text="Ann, baker"), Attachment("photo.png", data=b"\x89PNG"))
+TAKES = (
+    LOG
+    + """<label>Plain <input type=file id=plain></label><label for=hidden>Hidden by its page</label>
+<input type=file id=hidden multiple style="display:none"><button
+onclick="setTimeout(() => other.click(), 30)">Other</button><input type=file id=other hidden>
+<p>nothing here</p><script>
+addEventListener('change', async (e) => {
+  for (const file of e.target.files) say(e.target.id, file.name, file.size, (await file.text()).slice(-5));
+});</script>"""
+)
+
+
+async def test_files_of_the_task_are_chosen(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(files=FILES)
+    await tab.goto(site.page(TAKES))
+    await tab.step(Upload(tab.at("Plain"), ("cv.txt",)))
+    assert log(tab) == ["plain cv.txt 10 baker"]
+    await tab.step(Upload(tab.at("Other"), ("cv.txt",)))
+    assert log(tab)[1:] == ["other cv.txt 10 baker"]
+    await tab.step(Upload(tab.at("Hidden by its page"), ("cv.txt", "photo.png")))
+    assert [part.rsplit(" ", 1)[0] for part in log(tab)[2:]] == ["hidden cv.txt 10", "hidden photo.png 4"]
+    assert tab.notices == []
+
+
+async def test_no_other_files_are_chosen(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(files=FILES)
+    await tab.goto(site.page(TAKES))
+    for names, why in (
+        (("/etc/passwd",), "no file"),
+        (("../chromium.log",), "no file"),
+        (("cv.txt", "photo.png"), "only one"),
+    ):
+        await tab.step(Upload(tab.at("Plain"), names))
+        [(kind, text)] = tab.notices
+        assert kind == "action_failed"
+        assert why in text
+    await tab.step(Upload(at(600, 600), ("cv.txt",)))
+    assert "asks for a file" in tab.notices[0][1]
+    await tab.step(LeftClick(tab.at("Plain")))
+    assert "upload" in tab.notices[0][1]
+    assert log(tab) == []
+    await tab.slot.close()
+    await tab.slot.open(tab.options.__class__(text=True, elements=True))
+    await tab.goto(site.page(TAKES))
+    await tab.step(Upload(tab.at("Plain"), ("cv.txt",)))
+    assert "its files: none" in tab.notices[0][1], "the next episode has none of them"

@@ -1,164 +1,134 @@
-"""What is hard to click or to type into, in both modes.
-
-Frames of other origins and closed shadow roots have tests of their own, as have transformed pages
-(``test_frames``, ``test_marks``), lists and keys (``test_actions``, ``test_typing``).
-"""
+"""What pages make usable in their own ways is numbered once, by the name that is seen on it."""
 
 from __future__ import annotations
 
 import pytest
 
-from webgym.core.action import LeftClick, Scroll, Type
+from webgym.core.action import LeftClick
 
-from .conftest import Open, Site
+from .conftest import Open, Site, Tab
+from .test_marks import evaluate
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 
-MODES = pytest.mark.parametrize("mode", ["coordinates", "marks"])
 
-SAID = "document.title = this.value ?? this.innerText"
-SHADOW = (
-    "<x-form><template shadowrootmode=open><slot></slot><div><template shadowrootmode=open>"
-    "BODY</template></div></template></x-form><script>const SAY = (it) => { document.title = it }</script>"
+def names(tab: Tab) -> list[str]:
+    assert tab.last is not None
+    return [element.name for element in tab.last.observation.elements or ()]
+
+
+LISTENS = (
+    "<script>for (const one of document.querySelectorAll('.on'))"
+    "one.addEventListener('{0}', () => {{}})</script>"
 )
-
-CLICKED = {
-    "a canvas": (
-        "<canvas id=c aria-label=Go tabindex=0 width=200 height=100></canvas><script>"
-        "c.onclick = (e) => { document.title = [e.offsetX, e.offsetY].map((at) => Math.round(at / 10)) }"
-        "</script>",
-        "10,5",
+COMPONENT = (
+    "<script>customElements.define('x-one', class extends HTMLElement {{ constructor() {{ super();"
+    "this.attachShadow({{ mode: 'open' }}).innerHTML = `{0}`; }} }})</script>"
+)
+PAGES: dict[str, tuple[str, list[str]]] = {
+    "only a listener": ("<p class=on>Heard</p><p>Plain</p>" + LISTENS.format("click"), ["Heard"]),
+    "a press of the mouse": ("<b class=on>Heard</b>" + LISTENS.format("pointerdown"), ["Heard"]),
+    "no press of the mouse": ("<b class=on>Plain</b>" + LISTENS.format("keydown"), []),
+    "a link that leads nowhere": ("<a class=on>Next</a><a>Plain</a>" + LISTENS.format("click"), ["Next"]),
+    "children of what only has a cursor": (
+        "<div style='cursor:pointer;padding:20px'><b class=on>One</b> <b class=on>Two</b></div>"
+        + LISTENS.format("click"),
+        ["One", "Two"],
     ),
-    "what only a cursor gives away": (
-        "<div style='cursor:pointer;width:90px' onclick=\"document.title = 'hit'\">Go</div>",
-        "hit",
+    "items of a list that listens": (
+        "<ul class=on><li>One<li>Two<li>Three</ul>" + LISTENS.format("click"),
+        ["One", "Two", "Three"],
     ),
-    "an open root in an open root": (
-        SHADOW.replace("BODY", "<button onclick=\"SAY('hit')\">Go</button>"),
-        "hit",
+    "a container of controls": (
+        "<div class=on><button>One</button><div style='height:90px'></div></div>" + LISTENS.format("click"),
+        ["One"],
     ),
-    "what is slotted into an open root": (
-        SHADOW.replace("</x-form>", "<button onclick=\"SAY('hit')\">Go</button></x-form>"),
-        "hit",
+    "most of the page": ("<div class=on style='height:600px'>Map</div>" + LISTENS.format("click"), []),
+    "a card with a button in it": (
+        "<div class=on style='cursor:pointer;height:90px'>Card <button>Buy</button></div>"
+        + LISTENS.format("click"),
+        ["Card Buy", "Buy"],
     ),
-    "a scroller in a scroller": (
-        "<div id=a style='width:300px;height:150px;overflow:auto'><div style='height:400px'></div>"
-        "<div id=b style='width:200px;height:100px;overflow:auto'><div style='height:200px'></div>"
-        "<button style='display:block;height:60px' onclick=\"document.title = 'hit'\">Go</button>"
-        "<div style='height:200px'></div></div><div style='height:400px'></div></div>"
-        "<script>b.scrollTop = 170; a.scrollTop = 330</script>",
-        "hit",
+    "shapes of a drawing": (
+        "<svg width=90 height=90><g aria-label=Plain><rect width=9 height=9 /></g>"
+        "<circle class=on aria-label=Round cx=50 cy=50 r=30 /></svg>" + LISTENS.format("click"),
+        ["Round"],
     ),
-    "a page that reads from the right": (
-        "<html dir=rtl><body><div style='width:2000px'>שלום<button onclick=\"document.title = 'hit'\">Go"
-        "</button></div>",
-        "hit",
+    "a canvas": ("<canvas class=on aria-label=Board></canvas>" + LISTENS.format("click"), ["Board"]),
+    "delegated by jQuery": (
+        "<div id=box><p>Plain</p><p class=item>Item</p></div><script>window.jQuery = () => {}; box.jQuery3 = "
+        "{ events: { click: [{ selector: '.item' }] } }</script>",
+        ["Item"],
     ),
-    "a drawing": (
-        "<svg width=200 height=100><g role=button aria-label=Go onclick=\"document.title = 'hit'\">"
-        "<circle cx=60 cy=50 r=40 /></g></svg>",
-        "hit",
+    "one text of a parent without a box": (
+        "<div class=on style='display:contents'>Heard</div>" + LISTENS.format("click"),
+        ["Heard"],
     ),
-    "a link of two lines": (
-        "<div style='width:130px'>some words and <a href='#hit' onclick=\"document.title = 'hit'\" "
-        "aria-label=Go>a link that wraps</a></div>",
-        "hit",
+    "a cell that does nothing": ("<div role=grid><div role=gridcell>Plain</div></div>", []),
+    "an editor with a hidden field": (
+        "<div style='cursor:text;width:300px;height:90px'><div style='height:0;overflow:hidden'>"
+        "<textarea aria-label=Code></textarea></div>some code</div>",
+        ["Code"],
     ),
+    "a component around a button": (
+        "<x-one class=on>Save</x-one>"
+        + COMPONENT.format("<style>:host{cursor:pointer}</style><button><slot></slot></button>")
+        + LISTENS.format("click"),
+        ["Save"],
+    ),
+    "a field named by its component": (
+        "<x-one aria-label=Town></x-one>" + COMPONENT.format("<input>"),
+        ["Town"],
+    ),
+    "a field named in a slot": (
+        "<x-one><b slot=label>Town</b></x-one>"
+        + COMPONENT.format("<label for=i><slot name=label></slot></label><input id=i>"),
+        ["Town"],
+    ),
+    "a field drawn anew by its component": (
+        "<x-one></x-one>" + COMPONENT.format("<p>Town</p><div style=opacity:0><input aria-label=Town></div>"),
+        ["Town"],
+    ),
+    "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 
 
-@MODES
-@pytest.mark.parametrize(("body", "title"), CLICKED.values(), ids=CLICKED.keys())
-async def test_what_is_hard_to_click(site: Site, open_tab: Open, mode: str, body: str, title: str) -> None:
-    tab = await open_tab(mode)
-    await tab.goto(site.page(body))
-    look = await tab.step(LeftClick(tab.at("Go")))
-    assert look.observation.title == title
-    assert tab.notices == []
-
-
-FIELDS = {
-    "editable content": (f"<div contenteditable aria-label=F oninput='{SAID}'>old</div>", "new 😀", "new 😀"),
-    "a paragraph in editable content": (
-        f"<div contenteditable aria-label=F oninput='{SAID}'><p>old</p></div>",
-        "שלום",
-        "שלום",
-    ),
-    "a date": (f"<input type=date aria-label=F onchange='{SAID}'>", "14 March 2026", "2026-03-14"),
-    "right to left": (f"<input dir=rtl value=ישן aria-label=F oninput='{SAID}'>", "مرحبا 123", "مرحبا 123"),
-    "an input method": (
-        "<input aria-label=F><script>"
-        "addEventListener('compositionend', (e) => { document.title = e.data })</script>",
-        "東京",
-        "東京",
-    ),
-    "emoji of several parts": (f"<input aria-label=F oninput='{SAID}'>", "👩‍👩‍👧 🇩🇪", "👩‍👩‍👧 🇩🇪"),
-    "an open root in an open root": (
-        SHADOW.replace("BODY", "<input aria-label=F value=old oninput='SAY(this.value)'>"),
-        "new",
-        "new",
-    ),
-    "a frame": (
-        f"<iframe srcdoc='<input aria-label=F value=old oninput=\"parent.{SAID}\">'></iframe>",
-        "new",
-        "new",
-    ),
-    "a handler of keys": (
-        "<div tabindex=0 aria-label=F onkeydown='document.title += event.key'>board</div>",
-        "e4",
-        "e4Enter",
-    ),
-}
-
-
-@MODES
-@pytest.mark.parametrize(("field", "text", "title"), FIELDS.values(), ids=FIELDS.keys())
-async def test_what_is_hard_to_type_into(
-    site: Site, open_tab: Open, mode: str, field: str, text: str, title: str
+@pytest.mark.parametrize(("body", "expected"), PAGES.values(), ids=PAGES.keys())
+async def test_what_can_be_used_is_numbered_once(
+    site: Site, tab: Tab, body: str, expected: list[str]
 ) -> None:
-    tab = await open_tab(mode)
-    await tab.goto(site.page(field))
-    look = await tab.step(Type(tab.at("F"), text))
-    assert look.observation.title == title
-    assert tab.notices == []
+    await tab.goto(site.page(body))
+    assert names(tab) == expected
 
 
-@MODES
-async def test_files_are_refused(site: Site, open_tab: Open, mode: str) -> None:
-    tab = await open_tab(mode)
+async def test_what_listens_in_frames_is_numbered(site: Site, open_tab: Open) -> None:
+    inner = site.page("<b class=on>Inner</b>" + LISTENS.format("click"))
+    tab = await open_tab("marks")
+    await tab.goto(site.page(f"<iframe src={inner}></iframe><iframe src={site.elsewhere(inner)}></iframe>"))
+    assert names(tab) == ["Inner", "Inner"]
+
+
+async def test_a_text_in_a_slot_is_part_of_the_button_around_the_slot(site: Site, open_tab: Open) -> None:
+    body, _ = PAGES["a component around a button"]
+    tab = await open_tab("marks")
+    await tab.goto(site.page(f"{body}<script>onclick = () => {{ document.title = 'clicked' }}</script>"))
+    box = tab.find("Save").box
+    assert box[3] > 18, "all of it, not a part beside its text"
+    look = await tab.step(LeftClick(tab.at("Save")))
+    assert look.observation.title == "clicked"
+
+
+async def test_pages_cannot_tell_that_they_are_asked(site: Site, open_tab: Open) -> None:
+    tab = await open_tab("marks")
     await tab.goto(
         site.page(
-            "<input type=file aria-label=Plain><label>Drawn<input type=file hidden></label>"
-            "<button onclick='showOpenFilePicker()'>Picker</button>"
-            '<input type=file multiple id=f hidden><button onclick="f.click()">Script</button>'
+            "<p class=on>Heard</p>" + LISTENS.format("click") + "<script>window.seen = [];"
+            "for (const name of ['preventDefault', 'composedPath']) { const own = Event.prototype[name];"
+            "Event.prototype[name] = function () { seen.push(name); return own.call(this); } }"
+            "const { dispatchEvent } = EventTarget.prototype;"
+            "EventTarget.prototype.dispatchEvent = function (event) {"
+            "seen.push(event.type); return dispatchEvent.call(this, event); }</script>"
         )
     )
-    refused = ("action_failed", "the page asked for a file; files cannot be uploaded")
-    for name in ("Plain", "Drawn", "Picker", "Script"):
-        await tab.step(LeftClick(tab.at(name)))
-        assert tab.notices == [refused]
-    await tab.step(Type(tab.at("Plain"), "/etc/passwd"))
-    assert [kind for kind, _ in tab.notices][-1] == "action_failed"
-    assert "files cannot be uploaded" in tab.notices[-1][1]
-
-
-@MODES
-async def test_the_wheel_in_nested_scrollers(site: Site, open_tab: Open, mode: str) -> None:
-    """The one in the middle goes first; at its end the one around it."""
-    rows = "".join(f"<p>Row {number}</p>" for number in range(30))
-    tab = await open_tab(mode)
-    await tab.goto(
-        site.page(
-            "<div style='position:fixed;inset:0;overflow:auto'><h1>Above</h1><div style='height:600px;"
-            f"overflow:auto'>{rows}</div><div style='height:1500px'>Below</div></div>"
-        )
-    )
-    assert {"Above", "Row 0"} <= set(tab.text)
-    await tab.step(Scroll("down"))
-    assert "Row 0" not in tab.text
-    for _ in range(6):
-        await tab.step(Scroll("down"))
-    assert "Above" not in tab.text
-    for _ in range(6):
-        await tab.step(Scroll("up"))
-    assert {"Above", "Row 0"} <= set(tab.text)
+    assert names(tab) == ["Heard"]
+    assert await evaluate(tab, "[...seen, typeof getEventListeners]") == ["undefined"]

@@ -177,6 +177,7 @@ class Page:
             ("Emulation.setDeviceMetricsOverride", self._metrics()),
             ("Emulation.setFocusEmulationEnabled", {"enabled": True}),
             ("Page.setInterceptFileChooserDialog", {"enabled": True}),
+            ("Page.addScriptToEvaluateOnNewDocument", self.worlds.script_in_page),
         ]
         commands.append(("Runtime.runIfWaitingForDebugger", {}))
         commands.append(("Runtime.evaluate", {"expression": _CLEAR_CLIPBOARD, "userGesture": True}))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import secrets
 from collections.abc import Iterable
 from importlib import resources
 from typing import TypeVar
@@ -49,11 +50,13 @@ _FILES = (
     "reach",
     "wheel",
     "sight",
+    "targets",
     "observe",
     "marks",
     "document",
 )
 _SCRIPTS = resources.files("webgym.browser") / "scripts"
+_LISTENERS = (_SCRIPTS / "listeners.js").read_text("utf-8").rstrip()
 _SCRIPT = "".join((_SCRIPTS / f"{name}.js").read_text("utf-8") for name in _FILES)
 
 _WORLD_IS_GONE = (
@@ -106,6 +109,8 @@ class Worlds:
                 "options": config.listed_options,
             }
         )
+        self._question = f"webgym-{secrets.token_hex()}"
+        """Type of the event by which the page's own world is asked what listens there."""
         self._worlds: dict[str, int] = {}
         """World by frame; they end with their documents."""
         self._parents: dict[str, str] = {}
@@ -116,6 +121,11 @@ class Worlds:
         session.on("Page.frameAttached", FrameAttached, self._on_attached)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.frameDetached", FrameEvent, self._on_detached)
+
+    @property
+    def script_in_page(self) -> dict[str, object]:
+        """Parameters of ``Page.addScriptToEvaluateOnNewDocument`` for what runs in the page's own world."""
+        return {"source": f"{_LISTENERS}('{self._question}')", "includeCommandLineAPI": True}
 
     # --- calls --------------------------------------------------------------------------------------
 
@@ -165,7 +175,7 @@ class Worlds:
                 reply=World,
                 seconds=seconds,
             )
-            begin = f"webgym.limits = {self._limits}; webgym.attach()"
+            begin = f"webgym.limits = {self._limits}; webgym.question = '{self._question}'; webgym.attach()"
             await self._evaluate(f"{_SCRIPT} {begin}", created.execution_context_id, seconds)
             self._worlds[frame] = created.execution_context_id
         return self._worlds[frame]

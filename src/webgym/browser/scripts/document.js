@@ -10,7 +10,8 @@
   } = webgym.dom;
   const { fold, rootOf, frameIn } = webgym;
   const { roleOf, nameOf } = webgym.roles;
-  const { elementOf, numberOf, isShown, isOff, looksClickable, visibleParts, standIn } = webgym.elements;
+  const { elementOf, numberOf } = webgym.numbers;
+  const { isShown, isOff, startsPointer, visibleParts, standIn } = webgym.targets;
   const { begin, hit, middle, parentOf, intersect, moved, mapOf, compose, placeOf } = webgym.geometry;
 
   // --- where an element is --------------------------------------------------------------------------
@@ -129,7 +130,7 @@
       .map(({ left, top, right, bottom }) => [left, top, right - left, bottom - top]);
 
   const describe = (element, map) => {
-    const role = roleOf(element) || (looksClickable(element, getComputedStyle(element)) ? 'button' : '');
+    const role = roleOf(element) || (startsPointer(element, getComputedStyle(element)) ? 'button' : '');
     if (!role || isOff(element)) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const dropdown = dropdownOf(element);

@@ -31,6 +31,7 @@
     }
   };
 
+  take(EventTarget, 'dispatchEvent');
   take(
     Node,
     'nodeType nodeName parentNode parentElement childNodes firstChild ownerDocument textContent isConnected baseURI ' +

@@ -3,153 +3,14 @@
   const webgym = globalThis.webgym;
   if (webgym.observe) return;
   const {
-    nodeType, parentNode, parentElement, childNodes, firstChild, baseURI, getRootNode, localName, nextElementSibling,
-    scrollHeight, getAttribute, matches, closest, checkVisibility, getBoundingClientRect, getClientRects, body, title,
-    documentElement, scrollingElement, readyState, children, firstElementChild, childElementCount, querySelector,
-    querySelectorAll, offsetWidth, offsetHeight, isContentEditable, ofKind,
+    nodeType, parentNode, childNodes, firstChild, localName, nextElementSibling, firstElementChild, scrollHeight,
+    getBoundingClientRect, body, title, documentElement, scrollingElement, readyState, isContentEditable,
   } = webgym.dom;
   const { fold, rootOf, frameIn, isFrame, shorten } = webgym;
-  const { roleOf, nameOf, valueOf } = webgym.roles;
+  const { roleOf, valueOf } = webgym.roles;
   const { sight } = webgym;
-  const { intersect, middle, moved, contains, placeOf, hit, clipAround } = webgym.geometry;
-
-  // --- boxes --------------------------------------------------------------------------------------
-
-  // Parts of a box in the order in which a click on their middle is tried.
-  const parts = (box) => {
-    const [x, y] = middle(box);
-    const { left, top, right, bottom } = box;
-    const [w, h] = [(right - left) / 4, (bottom - top) / 4];
-    return [
-      box,
-      { left, top, right, bottom: y }, { left, top: y, right, bottom },
-      { left, top, right: x, bottom }, { left: x, top, right, bottom },
-      { left, top, right: x, bottom: y }, { left: x, top, right, bottom: y },
-      { left, top: y, right: x, bottom }, { left: x, top: y, right, bottom },
-      { left, top, right, bottom: top + h }, { left, top: bottom - h, right, bottom },
-      { left, top, right: left + w, bottom }, { left: right - w, top, right, bottom },
-    ];
-  };
-  const MAX_PARTS = 13;
-  const LEAST_SIDE = 2; // pixels of a part that is worth a click
-
-  const isArea = (element) => localName(element) === 'area';
-
-  // The picture that an area of an image map lies on.
-  const pictureOf = (area) => {
-    const map = closest(area, 'map');
-    const name = map && getAttribute(map, 'name');
-    return name ? querySelector(getRootNode(area), `img[usemap="#${CSS.escape(name)}"]`) : null;
-  };
-
-  // The box around an area, in pixels of its picture: all of it where no shape is given.
-  const shapeOf = (area, picture) => {
-    const at = area.coords.split(/[\s,]+/).map(Number);
-    const [x, y, radius] = at;
-    if (area.shape === 'default' || at.length < 3) return [0, 0, offsetWidth(picture), offsetHeight(picture)];
-    if (area.shape.startsWith('circ')) return [x - radius, y - radius, x + radius, y + radius];
-    const [across, down] = [0, 1].map((axis) => at.filter((_, index) => index % 2 === axis));
-    return [Math.min(...across), Math.min(...down), Math.max(...across), Math.max(...down)];
-  };
-
-  const areaRects = (area) => {
-    const picture = pictureOf(area);
-    if (!picture || !offsetWidth(picture)) return [];
-    const rect = getBoundingClientRect(picture);
-    const scale = rect.width / offsetWidth(picture);
-    const [left, top, right, bottom] = shapeOf(area, picture).map((at) => at * scale);
-    return [{ left: rect.left + left, top: rect.top + top, right: rect.left + right, bottom: rect.top + bottom }];
-  };
-
-  const isHit = (element, box) => {
-    const found = hit(...middle(box));
-    if (!found) return false;
-    if (contains(element, found)) return true;
-    const label = closest(found, 'label');
-    return Boolean(label && label.control === element);
-  };
-
-  const areaOf = (rect) => (rect.right - rect.left) * (rect.bottom - rect.top);
-
-  // The boxes of an element; those of its children where it has none itself, as around a floated picture.
-  const rectsOf = (element, depth = 0) => {
-    if (isArea(element)) return areaRects(element);
-    const rects = [...getClientRects(element)].filter((rect) => areaOf(rect) >= 1);
-    if (rects.length || depth > 3) return rects;
-    return [...children(rootOf(element) || element)].slice(0, 8).flatMap((child) => rectsOf(child, depth + 1));
-  };
-
-  // The first parts of an element that a click reaches, `most` of them, seen from this frame.
-  const visibleParts = (element, place, most) => {
-    const found = [];
-    let around = null;
-    for (const rect of rectsOf(element).sort((a, b) => areaOf(b) - areaOf(a)).slice(0, 3)) {
-      if (!intersect(moved(rect, place.map), place.clip)) continue;
-      around = around || clipAround(isArea(element) ? pictureOf(element) : element);
-      const own = intersect(rect, around);
-      const box = own && intersect(moved(own, place.map), place.clip);
-      for (const part of box ? parts(box) : [])
-        if (part.right - part.left >= LEAST_SIDE && part.bottom - part.top >= LEAST_SIDE && isHit(element, part)) {
-          found.push(part);
-          if (found.length === most) return found;
-        }
-    }
-    return found;
-  };
-
-  const isOff = (element) => matches(element, ':disabled') || getAttribute(element, 'aria-disabled') === 'true';
-
-  const isShown = (element) => checkVisibility(element, { visibilityProperty: true, opacityProperty: true });
-
-  // Controls that pages hide to draw their own.
-  const isTick = (element) =>
-    localName(element) === 'input' && (element.type === 'checkbox' || element.type === 'radio');
-
-  // Even where they are not displayed at all.
-  const answersItsLabel = (element) => isTick(element) || (localName(element) === 'input' && element.type === 'file');
-
-  // What is clicked instead of a control that is not seen itself: its label, or what is drawn over a box
-  // to tick.
-  const standIn = (element, place, most) => {
-    if (localName(element) !== 'input') return [];
-    for (const label of element.labels || []) {
-      const found = isShown(label) ? visibleParts(label, place, most) : [];
-      if (found.length) return found;
-    }
-    const parent = parentElement(element);
-    const isDrawn = isTick(element) && parent && childElementCount(parent) > 1 && isShown(parent);
-    return isDrawn ? visibleParts(element, place, most) : [];
-  };
-
-  // Something that only its cursor and its script make clickable.
-  const looksClickable = (element, style) =>
-    style.cursor === 'pointer' &&
-    (!parentElement(element) || getComputedStyle(parentElement(element)).cursor !== 'pointer') &&
-    !['label', 'html', 'body'].includes(localName(element));
-
-  const describe = (element, place, style, sink) => {
-    const role = roleOf(element) || (style && looksClickable(element, style) ? 'button' : '');
-    if (!role || isOff(element)) return;
-    if (role === 'listbox' && localName(element) !== 'select') return; // its options are what one clicks
-    const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
-    if (list && roleOf(list) !== 'listbox') return;
-    if (!sink.hasRoom()) return;
-    let boxes = isShown(element) || !getClientRects(element).length ? visibleParts(element, place, sink.most) : [];
-    if (!boxes.length) boxes = standIn(element, place, sink.most);
-    if (!boxes.length) return;
-    sink.addElement(element, boxes, {
-      role,
-      name: nameOf(element, role),
-      value: valueOf(element, role) ?? undefined,
-      href: role === 'link' ? hrefOf(element) : undefined,
-    });
-  };
-
-  const hrefOf = (element) => {
-    const href = ofKind(element, 'href');
-    if (!href) return undefined;
-    return shorten(typeof href === 'string' ? href : new URL(href.baseVal, baseURI(element)).href, 'address');
-  };
+  const { MAX_PARTS, isShown, isTick, answersItsLabel, visibleParts, candidateOf, choose, describe } = webgym.targets;
+  const { intersect, middle, moved, placeOf, hit } = webgym.geometry;
 
   // --- text ---------------------------------------------------------------------------------------
 
@@ -180,23 +41,34 @@
 
   const SKIPPED = new Set(['script', 'style', 'noscript', 'template', 'head', 'title', 'meta', 'link']);
   const PICTURES = new Set(['svg', 'canvas', 'video', 'audio', 'embed']);
-  const IN_PICTURES = 'a, text, [role], [tabindex], [onclick]';
   const MAX_DEPTH = 1000; // a script can nest deeper than our stack reaches
+  const MAX_SHAPES = 500; // of a drawing
+
+  const walkText = (element, place, sink) => {
+    sink.flush();
+    for (const child of childNodes(element)) {
+      const node = nodeType(child) === Node.TEXT_NODE ? child : firstChild(child);
+      if (node && nodeType(node) === Node.TEXT_NODE) addText(node, place, sink);
+    }
+    sink.flush();
+  };
+
+  const walkShapes = (shape, place, sink) => {
+    const outer = sink.around;
+    for (let child = firstElementChild(shape); child; child = nextElementSibling(child)) {
+      if (localName(child) === 'text' && sink.wantsText) walkText(child, place, sink);
+      if (sink.wantsElements && sink.shapes++ < MAX_SHAPES) sink.consider(child, place, getComputedStyle(child));
+      walkShapes(child, place, sink);
+      sink.around = outer;
+    }
+  };
 
   const walkPicture = (picture, place, sink) => {
-    if (sink.wantsElements) describe(picture, place, getComputedStyle(picture), sink);
-    if (localName(picture) !== 'svg') return;
-    for (const element of querySelectorAll(picture, IN_PICTURES))
-      if (localName(element) !== 'text') {
-        if (sink.wantsElements) describe(element, place, null, sink);
-      } else if (sink.wantsText) {
-        sink.flush();
-        for (const child of childNodes(element)) {
-          const node = nodeType(child) === Node.TEXT_NODE ? child : firstChild(child);
-          if (node && nodeType(node) === Node.TEXT_NODE) addText(node, place, sink);
-        }
-        sink.flush();
-      }
+    const outer = sink.around;
+    if (sink.wantsElements) sink.consider(picture, place, getComputedStyle(picture));
+    sink.shapes = 0;
+    if (localName(picture) === 'svg') walkShapes(picture, place, sink);
+    sink.around = outer;
   };
 
   const walkFrame = (frame, place, sink) => {
@@ -233,26 +105,30 @@
   const walkElement = (element, place, sink) => {
     const name = localName(element);
     if (SKIPPED.has(name)) return;
-    if (name === 'area' && sink.wantsElements) describe(element, place, null, sink);
+    const outer = sink.around;
+    if (name === 'area' && sink.wantsElements) sink.consider(element, place, null);
     const rect = getBoundingClientRect(element);
     const hasBox = rect.width > 0 && rect.height > 0;
     const isInView = hasBox && touches(moved(rect, place.map), place.clip);
     let style = null;
     const styled = () => style || (style = getComputedStyle(element));
     if (!hasBox && styled().display === 'none') {
-      if (sink.wantsElements && answersItsLabel(element)) describe(element, place, null, sink);
+      if (sink.wantsElements && answersItsLabel(element)) sink.consider(element, place, null);
+      sink.around = outer;
       return;
     }
     if (PICTURES.has(name)) {
       if (isInView) walkPicture(element, place, sink);
       return;
     }
+    const hasStyle = isInView || (!hasBox && styled().display === 'contents');
     if (sink.wantsElements && (isInView || !hasBox || isTick(element)))
-      describe(element, place, isInView ? styled() : null, sink);
+      sink.consider(element, place, hasStyle ? styled() : null);
     const isBlock = () => !(styled().display.startsWith('inline') || style.display === 'contents');
     if (sink.hasOpenLine && (name === 'br' || isBlock())) sink.flush();
     walkInside(element, name, place, sink, isInView, hasBox);
     if (sink.hasOpenLine && isBlock()) sink.flush();
+    sink.around = outer;
   };
 
   const walkInside = (element, name, place, sink, isInView, hasBox) => {
@@ -315,7 +191,9 @@
     const element = byNumber.get(number);
     return element && (element.deref() || null);
   };
-  webgym.elements = { elementOf, numberOf, isShown, isOff, looksClickable, visibleParts, standIn };
+  webgym.numbers = { elementOf, numberOf };
+
+  const CANDIDATES = 4; // for each element that may be listed
 
   // In the tab's own frame: what is seen is numbered and read. `frames`: what was gathered in frames of
   // other origins, {world, items} by id; the names of those that are missing are kept.
@@ -328,6 +206,8 @@
       this.lines = new Lines();
       this.fields = new Lines();
       this.elements = [];
+      this.candidates = [];
+      this.around = null; // the candidate that is being walked through
       this.frames = frames;
       this.count = 0; // of elements
       this.spare = webgym.limits.text; // for their values and addresses
@@ -358,10 +238,24 @@
       this.lines.flush();
       this.fields.flush();
     }
-    hasRoom() {
-      if (this.count < webgym.limits.elements) return true;
-      webgym.noteShortened('elements');
-      return false;
+    // An element that may be one to use; all of them are compared when they are known.
+    consider(element, place, style) {
+      if (this.candidates.length >= CANDIDATES * webgym.limits.elements) return;
+      const one = candidateOf(element, place, style, this.around && this.around.items.has(element));
+      if (!one) return;
+      this.candidates.push(one);
+      if (this.around) this.around.kids.push(one);
+      this.around = one;
+    }
+    finish() {
+      this.flush();
+      for (const one of choose(this.candidates, this.most)) {
+        if (this.count >= webgym.limits.elements) {
+          webgym.noteShortened('elements');
+          break;
+        }
+        this.addElement(one.key || one.element, one.boxes, one.described || describe(one));
+      }
     }
     // Counts an element. Values and addresses are left out where there is no room for them.
     fitting({ value, href, ...described }) {
@@ -400,7 +294,8 @@
         else if (kind === 'frame') this.replayWithin(item, place, isOpen);
         else if (kind === 'element') {
           const boxes = seen(item[1]);
-          if (boxes.length && this.hasRoom()) this.addElement(`${gathered.world} ${item[0]}`, boxes, item[2]);
+          const key = `${gathered.world} ${item[0]}`;
+          if (boxes.length) this.candidates.push({ key, boxes, described: item[2], isKept: true });
         } else this.replayText(kind, item[0], place, isOpen);
       }
     }
@@ -524,7 +419,7 @@
     sight.begin();
     const clip = isWhole ? EVERYTHING : { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
     if (documentElement(document)) walk(documentElement(document), { map: null, clip }, sink);
-    sink.flush();
+    sink.finish();
     return sink;
   };
 

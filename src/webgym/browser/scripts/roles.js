@@ -4,7 +4,7 @@
   if (webgym.roles) return;
   const {
     nodeType, parentElement, childNodes, getRootNode, localName, getAttribute, hasAttribute, checkVisibility,
-    querySelector, getElementById, isContentEditable, tabIndex, ofKind,
+    closest, querySelector, querySelectorAll, getElementById, isContentEditable, tabIndex, ofKind,
   } = webgym.dom;
   const { fold, rootOf, shorten } = webgym;
   const SPARE = 20; // characters that are looked at for one of a name: most may be white space
@@ -20,9 +20,10 @@
       'textbox searchbox slider spinbutton treeitem gridcell listbox').split(' '),
   );
 
-  const roleOf = (element) => {
+  // The role of a control.
+  const widgetOf = (element) => {
     const explicit = (getAttribute(element, 'role') || '').trim().split(/\s+/)[0];
-    if (WIDGET_ROLES.has(explicit)) return explicit;
+    if (WIDGET_ROLES.has(explicit) && (explicit !== 'gridcell' || hasAttribute(element, 'tabindex'))) return explicit;
     switch (localName(element)) {
       case 'a':
       case 'area':
@@ -45,9 +46,16 @@
     }
     if (isContentEditable(element) && !(parentElement(element) && isContentEditable(parentElement(element))))
       return 'textbox';
-    if (hasAttribute(element, 'onclick') || (hasAttribute(element, 'tabindex') && tabIndex(element) >= 0))
-      return 'button';
     return '';
+  };
+
+  // The same; "button" for what only its attributes make one.
+  const roleOf = (element) => {
+    const role = widgetOf(element);
+    if (role) return role;
+    const isButton =
+      hasAttribute(element, 'onclick') || (hasAttribute(element, 'tabindex') && tabIndex(element) >= 0);
+    return isButton ? 'button' : '';
   };
 
   const contentName = (node, depth = 0) => {
@@ -56,14 +64,15 @@
     if (getAttribute(node, 'aria-hidden') === 'true') return '';
     const tag = localName(node);
     if (tag === 'style' || tag === 'script' || tag === 'select') return '';
-    if (depth && !checkVisibility(node, { visibilityProperty: true })) return '';
+    const hasNoBox = depth && getComputedStyle(node).display === 'contents'; // never visible by `checkVisibility`
+    if (depth && !hasNoBox && !checkVisibility(node, { visibilityProperty: true })) return '';
     const label = depth ? getAttribute(node, 'aria-label') : null;
     if (label) return first(label);
     if (tag === 'img') return first(node.alt);
     if (tag === 'svg') return first((querySelector(node, 'title') || {}).textContent);
     const assigned = tag === 'slot' ? node.assignedNodes({ flatten: true }) : [];
     const inner = assigned.length ? assigned : childNodes(rootOf(node) || node);
-    const isInline = depth && getComputedStyle(node).display.startsWith('inline');
+    const isInline = depth && (hasNoBox || getComputedStyle(node).display.startsWith('inline'));
     let text = '';
     for (const child of inner) {
       if (text.length >= SPARE * webgym.limits.name) break;
@@ -77,10 +86,26 @@
     return ids.split(/\s+/).map((id) => getElementById(root, id)).filter(Boolean);
   };
 
+  const nameOfLabel = (label) => getAttribute(label, 'aria-label') || contentName(label);
+
+  // What a component calls itself, in whose shadow root a control without a name lies.
+  const nameOfHost = (element) => {
+    const { host } = getRootNode(element);
+    if (!host) return '';
+    const id = CSS.escape(getAttribute(host, 'id') || '');
+    const labels = [...querySelectorAll(getRootNode(host), `label[for="${id}"]`)];
+    const around = closest(host, 'label');
+    const named = [
+      getAttribute(host, 'aria-label'), getAttribute(host, 'label'), ...labels.map((label) => contentName(label)),
+      contentName(host), around && contentName(around), getAttribute(host, 'placeholder'), getAttribute(host, 'title'),
+    ];
+    return named.find((name) => fold(name || '')) || nameOfHost(host);
+  };
+
   const nameOf = (element, role) => {
     const labelled = getAttribute(element, 'aria-labelledby');
     const candidates = [
-      () => (labelled ? byIds(element, labelled).map((label) => contentName(label)).join(' ') : ''),
+      () => (labelled ? byIds(element, labelled).map(nameOfLabel).join(' ') : ''),
       () => getAttribute(element, 'aria-label'),
       () => [...(ofKind(element, 'labels') || [])].map((label) => contentName(label)).join(' '),
       () => (localName(element) === 'input' && role === 'button' ? element.value || element.alt : ''),
@@ -89,6 +114,7 @@
       () => getAttribute(element, 'title'),
       () => getAttribute(element, 'alt'),
       () => (localName(element) === 'option' ? element.label : ''),
+      () => nameOfHost(element),
     ];
     for (const candidate of candidates) {
       const name = fold(first(candidate()));
@@ -118,5 +144,5 @@
     return null;
   };
 
-  webgym.roles = { roleOf, nameOf, valueOf };
+  webgym.roles = { widgetOf, roleOf, nameOf, valueOf };
 })();

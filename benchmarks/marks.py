@@ -1,0 +1,341 @@
+"""Marks against what a second browser finds out by trying: pages of npm packages, by page and in all.
+
+    .venv/bin/python benchmarks/marks.py
+    .venv/bin/python benchmarks/marks.py --pages shoelace leaflet --details
+
+In a browser of its own, without our scripts, a point of every element is hovered over and clicked, and the page
+is loaded anew whenever something came of it: an element, attribute, value or picture changed, a control got
+the focus, the tab wanted to leave. What changed is the signature of a point; what changes wherever one clicks is
+left out. A mark is right if something comes of a click on its middle, and no other mark that lies there has the
+same signature. A point that reacts is found if a mark has its signature, or one that it lies in has most of it.
+Not asked for are whole containers, disabled controls, and labels of controls that are seen themselves. Names are
+compared with the browser's accessibility tree. Exit code 1 below the goals.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from npm_pages import CACHE, PAGES, serving
+
+from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.cdp import CommandFailed, Session
+from webgym.browser.find import find_browser
+from webgym.browser.page import Page as Tab
+from webgym.core.action import Navigate
+from webgym.core.observation import Element
+from webgym.core.text import fold
+
+GOAL = 0.97
+GRID = 14
+"""CSS pixels between the points from which one for every element is chosen."""
+
+MOST_POINTS = 140
+"""That are tried on a page; every n-th where there are more."""
+
+LARGE = 0.25
+"""Of the viewport: a mark that is larger is a container, unless one can type into it."""
+
+COMMON, COMMON_LEAST = 0.3, 5
+"""What changes after more clicks than this share of all, and this number, says nothing about a point."""
+
+SLACK = 8
+"""CSS pixels around a mark that belong to it."""
+
+CALL_SECONDS = 30.0
+REACTION_SECONDS = 0.09
+LOAD_SECONDS = 0.15
+POLL_SECONDS = 0.02
+QUIET_SECONDS = 0.7
+
+TRIAL = Path(__file__).with_name("marks_trial.js").read_text("utf-8")
+
+
+class Value(msgspec.Struct):
+    value: Any = None
+    objectId: str = ""  # noqa: N815 - as the protocol writes it
+
+
+class Result(msgspec.Struct):
+    result: Value
+
+
+class Anything(msgspec.Struct):
+    node: dict[str, Any] = {}
+    nodes: list[dict[str, Any]] = []
+
+
+class Trier:
+    """The second browser: what comes of clicks on a page, kept by point."""
+
+    def __init__(self, slot: Slot, url: str) -> None:
+        self.slot = slot
+        self.url = url
+        self.known: dict[tuple[float, float], str] = {}
+        self.noise: list[str] | None = None
+        self._loads = 0
+        self._is_fresh = False
+
+    @property
+    def tab(self) -> Tab:
+        assert self.slot._page is not None
+        return self.slot._page
+
+    @property
+    def session(self) -> Session:
+        return self.tab.session
+
+    async def evaluate(self, expression: str) -> Any:
+        params = {"expression": expression, "returnByValue": True}
+        done = await self.session.call("Runtime.evaluate", params, reply=Result, seconds=CALL_SECONDS)
+        return done.result.value
+
+    async def load(self) -> None:
+        """The page as it is at first; what it changes by itself is no reaction."""
+        self.tab.begin_action()  # else it is held for having led on too often
+        self._loads += 1
+        url = f"{self.url}?{self._loads}"
+        await self.session.do("Page.navigate", {"url": url}, seconds=CALL_SECONDS)
+        is_there = f"location.href === {json.dumps(url)} && document.readyState === 'complete'"
+        async with asyncio.timeout(CALL_SECONDS):
+            while not await self.evaluate(is_there):  # noqa: ASYNC110 - it is in another process
+                await asyncio.sleep(POLL_SECONDS)
+        await asyncio.sleep(LOAD_SECONDS)
+        noise = json.dumps(self.noise or [])
+        await self.evaluate(TRIAL.replace("NOISE", noise).replace("LARGE", str(LARGE)))
+        if self.noise is None:
+            await asyncio.sleep(QUIET_SECONDS)
+            await self.evaluate("__trial.take()")
+            await asyncio.sleep(QUIET_SECONDS)
+            self.noise = [change.split("=")[0] for change in await self.evaluate("__trial.changes()")]
+            await self.load()
+        self._is_fresh = True
+
+    async def mouse(self, kind: str, x: float, y: float, **more: object) -> None:
+        params = {"type": kind, "x": x, "y": y, **more}
+        await self.session.do("Input.dispatchMouseEvent", params, seconds=CALL_SECONDS)
+
+    async def try_at(self, x: float, y: float) -> str:
+        """The signature of a point: what changes after a click there; empty for nothing."""
+        point = (round(x, 1), round(y, 1))
+        if point not in self.known:
+            if not self._is_fresh:
+                await self.load()
+            self.known[point] = await self._click(x, y)
+            self._is_fresh = not self.known[point]
+            if self._is_fresh:
+                await self.mouse("mouseMoved", 1279, 767)
+        return self.known[point]
+
+    async def _click(self, x: float, y: float) -> str:
+        try:
+            await self.mouse("mouseMoved", x, y)
+            await asyncio.sleep(REACTION_SECONDS)
+            await self.evaluate("__trial.take()")
+            before = await self.evaluate("__trial.focused()")
+            for kind in ("mousePressed", "mouseReleased"):
+                await self.mouse(kind, x, y, button="left", clickCount=1)
+            await asyncio.sleep(REACTION_SECONDS)
+            changes = await self.evaluate("__trial.changes()")
+            focused = await self.evaluate("__trial.focused()")
+            field = await self.evaluate("__trial.field()")
+        except CommandFailed:
+            changes = None
+        address = await self.evaluate("location.href.split('?')[0]")
+        if changes is None or address != self.url:
+            return f"left {address}"
+        if field and (changes or focused != before):
+            return str(field)
+        return "; ".join([*changes, *([focused] if focused != before else [])])
+
+    async def points(self) -> list[tuple[float, float]]:
+        """One for every element that a grid of points hits."""
+        await self.load()
+        found = [(x, y) for x, y in await self.evaluate(f"__trial.points({GRID})")]
+        return found[:: -(-len(found) // MOST_POINTS)]
+
+    async def name_at(self, x: float, y: float, role: str) -> str | None:
+        """What accessibility software would call what lies there; None where it has no word for it."""
+        if not self._is_fresh:
+            await self.load()
+        params = {"expression": f"__trial.at({x}, {y})"}
+        hit = await self.session.call("Runtime.evaluate", params, reply=Result, seconds=CALL_SECONDS)
+        if not hit.result.objectId:
+            return None
+        asked = {"objectId": hit.result.objectId, "fetchRelatives": True}
+        tree = await self.session.call(
+            "Accessibility.getPartialAXTree", asked, reply=Anything, seconds=CALL_SECONDS
+        )
+        by_id = {node["nodeId"]: node for node in tree.nodes}
+        node = tree.nodes[0] if tree.nodes else None
+        while node:
+            if not node.get("ignored") and node.get("role", {}).get("value") in NAMED[role]:
+                return fold(node.get("name", {}).get("value", ""))
+            node = by_id.get(node.get("parentId", ""))
+        return None
+
+
+BOXES = frozenset({"checkbox", "switch", "radio", "menuitemcheckbox", "menuitemradio", "ToggleButton"})
+FIELDS = frozenset(
+    "textbox searchbox combobox spinbutton ComboBoxMenuButton popUpButton ComboBoxSelect TextFieldWithComboBox "
+    "Date InputTime".split()
+)
+NAMED: dict[str, frozenset[str]] = {
+    "button": frozenset({"button", "popUpButton", "ToggleButton", "DisclosureTriangle", "tab"}),
+    "link": frozenset({"link"}),
+    **dict.fromkeys(("checkbox", "radio", "switch"), BOXES),
+    **dict.fromkeys(("textbox", "searchbox", "combobox", "spinbutton"), FIELDS),
+    **{role: frozenset({role}) for role in ("tab", "slider", "menuitem", "treeitem", "gridcell")},
+    "option": frozenset({"option", "MenuListOption", "ListBoxOption"}),
+}
+"""Roles of the accessibility tree that may stand for one of ours."""
+
+
+def inside(x: float, y: float, element: Element, slack: float = 0) -> bool:
+    left, top, width, height = element.box
+    return left - slack <= x <= left + width + slack and top - slack <= y <= top + height + slack
+
+
+def middle(element: Element) -> tuple[float, float]:
+    x, y, width, height = element.box
+    return x + width / 2, y + height / 2
+
+
+def is_alike(one: str, other: str) -> bool:
+    """Whether two signatures tell of mostly the same nodes: the places on a slider, say."""
+    nodes = [{change.split("=")[0] for change in signature.split("; ")} for signature in (one, other)]
+    return 2 * len(nodes[0] & nodes[1]) >= len(nodes[0] | nodes[1])
+
+
+def without_common(signatures: dict[tuple[float, float], str]) -> dict[tuple[float, float], str]:
+    """Signatures without what changes wherever one clicks."""
+    counts = Counter(change for signature in signatures.values() for change in set(signature.split("; ")))
+    common = {
+        change for change, count in counts.items() if count > max(COMMON_LEAST, COMMON * len(signatures))
+    }
+    return {
+        at: "; ".join(change for change in signature.split("; ") if change not in common or "field" in change)
+        for at, signature in signatures.items()
+    }
+
+
+async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
+    """What is right on one page, counted."""
+    await ours.open(PageOptions(elements=True, mode="marks"))
+    await ours.act(Navigate(trier.url))
+    await asyncio.sleep(QUIET_SECONDS)
+    marks = (await ours.observe()).observation.elements or ()
+    counts: Counter[str] = Counter()
+    signatures: list[str] = []
+    points = [(*point,) for point in await trier.points()]
+    tried = {point: await trier.try_at(*point) for point in [*map(middle, marks), *points]}
+    tried = without_common(tried)
+    for mark in marks:
+        signature = tried[middle(mark)]
+        is_large = mark.box[2] * mark.box[3] > LARGE * 1280 * 768
+        twin = next(
+            (
+                other
+                for other, same in zip(marks, signatures, strict=False)
+                if same == signature and (inside(*middle(mark), other) or inside(*middle(other), mark))
+            ),
+            None,
+        )
+        signatures.append(signature)
+        is_right = bool(signature) and twin is None and not (is_large and mark.role != "textbox")
+        counts["marks"] += 1
+        counts["right"] += is_right
+        if not is_right:
+            why = f"the same as {twin.number}" if twin else "large" if signature else "nothing"
+            say(f"  wrong   {mark.number:3} {mark.role} {mark.name[:30]!r} {mark.box}: {why}")
+    for x, y in points:
+        signature = tried[x, y]
+        if not signature:
+            continue
+        counts["targets"] += 1
+        is_found = signature in signatures or any(
+            inside(x, y, mark, SLACK) and (mark.role == "slider" or is_alike(signature, other))
+            for mark, other in zip(marks, signatures, strict=True)
+        )
+        counts["found"] += is_found
+        if not is_found:
+            what = await trier.evaluate(f"__trial.at({x}, {y})?.outerHTML.slice(0, 90)")
+            say(f"  missing {x:.0f},{y:.0f} {what} {signature[:70]}")
+    for mark in marks:
+        name = await trier.name_at(*middle(mark), mark.role) if mark.role in NAMED else None
+        if name:
+            counts["named"] += 1
+            counts["same name"] += fold(mark.name) == name
+            if fold(mark.name) != name:
+                say(f"  name    {mark.role} {mark.name[:40]!r} is {name[:40]!r}")
+    return counts
+
+
+def row(name: str, counts: Counter[str]) -> tuple[str, float, float]:
+    shares = [
+        counts[a] / counts[b] if counts[b] else 1.0
+        for a, b in (("right", "marks"), ("found", "targets"), ("same name", "named"))
+    ]
+    text = (
+        f"{name:12} {counts['marks']:6} {counts['targets']:8} {shares[0]:10.3f} {shares[1]:7.3f} "
+        f"{counts['named']:6} {shares[2]:11.3f}"
+    )
+    return text, shares[0], shares[1]
+
+
+async def run(pages: list[str], cache: Path, details: bool) -> bool:
+    print("page          marks  targets  precision  recall  named  names right")
+    total: Counter[str] = Counter()
+    trials = cache / f"trials-{len(pages)}.json"
+    kept: dict[str, dict[str, str]] = json.loads(trials.read_text()) if trials.exists() else {}
+    with tempfile.TemporaryDirectory() as scratch, serving(cache) as address:
+        async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress:
+            profiles = ProfileRoot(Path(scratch))
+            executable = find_browser().path
+            slots = [Slot(BrowserConfig(freeze=False), executable, profiles, egress) for _ in range(2)]
+            try:
+                for name in pages:
+                    said: list[str] = []
+                    await slots[1].open(PageOptions())
+                    trier = Trier(slots[1], f"{address}/{name}")
+                    trier.known = {tuple(json.loads(at)): one for at, one in kept.get(name, {}).items()}
+                    began = time.monotonic()
+                    counts = await measure(slots[0], trier, said.append)
+                    kept[name] = {json.dumps(at): one for at, one in trier.known.items()}
+                    trials.write_text(json.dumps(kept))
+                    total += counts
+                    print(
+                        f"{row(name, counts)[0]} {time.monotonic() - began:5.0f}s",
+                        *(said if details else ()),
+                        sep="\n",
+                        flush=True,
+                    )
+            finally:
+                for slot in slots:
+                    await slot.stop()
+    text, precision, recall = row("all", total)
+    print(text)
+    return precision >= GOAL and recall >= GOAL
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--pages", nargs="+", default=PAGES, choices=PAGES, metavar="PAGE")
+    parser.add_argument("--cache", type=Path, default=CACHE, help="where packages and trials are kept")
+    parser.add_argument("--details", action="store_true", help="what was wrong, missing, or called otherwise")
+    given = parser.parse_args()
+    sys.exit(0 if asyncio.run(run(given.pages, given.cache, given.details)) else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+// In the page of the second browser: what it is made of, and what changed. NOISE and LARGE are put in.
+(() => {
+  const CONTROLS = 'a[href],area[href],button,input,select,textarea,summary,option,[contenteditable=true]';
+  const ROLES = new Set(('button link checkbox radio switch tab option menuitem menuitemcheckbox menuitemradio ' +
+    'combobox textbox searchbox slider spinbutton treeitem gridcell').split(' '));
+  const hold = window.__trial = {};
+  const inside = (root, visit, path) => {
+    let index = 0;
+    for (const node of root.childNodes) {
+      const own = `${path}/${index++}`;
+      visit(node, own);
+      inside(node, visit, own);
+      if (node.shadowRoot) inside(node.shadowRoot, visit, own + '#');
+      if (node.localName === 'iframe' && node.contentDocument) inside(node.contentDocument, visit, own + '@');
+    }
+  };
+  const facts = (node) => {
+    if (node.nodeType === 3) return { text: node.data };
+    if (node.nodeType !== 1) return {};
+    const found = {};
+    for (const { name, value } of node.attributes) if (name !== 'tabindex') found[name] = value;
+    if ('value' in node) found['.value'] = String(node.value);
+    if ('checked' in node) found['.checked'] = String(node.checked);
+    if (node.localName === 'details' || node.localName === 'dialog') found['.open'] = String(node.open);
+    if (node.localName === 'canvas') found['.picture'] = node.toDataURL();
+    if (node.scrollTop || node.scrollLeft) found['.scroll'] = `${node.scrollLeft} ${node.scrollTop}`;
+    return found;
+  };
+  const deepest = () => {
+    let active = document.activeElement;
+    while (active && active.shadowRoot && active.shadowRoot.activeElement) active = active.shadowRoot.activeElement;
+    return active;
+  };
+  const isControl = (node) => node && node.matches(CONTROLS + ',[contenteditable=""]') ||
+    node && ROLES.has(node.getAttribute('role'));
+  const said = ({ text }) => (text && text.length < 40 ? `=${text}` : '');
+  let taken = new Map();
+  const noise = new Set(NOISE);
+  hold.take = () => {
+    taken = new Map();
+    inside(document, (node, path) => taken.set(node, [path, facts(node)]), '');
+  };
+  hold.changes = () => {
+    const changes = new Set();
+    const seen = new Set();
+    inside(document, (node, path) => {
+      seen.add(node);
+      const before = taken.get(node);
+      const now = facts(node);
+      if (!before) return changes.add(`${path} new${said(now)}`);
+      for (const name of new Set([...Object.keys(before[1]), ...Object.keys(now)]))
+        if (name !== 'tabindex' && before[1][name] !== now[name]) changes.add(`${before[0]} ${name}${said(now)}`);
+    }, '');
+    for (const [node, [path]] of taken) if (!seen.has(node)) changes.add(`${path} gone`);
+    return [...changes].filter((change) => !noise.has(change.split('=')[0])).sort();
+  };
+  hold.focused = () => {
+    const active = deepest();
+    const path = active && taken.get(active);
+    return isControl(active) ? `${path ? path[0] : 'new'} focus` : '';
+  };
+  // The field that existed before and has the focus: where in it one clicks makes no difference.
+  hold.field = () => {
+    const active = deepest();
+    const isField = active && (active.isContentEditable || active.localName === 'textarea' ||
+      (active.localName === 'input' && active.selectionStart !== null && !active.readOnly));
+    return isField && taken.has(active) ? `${taken.get(active)[0]} field` : '';
+  };
+  hold.at = (x, y) => {
+    let root = document;
+    for (;;) {
+      const found = root.elementFromPoint(x, y);
+      const inner = found && found.shadowRoot;
+      if (!inner || inner === root || !inner.elementFromPoint(x, y) || inner.elementFromPoint(x, y) === found)
+        return found;
+      root = inner;
+    }
+  };
+  // Neither a whole container, nor the label of a control that is seen itself.
+  const isTried = (element) => {
+    const { width, height } = element.getBoundingClientRect();
+    if (element.closest('[aria-disabled=true],[disabled]')) return false;
+    if (!element.matches('input,select') && !element.checkVisibility({ opacityProperty: true })) return false;
+    if (width * height > LARGE * innerWidth * innerHeight && !element.closest(CONTROLS)) return false;
+    const label = element.closest('label') || (element.assignedSlot && element.assignedSlot.closest('label'));
+    if (!label || label.contains(label.control)) return true;
+    return Boolean(label.control) && (label.control.getBoundingClientRect().width < 3 ||
+      !label.control.checkVisibility({ opacityProperty: true }));
+  };
+  hold.points = (grid) => {
+    const cells = new Map();
+    for (let y = grid / 2; y < innerHeight; y += grid)
+      for (let x = grid / 2; x < innerWidth; x += grid) {
+        const element = hold.at(x, y);
+        if (!element || element === document.body || element === document.documentElement) continue;
+        if (!cells.has(element)) cells.set(element, []);
+        cells.get(element).push([x, y]);
+      }
+    return [...cells].filter(([element]) => isTried(element)).map(([, points]) => points[points.length >> 1]);
+  };
+})()

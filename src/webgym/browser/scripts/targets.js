@@ -1,0 +1,312 @@
+// Which elements can be used, and where: a control, what listens to the mouse, what its cursor gives away.
+(() => {
+  const webgym = globalThis.webgym;
+  if (webgym.targets) return;
+  const {
+    dispatchEvent, nodeType, childNodes, getRootNode, localName, baseURI, getAttribute, matches, closest,
+    checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector, createRange,
+    offsetWidth, offsetHeight, ofKind,
+  } = webgym.dom;
+  const { rootOf, shorten } = webgym;
+  const { widgetOf, roleOf, nameOf, valueOf } = webgym.roles;
+  const { intersect, middle, moved, parentOf, contains, hit, clipAround } = webgym.geometry;
+
+  const contents = createRange(document);
+
+  // --- boxes --------------------------------------------------------------------------------------
+
+  // Parts of a box in the order in which a click on their middle is tried.
+  const parts = (box) => {
+    const [x, y] = middle(box);
+    const { left, top, right, bottom } = box;
+    const [w, h] = [(right - left) / 4, (bottom - top) / 4];
+    return [
+      box,
+      { left, top, right, bottom: y }, { left, top: y, right, bottom },
+      { left, top, right: x, bottom }, { left: x, top, right, bottom },
+      { left, top, right: x, bottom: y }, { left: x, top, right, bottom: y },
+      { left, top: y, right: x, bottom }, { left: x, top: y, right, bottom },
+      { left, top, right, bottom: top + h }, { left, top: bottom - h, right, bottom },
+      { left, top, right: left + w, bottom }, { left: right - w, top, right, bottom },
+    ];
+  };
+  const MAX_PARTS = 13;
+  const LEAST_SIDE = 2; // pixels of a part that is worth a click
+
+  const isArea = (element) => localName(element) === 'area';
+
+  // The picture that an area of an image map lies on.
+  const pictureOf = (area) => {
+    const map = closest(area, 'map');
+    const name = map && getAttribute(map, 'name');
+    return name ? querySelector(getRootNode(area), `img[usemap="#${CSS.escape(name)}"]`) : null;
+  };
+
+  // The box around an area, in pixels of its picture: all of it where no shape is given.
+  const shapeOf = (area, picture) => {
+    const at = area.coords.split(/[\s,]+/).map(Number);
+    const [x, y, radius] = at;
+    if (area.shape === 'default' || at.length < 3) return [0, 0, offsetWidth(picture), offsetHeight(picture)];
+    if (area.shape.startsWith('circ')) return [x - radius, y - radius, x + radius, y + radius];
+    const [across, down] = [0, 1].map((axis) => at.filter((_, index) => index % 2 === axis));
+    return [Math.min(...across), Math.min(...down), Math.max(...across), Math.max(...down)];
+  };
+
+  const areaRects = (area) => {
+    const picture = pictureOf(area);
+    if (!picture || !offsetWidth(picture)) return [];
+    const rect = getBoundingClientRect(picture);
+    const scale = rect.width / offsetWidth(picture);
+    const [left, top, right, bottom] = shapeOf(area, picture).map((at) => at * scale);
+    return [{ left: rect.left + left, top: rect.top + top, right: rect.left + right, bottom: rect.top + bottom }];
+  };
+
+  // The slot of a text that a component holds directly: a point on it hits the component, not what is in it.
+  const slotAt = (host, x, y) => {
+    if (!rootOf(host)) return null;
+    for (const node of childNodes(host)) {
+      if (nodeType(node) !== Node.TEXT_NODE || !node.assignedSlot) continue;
+      contents.selectNodeContents(node);
+      if ([...contents.getClientRects()].some((rect) => isIn([x, y], rect))) return node.assignedSlot;
+    }
+    return null;
+  };
+
+  const isHit = (element, box) => {
+    const found = hit(...middle(box));
+    if (!found) return false;
+    if (contains(element, found) || contains(element, slotAt(found, ...middle(box)))) return true;
+    const label = closest(found, 'label');
+    return Boolean(label && label.control === element);
+  };
+
+  const isIn = ([x, y], box) => box.left <= x && x <= box.right && box.top <= y && y <= box.bottom;
+
+  const areaOf = (rect) => (rect.right - rect.left) * (rect.bottom - rect.top);
+
+  // The boxes of an element; those of its children where it has none itself, as around a floated picture.
+  const rectsOf = (element, depth = 0) => {
+    if (isArea(element)) return areaRects(element);
+    const rects = [...getClientRects(element)].filter((rect) => areaOf(rect) >= 1);
+    if (rects.length || depth > 3) return rects;
+    const within = [...children(rootOf(element) || element)].slice(0, 8).flatMap((child) => rectsOf(child, depth + 1));
+    if (within.length || getComputedStyle(element).display !== 'contents') return within;
+    contents.selectNodeContents(element);
+    return [...contents.getClientRects()].filter((rect) => areaOf(rect) >= 1);
+  };
+
+  // The first parts of an element that a click reaches, `most` of them, seen from this frame.
+  const visibleParts = (element, place, most) => {
+    const found = [];
+    let around = null;
+    for (const rect of rectsOf(element).sort((a, b) => areaOf(b) - areaOf(a)).slice(0, 3)) {
+      if (!intersect(moved(rect, place.map), place.clip)) continue;
+      around = around || clipAround(isArea(element) ? pictureOf(element) : element);
+      const own = intersect(rect, around);
+      const box = own && intersect(moved(own, place.map), place.clip);
+      for (const part of box ? parts(box) : [])
+        if (part.right - part.left >= LEAST_SIDE && part.bottom - part.top >= LEAST_SIDE && isHit(element, part)) {
+          found.push(part);
+          if (found.length === most) return found;
+        }
+    }
+    return found;
+  };
+
+  const isOff = (element) => matches(element, ':disabled') || getAttribute(element, 'aria-disabled') === 'true';
+
+  const isShown = (element) => checkVisibility(element, { visibilityProperty: true, opacityProperty: true });
+
+  // Controls that pages hide to draw their own.
+  const isTick = (element) =>
+    localName(element) === 'input' && (element.type === 'checkbox' || element.type === 'radio');
+
+  // Even where they are not displayed at all.
+  const answersItsLabel = (element) => isTick(element) || (localName(element) === 'input' && element.type === 'file');
+
+  // What takes the place of a field that is too small to be seen: the part of an editor that text is written in.
+  const EDITOR_DEPTH = 6;
+  const editorAround = (field, place, most) => {
+    let around = parentOf(field);
+    for (let depth = 0; around && depth < EDITOR_DEPTH; depth++, around = parentOf(around)) {
+      const isWritten = (part) => {
+        const found = hit(...middle(part));
+        return found && !FIELDS.has(localName(found)) && getComputedStyle(found).cursor === 'text';
+      };
+      const found = visibleParts(around, place, MAX_PARTS).filter(isWritten);
+      if (found.length) return found.slice(0, most);
+    }
+    return [];
+  };
+  const FIELDS = new Set(['input', 'textarea', 'select']);
+
+  const hasParts = (element) =>
+    ['::before', '::after'].some((part) => getComputedStyle(element, part).content !== 'none');
+
+  // What is clicked instead of a control that is not seen itself: its label, what is drawn over it or around.
+  const standIn = (element, place, most) => {
+    if (localName(element) === 'textarea' && getClientRects(element).length) return editorAround(element, place, most);
+    if (localName(element) !== 'input' && localName(element) !== 'select') return [];
+    for (const label of element.labels || []) {
+      const found = isShown(label) ? visibleParts(label, place, most) : [];
+      if (found.length) return found;
+    }
+    let parent = parentOf(element);
+    if (getRootNode(element).host) while (parent && !isShown(parent) && getRootNode(parent).host) parent = parentOf(parent);
+    const isDrawn =
+      parent && (rootOf(parent) || childElementCount(parent) > 1 || hasParts(parent)) && isShown(parent);
+    return isDrawn ? visibleParts(element, place, most) : [];
+  };
+
+  // --- what can be used ---------------------------------------------------------------------------
+
+  // What only its script and its cursor make clickable is found by them.
+  const UNMARKED = new Set(['label', 'html', 'body', 'slot']);
+  const startsPointer = (element, style) => {
+    if (style.cursor !== 'pointer' || UNMARKED.has(localName(element))) return false;
+    const around = parentOf(element);
+    return !around || getComputedStyle(around).cursor !== 'pointer';
+  };
+
+  // Is a press of the mouse on this element heard by it? The page's own world answers (listeners.js).
+  const hears = (element) => {
+    if (/\bclick\b/.test(getAttribute(element, 'jsaction') || '')) return true;
+    if (UNMARKED.has(localName(element)) || getRootNode(element).mode === 'closed') return false;
+    return !dispatchEvent(element, new Event(webgym.question, { cancelable: true, composed: true }));
+  };
+
+  const ITEMS = 3; // of one kind, and of one size: then not what is around them is meant
+  const itemsOf = (element) => {
+    const inner = [...children(element)];
+    if (inner.length < ITEMS) return [];
+    const [{ width, height }, name] = [getBoundingClientRect(inner[0]), localName(inner[0])];
+    const isAlike = (child) => {
+      const rect = getBoundingClientRect(child);
+      const isSized = Math.abs(rect.width - width) <= 2 && Math.abs(rect.height - height) <= 2;
+      return localName(child) === name && isSized && !widgetOf(child);
+    };
+    return width >= 8 && height >= 8 && inner.every(isAlike) ? inner : [];
+  };
+
+  // {element, place, role, isControl, isPointer, items, kids, boxes}: `kids` are the candidates in it, `items` those of
+  // its children that are candidates because of it.
+  const candidateOf = (element, place, style, isItem) => {
+    const role = roleOf(element);
+    const isControl = Boolean(role && widgetOf(element));
+    const isPointer = Boolean(style && startsPointer(element, style));
+    if (!role && !isPointer && !(style && (isItem || hears(element)))) return null;
+    if (isOff(element)) return null;
+    if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
+    const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
+    if (list && roleOf(list) !== 'listbox') return null;
+    const items = new Set(isControl ? [] : itemsOf(element));
+    return { element, place, role: role || 'button', isControl, isPointer, items, kids: [], boxes: [] };
+  };
+
+  const locate = (one, most) => {
+    const { element, place } = one;
+    one.boxes = isShown(element) || !getClientRects(element).length ? visibleParts(element, place, most) : [];
+    if (!one.boxes.length) one.boxes = standIn(element, place, most);
+    return one.boxes.length > 0;
+  };
+
+  const rectOf = ({ element, place }) => {
+    const rect = moved(getBoundingClientRect(element), place.map);
+    return intersect(rect, place.clip) || rect;
+  };
+  // What is clicked of one that has others in it lies beside them.
+  const placeBeside = (one, kids) => {
+    const isFree = (box) => !kids.some((kid) => isIn(middle(box), kid.boxes[0]));
+    if (isFree(one.boxes[0])) return true;
+    one.boxes = visibleParts(one.element, one.place, MAX_PARTS).filter(isFree);
+    return one.boxes.length > 0;
+  };
+
+  const COVER = 0.5; // of its box: what covers that much of an element is the element
+  const LARGE = 0.25; // of the viewport
+  const GIVES_WAY = new Set(['gridcell', 'treeitem', 'combobox', 'option', 'tab']);
+  const TEXTS = new Set(['textbox', 'searchbox', 'combobox', 'spinbutton']);
+  const WHOLE = new Set(['canvas', 'svg', 'video']);
+
+  const hasOwnText = (element) =>
+    [...childNodes(rootOf(element) || element)].some((node) => nodeType(node) === Node.TEXT_NODE && node.data.trim());
+
+  // Edges that a size is changed by, bars that scroll, what covers others: there is nothing to be seen of them.
+  const isBlank = (element, depth = 0) => {
+    if (WHOLE.has(localName(element)) || localName(element) === 'img' || ofKind(element, 'ownerSVGElement')) return false;
+    const style = getComputedStyle(element);
+    const isPainted =
+      style.backgroundImage !== 'none' || !/^rgba\(.*, 0\)$/.test(style.backgroundColor) ||
+      style.borderTopWidth !== '0px' || hasParts(element);
+    if (isPainted || hasOwnText(element) || childElementCount(element) > 3 || depth > 3) return false;
+    return [...children(rootOf(element) || element)].every((child) => isBlank(child, depth + 1));
+  };
+  const isNothing = ({ element, role }) =>
+    getComputedStyle(element).cursor.endsWith('-resize') || (isBlank(element) && !nameOf(element, role));
+
+  const hasOtherName = (one, kid) => {
+    const name = nameOf(one.element, one.role);
+    return Boolean(name) && name !== nameOf(kid.element, kid.role);
+  };
+
+  // Which of `kids`, the candidates that lie in `one`, are kept beside it; null where they are kept in its stead.
+  const keptBeside = (one, kids) => {
+    const box = rectOf(one);
+    const area = areaOf(box);
+    const within = kids.filter((kid) => isIn(middle(kid.boxes[0]), box));
+    const share = (kid) => areaOf(kid.boxes[0]) / area;
+    if (!one.isControl) {
+      if (!one.isPointer && isNothing(one)) return null;
+      if (!within.length) {
+        const isLarge = area > LARGE * innerWidth * innerHeight && !WHOLE.has(localName(one.element));
+        return isLarge && !one.isPointer ? null : kids;
+      }
+      const isCovered = within.reduce((sum, kid) => sum + share(kid), 0) >= COVER;
+      const isWrapper = within.length === 1 && TEXTS.has(within[0].role) && !hasOtherName(one, within[0]);
+      if (isCovered || isWrapper || !one.isHeard()) return null;
+      const isTrack = area < LARGE * innerWidth * innerHeight && !within.some((kid) => kid.isControl || kid.isHeard());
+      return one.isPointer || hasOwnText(one.element) || isTrack ? kids : null;
+    }
+    const same = within.filter((kid) => share(kid) >= COVER);
+    const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
+    if (same.some(isField)) return null;
+    return kids.filter((kid) => !same.includes(kid) && (kid.isControl || !within.includes(kid) || kid.isHeard()));
+  };
+
+  // The candidates that are elements of their own, in the order of the document.
+  const choose = (candidates, most) => {
+    for (const one of [...candidates].reverse()) {
+      if (one.isKept) continue; // it lies in a frame of another origin, and was chosen there
+      one.isHeard = () => (one.heard ??= hears(one.element));
+      const kids = one.kids.flatMap((kid) => (kid.isKept ? [kid] : kid.rest.filter(({ isKept }) => isKept)));
+      one.rest = kids;
+      if (!locate(one, most)) continue;
+      const kept = keptBeside(one, kids);
+      one.isKept = Boolean(kept) && (localName(one.element) === 'select' || placeBeside(one, kept));
+      if (!one.isKept) continue;
+      for (const kid of kids) if (!kept.includes(kid)) drop(kid);
+    }
+    return candidates.filter(({ isKept }) => isKept);
+  };
+  const drop = (one) => {
+    one.isKept = false;
+  };
+
+  const hrefOf = (element) => {
+    const href = ofKind(element, 'href');
+    if (!href) return undefined;
+    return shorten(typeof href === 'string' ? href : new URL(href.baseVal, baseURI(element)).href, 'address');
+  };
+
+  const describe = ({ element, role }) => ({
+    role,
+    name: nameOf(element, role),
+    value: valueOf(element, role) ?? undefined,
+    href: role === 'link' ? hrefOf(element) : undefined,
+  });
+
+  webgym.targets = {
+    MAX_PARTS, isShown, isOff, isTick, answersItsLabel, startsPointer, visibleParts, standIn, candidateOf, choose,
+    describe,
+  };
+})();

@@ -99,6 +99,8 @@ class Connection(asyncio.Protocol):
         self._last_id = 0
         self._lost: BrowserCrashed | None = None
         self._mourners: list[Callable[[], None]] = []
+        self.why_lost: Callable[[], BrowserCrashed | None] = lambda: None
+        """Asked when the pipe ends, by whoever may know more."""
 
     # --- transport ----------------------------------------------------------------------------------
 
@@ -125,7 +127,9 @@ class Connection(asyncio.Protocol):
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The browser's end is gone: everything that waits for it fails."""
-        self.abandon(BrowserCrashed(f"the browser's pipe closed{f': {exc}' if exc else ''}"))
+        self.abandon(
+            self.why_lost() or BrowserCrashed(f"the browser's pipe closed{f': {exc}' if exc else ''}")
+        )
 
     def abandon(self, error: BrowserCrashed) -> None:
         """Fail every waiting and every later command with ``error``, and close."""

@@ -281,6 +281,13 @@ class BrowserConfig(BaseModel):
     """The most that a slot's processes may take while they run. Heavy pages take half of it; what takes
     more does not stop there."""
 
+    cgroup: Path | None = None
+    """A cgroup (version 2) that we may divide: every browser gets one of its own in it, of twice
+    ``slot_bytes`` and of ``slot_tasks``. It must hold no process itself."""
+
+    slot_tasks: int = Field(default=1024, gt=0)
+    """Most processes and threads of a browser that has a cgroup. A busy one has 200."""
+
     reserve_bytes: int = Field(default=512 * 1024**2, ge=0)
     """What the machine must keep free. When it has less, the largest browser makes room."""
 

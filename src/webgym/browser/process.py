@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from webgym.browser.cdp import CommandFailed, Connection
+from webgym.browser.cgroups import Cgroup, new_cgroup
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress import Door
 from webgym.browser.memory import bound
@@ -26,6 +27,7 @@ from webgym.core.errors import (
     BrowserLaunchFailed,
     BrowserOutOfMemory,
     BrowserTimeout,
+    ConfigError,
 )
 
 log = logging.getLogger(__name__)
@@ -110,7 +112,13 @@ class BrowserProcess:
     """
 
     def __init__(
-        self, pid: int, connection: Connection, profile: Path, root: ProfileRoot, kill_seconds: float
+        self,
+        pid: int,
+        connection: Connection,
+        profile: Path,
+        root: ProfileRoot,
+        kill_seconds: float,
+        cgroup: Cgroup | None = None,
     ) -> None:
         self.pid = pid
         self.connection = connection
@@ -123,15 +131,23 @@ class BrowserProcess:
         self.relieved = ""
         """Why its renderer was ended last, if it was."""
         self._root = root
+        self._cgroup = cgroup
         self._kill_seconds = kill_seconds
         self._exited = asyncio.Event()
         self._ending: asyncio.Task[None] | None = None
+        connection.why_lost = self._why_lost
         self._pidfd = os.pidfd_open(pid)
         asyncio.get_running_loop().add_reader(self._pidfd, self._on_exit)
 
     def _on_exit(self) -> None:
         self._close_pidfd()
-        self.connection.abandon(BrowserCrashed("the browser process ended"))
+        self.connection.abandon(self._why_lost() or BrowserCrashed("the browser process ended"))
+
+    def _why_lost(self) -> BrowserCrashed | None:
+        """The kernel's reason, if it was the kernel."""
+        if self._cgroup is not None and self._cgroup.ran_out:
+            return BrowserOutOfMemory("the kernel ended the browser: it took too much memory")
+        return None
 
     def _close_pidfd(self) -> None:
         if self._pidfd >= 0:
@@ -197,7 +213,7 @@ class BrowserProcess:
 
     async def _end(self) -> None:
         try:
-            await _end_group(self.pid, self._kill_seconds)
+            await _end_group(self.pid, self._kill_seconds, self._cgroup)
         finally:
             self._close_pidfd()
             await self._root.remove(self.profile)
@@ -235,7 +251,7 @@ def _reap(group: int) -> None:
             pass
 
 
-async def _end_group(group: int, seconds: float) -> None:
+async def _end_group(group: int, seconds: float, cgroup: Cgroup | None = None) -> None:
     """SIGKILL the group and wait until no living process of it is left.
 
     Members that are not our children are collected by the system's init, at its own pace: as zombies
@@ -247,14 +263,18 @@ async def _end_group(group: int, seconds: float) -> None:
     while True:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(group, signal.SIGKILL)
+        if cgroup is not None:
+            cgroup.kill()
         living = await asyncio.to_thread(_living, group)
-        if not living:
+        if not living and (cgroup is None or cgroup.is_empty):
             break
         if loop.time() > deadline:
             raise BrowserError(f"processes {living} outlived SIGKILL by {seconds:g} s")
         await asyncio.sleep(pause)
         pause = min(pause * 2, longest)
     _reap(group)
+    if cgroup is not None:
+        cgroup.remove()
 
 
 def _tail(profile: Path) -> str:
@@ -343,22 +363,29 @@ async def _started(
 ) -> tuple[BrowserProcess, socket.socket]:
     """A browser and our end of its pipe, or nothing at all of it."""
     profile = await _new_profile(root)
-    pid = None
+    pid = cgroup = None
     with contextlib.ExitStack() as undo:
         try:
+            cgroup = new_cgroup(config)
             ours, theirs = socket.socketpair()
             undo.callback(ours.close)
             ours.setblocking(False)
             with theirs:
-                pid = _spawn(_arguments(executable, profile, sandbox, door), theirs, profile)
-            process = BrowserProcess(pid, Connection(), profile, root, config.kill_seconds)
+                arguments = _arguments(executable, profile, sandbox, door)
+                pid = _spawn(cgroup.command(arguments) if cgroup else arguments, theirs, profile)
+            process = BrowserProcess(pid, Connection(), profile, root, config.kill_seconds, cgroup)
         except OSError as error:
             if pid is not None:
-                await _end_group(pid, config.kill_seconds)
+                await _end_group(pid, config.kill_seconds, cgroup)
+            if cgroup is not None:
+                cgroup.remove()
             await root.remove(profile)
             raise BrowserLaunchFailed(
                 f"{executable} cannot be started: {error.strerror}", hint="see `webgym doctor`"
             ) from error
+        except ConfigError:
+            await root.remove(profile)
+            raise
         undo.pop_all()
     return process, ours
 

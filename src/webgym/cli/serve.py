@@ -70,6 +70,12 @@ def command(
         help="Let pages connect to a name, address or network that is otherwise refused, or lead a name"
         " elsewhere: intranet.example, 10.0.0.0/8, *.webgym.test=127.0.0.1:8123. May be repeated.",
     ),
+    cgroup: Path | None = typer.Option(
+        None,
+        "--cgroup",
+        metavar="FOLDER",
+        help="A cgroup (version 2) to divide: each browser gets one in it, bounded by the kernel.",
+    ),
     sandbox: str = typer.Option("auto", "--sandbox", help="auto, on or off."),
     ttl: float = typer.Option(60.0, "--ttl", help="Seconds after which an unrenewed session is taken back."),
     wait: float = typer.Option(60.0, "--wait", min=0, help="Seconds that a caller waits for a free slot."),
@@ -124,7 +130,12 @@ def command(
         "ttl_seconds": ttl,
         "allocate_seconds": wait,
         "sessions_per_client": sessions_per_client,
-        "browser": {"executable": browser, "egress": {"allow": allow_host}, "sandbox": sandbox},
+        "browser": {
+            "executable": browser,
+            "egress": {"allow": allow_host},
+            "sandbox": sandbox,
+            "cgroup": cgroup,
+        },
     }
     try:
         config = ServerConfig.model_validate(

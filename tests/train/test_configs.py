@@ -73,7 +73,7 @@ def test_a_vllm_setting_that_cannot_hold_is_named(settings: dict[str, Any], said
         VllmConfig.model_validate(settings)
 
 
-@pytest.mark.parametrize("name", ["ddp", "fsdp2"])
+@pytest.mark.parametrize("name", ["ddp", "fsdp2", "zero2", "zero3"])
 def test_launch_settings_are_ones_that_accelerate_reads(name: str) -> None:
     from accelerate.commands.config.config_args import load_config_from_file
 

@@ -70,6 +70,6 @@ def test_it_is_told_in_a_few_lines() -> None:
 
 
 def test_a_model_that_is_not_there_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot read the shapes") as error:
+    with pytest.raises(ConfigError, match="cannot load the model") as error:
         estimate(settings(tmp_path / "nowhere"), H100)
     assert "\n" not in str(error.value)

@@ -6,9 +6,12 @@ import multiprocessing
 import socket
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
+from accelerate.utils.deepspeed import HfDeepSpeedConfig
 from safetensors.torch import load_file
 from tests.inference.tiny import tiny_renderer, write_tiny_model
 from tests.train.making import Made, sample, stored, trajectory
@@ -18,6 +21,7 @@ from webgym.core.errors import ConfigError, StoreError, TrainingError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Reply
 from webgym.inference.model import load_model
+from webgym.train import zero
 from webgym.train.config import ReplayConfig, UpdateConfig
 from webgym.train.folder import TrainingFolder
 from webgym.train.logprobs import ReplyLogProbs, collate
@@ -262,6 +266,21 @@ def test_what_does_not_fit_is_one_line(model: Path, tmp_path: Path) -> None:
         updater(model, resume=tmp_path / "all", lora={})
     with pytest.raises(ValueError, match="nothing to train on"):
         made.update([])
+
+
+@pytest.mark.parametrize("device", ["none", "cpu"])
+def test_deepspeed_has_its_settings_from_the_update_and_does_not_offload(device: str) -> None:
+    held: dict[str, Any] = {"zero_optimization": {"stage": 2, "offload_optimizer": {"device": device}}}
+    plugin = SimpleNamespace(hf_ds_config=HfDeepSpeedConfig(held), deepspeed_config=held)
+    accelerator: Any = SimpleNamespace(num_processes=2, state=SimpleNamespace(deepspeed_plugin=plugin))
+    config = UpdateConfig(micro_batch=3, max_grad_norm=0.5)
+    if device != "none":
+        with pytest.raises(ConfigError, match="offloading is not supported"):
+            zero.configure(accelerator, config)
+        return
+    zero.configure(accelerator, config)
+    assert (held["gradient_clipping"], held["train_micro_batch_size_per_gpu"]) == (0.5, 3)
+    assert held["train_batch_size"] == 3 * 2 * held["gradient_accumulation_steps"] == 6
 
 
 def test_the_learning_rate_warms_up_and_then_stays_or_falls() -> None:

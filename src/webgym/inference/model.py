@@ -7,9 +7,12 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias
 
+import httpx
 import torch
+from huggingface_hub import constants, snapshot_download
+from huggingface_hub.errors import LocalEntryNotFoundError
 from torch.nn.attention import SDPBackend, sdpa_kernel
 from torch.nn.functional import scaled_dot_product_attention
 from transformers import AutoImageProcessor, AutoModelForImageTextToText, AutoTokenizer
@@ -25,6 +28,9 @@ from webgym.inference.rendering import Renderer
 disable_progress_bar()  # weights are loaded and saved in the middle of somebody else's output
 
 Dtype: TypeAlias = Literal["float32", "bfloat16"]
+
+HUB_SECONDS: Final = 5.0
+"""How long the hub may take to say whether it has a model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +69,8 @@ def load_model(path: str | Path, *, dtype: Dtype = "float32", device: str = "cpu
         ConfigError: there is no such model, or it is not whole.
     """
     renderer = load_renderer(path)
-    with _one_line(path):
-        model = _weights(path, getattr(torch, dtype))
+    with loading(path) as where:
+        model = _weights(where, getattr(torch, dtype))
     ends = model.generation_config.eos_token_id if model.generation_config is not None else None
     if ends is not None:
         renderer.end_ids |= {ends} if isinstance(ends, int) else frozenset(ends)
@@ -131,36 +137,60 @@ def load_renderer(path: str | Path) -> Renderer:
     Raises:
         ConfigError: there is no such model, or it is not whole.
     """
-    with _one_line(path):
-        tokenizer = AutoTokenizer.from_pretrained(str(path))
-        image_processor = AutoImageProcessor.from_pretrained(str(path), backend="pil")
+    with loading(path) as where:
+        tokenizer = AutoTokenizer.from_pretrained(where)
+        image_processor = AutoImageProcessor.from_pretrained(where, backend="pil")
     if not tokenizer.chat_template:
         raise ConfigError(f"the model {path} has no chat template", hint="give an instruct model")
     return Renderer(tokenizer, image_processor)
 
 
-def _weights(path: str | Path, dtype: torch.dtype) -> Any:
+def _weights(path: str, dtype: torch.dtype) -> Any:
     if not (Path(path) / "adapter_config.json").is_file():
-        return AutoModelForImageTextToText.from_pretrained(str(path), dtype=dtype)
+        return AutoModelForImageTextToText.from_pretrained(path, dtype=dtype)
     import peft  # only where there are adapters
 
-    base = peft.PeftConfig.from_pretrained(str(path)).base_model_name_or_path
-    model = AutoModelForImageTextToText.from_pretrained(base, dtype=dtype)
+    with loading(peft.PeftConfig.from_pretrained(path).base_model_name_or_path) as base:
+        model = AutoModelForImageTextToText.from_pretrained(base, dtype=dtype)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FutureWarning)  # of transformers, about what peft calls
-        return peft.PeftModel.from_pretrained(model, str(path)).merge_and_unload()
+        return peft.PeftModel.from_pretrained(model, path).merge_and_unload()
 
 
 @contextmanager
-def _one_line(path: str | Path) -> Iterator[None]:
-    """Whatever the libraries raise over a model that is missing or broken, as one line."""
+def loading(path: str | Path) -> Iterator[str]:
+    """Loading a model with transformers; gives where from.
+
+    The hub is asked once, briefly, whether it is there. If it is not, what was downloaded before is loaded:
+    the libraries would try again for every file, which took 47 s to say that there is no such model.
+
+    Raises:
+        ConfigError: there is no such model, or it is not whole: whatever the libraries raise, as one line.
+    """
+    is_hub_id = not Path(path).exists() and not Path(path).is_absolute()
     try:
-        yield
+        if is_hub_id and not _hub_answers(str(path)):
+            yield snapshot_download(str(path), local_files_only=True)
+        else:
+            yield str(path)
     except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
         reason = str(error).strip().split("\n", 1)[0][:200]
-        if Path(path).is_absolute() and not Path(path).exists():  # the hub's rules for ids are no help
+        if isinstance(error, LocalEntryNotFoundError):
+            reason = f"it is no folder, was never downloaded, and {constants.ENDPOINT} is not reached"
+        elif Path(path).is_absolute() and not Path(path).exists():  # the hub's rules for ids are no help
             reason = "there is no such folder"
         raise ConfigError(
             f"cannot load the model {path}: {reason}",
             hint="give a folder with config.json, weights, tokenizer and image processor, or a hub id",
         ) from error
+
+
+def _hub_answers(model: str) -> bool:
+    """Whether the hub says anything about a model, be it that there is none."""
+    if constants.HF_HUB_OFFLINE:
+        return False
+    try:
+        answer = httpx.head(f"{constants.ENDPOINT}/api/models/{model}", timeout=HUB_SECONDS)
+    except (httpx.TransportError, httpx.InvalidURL):
+        return False
+    return not answer.is_server_error

@@ -33,6 +33,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from transformers import AutoConfig, AutoModelForImageTextToText, Qwen3VLConfig
 
 from webgym.core.errors import ConfigError
+from webgym.inference.model import loading
 from webgym.train.config import LearnConfig
 from webgym.train.objectives import make_objective
 
@@ -198,11 +199,8 @@ def shapes_of(model: str | Path) -> Shapes:
     if "qwen3-vl-8b" in str(model).lower() and not Path(model).exists():
         config: Any = Qwen3VLConfig(**QWEN3_VL_8B)
     else:
-        try:
-            config = AutoConfig.from_pretrained(str(model))
-        except (OSError, ValueError) as error:
-            reason = str(error).split("\n", 1)[0][:200]
-            raise ConfigError(f"cannot read the shapes of {model}: {reason}") from error
+        with loading(model) as where:
+            config = AutoConfig.from_pretrained(where)
     if not hasattr(config, "vision_config") or not hasattr(config.vision_config, "depth"):
         raise ConfigError(f"{model} is not of the Qwen3-VL kind: nothing is known about its memory")
     return shapes_from(config)

@@ -8,7 +8,8 @@ what is next: a training that was killed anywhere goes on there, and neither rep
 
 With ``loop.staleness`` 0, the default, iteration n is collected by the weights of iteration n - 1 and
 nothing overlaps, as in the paper. With s it may begin while up to s earlier iterations still wait for their
-update: the machines that collect never stand still, and what is trained on is at most s + 1 updates old.
+update: the machines that collect never stand still, and the newest of what is trained on is at most s updates
+old.
 """
 
 from __future__ import annotations

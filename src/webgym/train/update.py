@@ -35,14 +35,17 @@ from torch.distributed.checkpoint.state_dict import (
     set_optimizer_state_dict,
 )
 
-from webgym.core.errors import ConfigError, TrainingError
+from webgym.core.errors import TrainingError
 from webgym.inference.model import Loaded
+from webgym.train import zero
 from webgym.train.config import UpdateConfig
 from webgym.train.logprobs import Batch, ReplyLogProbs, collate
 from webgym.train.objectives import Objective, Tokens
 from webgym.train.samples import Sample
 from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, known_messages, known_picture
 from webgym.train.weights import State, load_trainable, read_optimizer, read_state, save
+
+WHOLE = StateDictOptions(full_state_dict=True, cpu_offload=True)
 
 
 class UpdateReport(msgspec.Struct, frozen=True):
@@ -93,7 +96,7 @@ class Updater:
         resume: a folder that :meth:`save` wrote, to go on from; ``None`` to begin.
 
     Raises:
-        ConfigError: there is no such model, its weights are not whole, or DeepSpeed is to run it.
+        ConfigError: there is no such model, its weights are not whole, or DeepSpeed is to offload.
         TrainingError: what was saved does not fit the settings.
     """
 
@@ -108,12 +111,10 @@ class Updater:
         self.config = config
         self.objective = objective
         self.source = source.model.name_or_path if isinstance(source, Loaded) else str(source)
-        self.step = 0
         self.accelerator = Accelerator()  # processes and sharding as accelerate launch says
-        if self.accelerator.distributed_type == DistributedType.DEEPSPEED:
-            raise ConfigError(  # it steps inside the backward pass, and keeps its optimizer's state to itself
-                "DeepSpeed is not supported", hint="configs/accelerate/fsdp2.yaml splits weights the same way"
-            )
+        self._is_zero = self.accelerator.distributed_type == DistributedType.DEEPSPEED
+        if self._is_zero:
+            zero.configure(self.accelerator, config)
         set_seed(config.seed)
         self.loaded = load_trainable(config, source, resume)
         self.renderer = self.loaded.renderer
@@ -128,10 +129,10 @@ class Updater:
             weight_decay=config.weight_decay,
         )
         module = ReplyLogProbs(self.loaded.model, config.logit_tokens, bf16=config.precision == "bf16")
+        self._groups = zero.named_groups(module, optimizer) if self._is_zero else []
         self.model, self.optimizer = self.accelerator.prepare(module, optimizer)
-        if resume is not None:
-            self.step = read_state(resume).step
-            self._optimizer_state(read_optimizer(resume))
+        self.step = 0 if resume is None else read_state(resume).step
+        self._take_optimizer_state(None if resume is None else read_optimizer(resume))
         self._reads: Greedy | None = None  # what the weights make of the known screenshot
 
     def update(self, samples: Sequence[Sample], *, passes: int = 1) -> UpdateReport:
@@ -155,6 +156,7 @@ class Updater:
                 group["lr"] = rate
             total = torch.zeros((), device=self.accelerator.device)
             for micro, is_last in self._micro_batches(samples, batch):
+                self.accelerator.sync_gradients = is_last  # DeepSpeed clips and steps in that backward pass
                 with nullcontext() if is_last else self.accelerator.no_sync(self.model):
                     loss, sums = self._loss(samples, micro, proximal)
                     # Gradients are averaged over processes, so the sum needs their number back.
@@ -243,10 +245,8 @@ class Updater:
             StoreError: they cannot be written; what was there is whole.
         """
         prefix = "policy."
-        weights = {
-            name.removeprefix(prefix): value.cpu()
-            for name, value in self.accelerator.get_state_dict(self.model).items()
-        }
+        whole = zero.weights(self.model) if self._is_zero else self.accelerator.get_state_dict(self.model)
+        weights = {name.removeprefix(prefix): value.cpu() for name, value in whole.items()}
         optimizer = self._optimizer_state()
         after = self._greedy()
         before, self._reads = self._reads or after, after
@@ -286,16 +286,17 @@ class Updater:
             picture=known_picture(),
         )
 
-    def _optimizer_state(self, saved: dict[str, Any] | None = None) -> dict[str, Any]:
-        """The optimizer's state by the names of parameters, whole however it is sharded; or take it back."""
-        optimizer, options = (
-            self.optimizer.optimizer,
-            StateDictOptions(full_state_dict=True, cpu_offload=True),
-        )
-        if saved is None:
-            return get_optimizer_state_dict(self.model, optimizer, options=options)
-        set_optimizer_state_dict(self.model, optimizer, saved, options=options)
-        return saved
+    def _optimizer_state(self) -> dict[str, Any]:
+        """The optimizer's state by the names of parameters, whole however it is sharded."""
+        if self._is_zero:
+            return zero.optimizer_state(self.model, self._groups, self.step)
+        return get_optimizer_state_dict(self.model, self.optimizer.optimizer, options=WHOLE)
+
+    def _take_optimizer_state(self, saved: dict[str, Any] | None) -> None:
+        if self._is_zero:
+            zero.set_optimizer_state(self.model, saved, self.step)
+        elif saved is not None:
+            set_optimizer_state_dict(self.model, self.optimizer.optimizer, saved, options=WHOLE)
 
     def _report(
         self,

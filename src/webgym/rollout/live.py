@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import AsyncIterator, Iterable
 from contextlib import asynccontextmanager, suppress
 
@@ -21,6 +22,8 @@ from webgym.rollout.progress import STATES, Progress, Queue
 
 REFRESH_SECONDS = 0.5
 LINE_SECONDS = 10.0
+DRAWING_SHARE = 0.04
+"""Of the event loop's time at most: a thousand cells, or a slow terminal, are drawn less often."""
 
 COLORS = {
     Outcome.SUCCESS: "green",
@@ -189,8 +192,10 @@ async def showing(progress: Progress, console: Console) -> AsyncIterator[None]:
 
 async def _refresh(live: Live, progress: Progress) -> None:
     while True:
+        began = time.perf_counter()
         live.update(panel(progress), refresh=True)
-        await asyncio.sleep(REFRESH_SECONDS)
+        drawn = time.perf_counter() - began
+        await asyncio.sleep(max(REFRESH_SECONDS, drawn / DRAWING_SHARE))
 
 
 async def _print_lines(progress: Progress, console: Console) -> None:

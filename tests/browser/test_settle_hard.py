@@ -44,7 +44,7 @@ def reason(tab: Tab) -> str:
 
 
 QUICK = (
-    "chat frames idle-callback infinite-scroll redirect-script-late slices socket-reply stages "
+    "app-typeahead chat frames idle-callback infinite-scroll redirect-script-late slices socket-reply stages "
     "suggestions-slow worker"
 ).split()
 
@@ -149,6 +149,37 @@ async def test_timers_are_told_apart_by_what_was_acted_on(site: Site, tab: Tab) 
         await tab.step(one)
     await tab.step(two)
     assert "submenu 1" in tab.text
+
+
+async def test_answers_that_nobody_reads_hide_no_later_ones(site: Site, tab: Tab) -> None:
+    async def answer(request: Request) -> Response:
+        await asyncio.sleep(float(request.query_params["seconds"]))
+        return Response("arrived", headers={"Cache-Control": "no-store"})  # others are read for the script
+
+    site.on("/api", answer)
+    await tab.goto(
+        site.page(
+            "<p id=out>nothing</p><button onclick=ask()>Ask</button>"
+            "<script>const kept = fetch('/api?seconds=0');"
+            "const ask = async () => { out.textContent = await (await fetch('/api?seconds=0.5')).text() }"
+            "</script>"
+        )
+    )
+    assert reason(tab) == "long_poll"
+    for _ in range(2):
+        await tab.step(LeftClick(tab.at("Ask")))
+        assert "arrived" in tab.text
+
+
+async def test_what_an_action_writes_letter_by_letter_is_read_to_its_end(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<p id=out></p><script>onclick = () => { let n = 0; const write = () => { out.append(++n + ' ');"
+            "if (n < 60) setTimeout(write, 30) }; write() }</script>"
+        )
+    )
+    await tab.step(NOWHERE)
+    assert tab.text[0].endswith("59 60")
 
 
 async def test_code_whose_timers_bring_nothing_is_learned(site: Site, tab: Tab) -> None:

@@ -30,8 +30,12 @@ from webgym.browser.find import find_browser
 from webgym.browser.page import Page
 from webgym.browser.settle import settle
 from webgym.browser.wire import Evaluated, FrameEvent, RequestDone, RequestFailed, RequestWillBeSent
-from webgym.core.action import BrowserAction, Navigate
+from webgym.core.action import BrowserAction, LeftClick, Navigate, Target
 from webgym.core.errors import BrowserTimeout, ConfigError, PageError
+
+_NOWHERE = LeftClick(Target(coordinate=(995, 500)))
+_IDLE_CLICKS = 3
+"""Clicks on nothing in an application before the action: what is learned of its noise must hide nothing."""
 
 
 class SettleBench(BaseModel):
@@ -211,6 +215,9 @@ async def run_trial(
         watch = Watch(page)
         if hard.action != "open":
             await _do(page, Navigate(hard.url(origin, pace)))
+            await settle(page)
+        for _ in range(_IDLE_CLICKS if hard.group == "apps" else 0):
+            await _do(page, _NOWHERE)
             await settle(page)
         began, start = time.time(), time.perf_counter()
         await _do(page, hard.act(origin, pace))

@@ -169,6 +169,10 @@ class BrowserConfig(BaseModel):
     """How long changes on a loaded page are waited for: a ticking clock never ends. What changed all that
     time is no news from then on."""
 
+    stir_seconds: float = Field(default=4.0, gt=0)
+    """The same on a page that was quiet before the action: what an action sets off ends, as an answer that is
+    written letter by letter."""
+
     long_poll_seconds: float = Field(default=4.0, gt=0)
     """A request in flight for longer is taken for a long poll or a stream. The next one to its address is
     not waited for."""
@@ -184,6 +188,10 @@ class BrowserConfig(BaseModel):
     reply_seconds: float = Field(default=1.0, gt=0)
     """How long a WebSocket or an event stream that was opened or spoken to is given to say something."""
 
+    unread_seconds: float = Field(default=0.5, gt=0)
+    """How long the body of an answer to a script is waited for, if its length is known and nothing of it was
+    read: pages that only report something never read the answer, and it never ends."""
+
     load_seconds: float = Field(default=2.0, gt=0)
     """How long after its document is complete a page's load event is waited for."""
 
@@ -198,9 +206,10 @@ class BrowserConfig(BaseModel):
     """The same, and for requests too, while the page shows that it is loading: a spinner, a skeleton,
     ``aria-busy``, "Loading…", nothing at all."""
 
-    linger_seconds: float = Field(default=1.0, ge=0)
-    """How long such a sign is waited for to go when nothing is known to be under way. One that stays is
-    taken for decoration from then on."""
+    linger_seconds: float = Field(default=2.0, ge=0)
+    """How long such a sign is waited for to go when nothing is known to be under way, and for timers that ask
+    again and again whether something is there; half as long for what only turns. A sign that stays is taken
+    for decoration from then on."""
 
     trace_kilobytes: int = Field(default=256, gt=0)
     """How much of the browser's trace is kept to see timers in: the last second of a page that animates."""

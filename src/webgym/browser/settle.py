@@ -113,6 +113,8 @@ class _Settling:
         self._waited_until = 0.0
         """Timers that were due before this have fired, or will not."""
         self._awaited: list[Timer] = []
+        self._began: dict[str, float] = {}
+        """When timers of some code were first waited for while the page showed that it is loading."""
         self._vain: list[Timer] = []
         """Timers that brought nothing in this wait. It is one lesson, however many there are."""
         self._target = ""
@@ -145,6 +147,7 @@ class _Settling:
             "reaction": config.reaction_seconds,
             "quiet": config.quiet_seconds,
             "busy": config.busy_seconds,
+            "stir": config.stir_seconds if self._page.changes >= 0 else config.busy_seconds,
             "linger": self._linger,
         }
         times = {name: value * 1000 for name, value in seconds.items()}
@@ -219,7 +222,7 @@ class _Settling:
         elif self._known_timers is None:
             return None
         for timer in self._planned():
-            if timer.repeats and not (seen.loading and timer.delay):
+            if timer.repeats and not (seen.loading and 0 < timer.delay <= page.config.timer_seconds):
                 continue
             due = timer.next(self._waited_until)
             if due.due > horizon:
@@ -236,7 +239,11 @@ class _Settling:
 
     def _is_worthwhile(self, timer: Timer, seen: _Quiet) -> bool:
         # What is typed may always bring something: a search finds nothing for one word, much for two.
-        return seen.loading or self._has_typed or not self._page.idlers.is_known(timer, self._target)
+        if not seen.loading:
+            return self._has_typed or not self._page.idlers.is_known(timer, self._target)
+        # Code that sets the next timer whenever one fires may ask whether something is there, or be a clock.
+        now = time.monotonic()
+        return now - self._began.setdefault(timer.origin, now) < self._config.linger_seconds
 
     async def _read_timers(self, seen: _Quiet) -> None:
         # A document that began after the action has been watched from its first timer on.

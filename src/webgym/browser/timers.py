@@ -125,7 +125,7 @@ class Idlers:
             if brought:
                 self.vain.pop(key, None)
             else:
-                self.vain[key] = self._vain.get(key, 0) + 1
+                self.vain[key] = self.vain.get(key, 0) + 1
 
     @staticmethod
     def _keys(timer: Timer, target: str) -> tuple[tuple[tuple[object, ...], int], ...]:

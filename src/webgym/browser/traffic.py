@@ -19,6 +19,7 @@ from webgym.browser.wire import (
     RequestDone,
     RequestFailed,
     RequestWillBeSent,
+    ResponseReceived,
     ScheduledNavigation,
     SocketCreated,
     Wire,
@@ -31,6 +32,8 @@ _NEVER_AWAITED = frozenset(
 
 _UNSEEN = frozenset({"Medium", "Low", "VeryLow"})
 """Priorities of pictures that are not in the viewport: the browser raises those that are to ``High``."""
+
+_READ_BY_SCRIPTS = frozenset({"Fetch", "XHR"})
 
 _POLLS = 6
 """Times that an address is asked in a wait that the deadline ends, until it counts as asked for ever."""
@@ -51,6 +54,8 @@ class _InFlight(msgspec.Struct):
         endpoint: by which it is known again, if it outlasts that; empty for what is not.
         is_patient: whether it is waited for longer while the page shows that it is loading.
         is_request: whether it counts as an open request when it is no longer waited for.
+        has_answer: whether the head of the answer is there. Its body does not end while the page leaves it
+            unread, as it does with the answers to what it reports.
     """
 
     since: float
@@ -58,6 +63,7 @@ class _InFlight(msgspec.Struct):
     endpoint: str = ""
     is_patient: bool = False
     is_request: bool = True
+    has_answer: bool = False
 
     def until(self, patience: float) -> float:
         return self.since + (max(self.seconds, patience) if self.is_patient else self.seconds)
@@ -85,6 +91,8 @@ class Traffic:
         self._in_flight: dict[str, _InFlight] = {}
         self._outlasting: set[str] = set()
         """Endpoints that did not answer in time when they were last asked."""
+        self._unread: set[str] = set()
+        """Endpoints whose answers did not end in time: only their heads are waited for."""
         self._asked: Counter[str] = Counter()
         """How often addresses were asked since the wait began, numbers in them left out."""
         self._polled: set[str] = set()
@@ -106,6 +114,8 @@ class Traffic:
     def follow(self, session: Session) -> None:
         """Keep the books of another target's requests too."""
         session.on("Network.requestWillBeSent", RequestWillBeSent, self._on_request)
+        session.on("Network.responseReceived", ResponseReceived, self._on_response)
+        session.on("Network.dataReceived", RequestDone, self._on_data)
         session.on("Network.resourceChangedPriority", PriorityChanged, self._on_priority)
         for name in ("loadingFinished", "eventSourceMessageReceived"):
             session.on(f"Network.{name}", RequestDone, lambda done: self.end(done.request_id))
@@ -162,9 +172,13 @@ class Traffic:
             self._polled |= {address for address, times in asked.items() if times >= _POLLS}
         for one in self._in_flight.values():
             if all_of_it:
-                one.seconds, one.is_patient = 0.0, False
+                self._give_up(one)
             if one.endpoint and one.until(0.0) <= now:
-                self._outlasting.add(one.endpoint)
+                (self._unread if one.has_answer else self._outlasting).add(one.endpoint)
+
+    @staticmethod
+    def _give_up(one: _InFlight) -> None:
+        one.seconds, one.is_patient = 0.0, False
 
     def is_idle(self, patience: float = 0.0) -> bool:
         """Whether nothing is waited for. ``patience``: for how long at least, seconds, while the page shows
@@ -261,6 +275,29 @@ class Traffic:
             endpoint=f"{request.request.method} {request.request.url.partition('?')[0]}",
             is_patient=not (is_minor or is_foreign),
         )
+
+    def _on_response(self, event: ResponseReceived) -> None:
+        one = self._in_flight.get(event.request_id)
+        if one is None:
+            return
+        one.has_answer = True
+        if one.endpoint in self._unread:
+            self._give_up(one)
+        elif event.type in _READ_BY_SCRIPTS and "content-length" in {
+            name.lower() for name in event.response.headers
+        }:
+            # What is read comes at once.
+            one.seconds = min(one.seconds, self._clock() - one.since + self._config.unread_seconds)
+            one.is_patient = False
+        self._changed.set()
+
+    def _on_data(self, event: RequestDone) -> None:
+        """A body that still comes is waited for."""
+        one = self._in_flight.get(event.request_id)
+        if one is not None and one.has_answer and one.seconds:
+            more = self._clock() - one.since + self._config.reply_seconds
+            one.seconds = max(one.seconds, min(more, self._config.loading_seconds))
+            self._changed.set()
 
     def _on_priority(self, changed: PriorityChanged) -> None:
         one = self._in_flight.get(changed.request_id)

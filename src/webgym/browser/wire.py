@@ -218,6 +218,7 @@ class Response(Wire, frozen=True):
 
     status: int
     url: str = ""
+    headers: dict[str, str] = {}
 
 
 class ResponseReceived(Wire, frozen=True):

@@ -13,24 +13,9 @@ action. In the pages' scripts:
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
-from webgym.core.action import BrowserAction, LeftClick, Navigate, Scroll, Target, Type
-
-Kind: TypeAlias = Literal["open", "click", "type", "scroll"]
-Group: TypeAlias = Literal[
-    "plain",
-    "requests",
-    "streams",
-    "redirects",
-    "scripts",
-    "timers",
-    "rendering",
-    "endless",
-    "fleeting",
-    "late",
-]
+from webgym.bench.hardweb.apps import APPS
+from webgym.bench.hardweb.page import HardPage
 
 OTHER_HOST = "advert.test"
 """The name of another site, to be mapped to the server."""
@@ -60,9 +45,6 @@ body { font: 16px/1.5 sans-serif; margin: 100px 40px; }
 
 _GO = "<button id=go>Go</button>"
 _INTRO = "<h1>The hard web</h1><p>Some text that is here from the start.</p>"
-_MIDDLE = (0.1, 0.05)
-"""Where ``#go`` is, as a share of the viewport."""
-
 WORKER = """
 onmessage = async ({ data }) => {
   if (data.compute) { const end = performance.now() + data.compute; while (performance.now() < end); }
@@ -78,46 +60,6 @@ onfetch = (event) => {
 };
 """
 """Dedicated worker and service worker of the corpus."""
-
-
-@dataclass(frozen=True, slots=True)
-class HardPage:
-    """One page, and what is done with it.
-
-    Attributes:
-        name: also its path.
-        group: what is hard about it.
-        says: in a few words, what happens after the action.
-        body: HTML after the head.
-        action: what the clock starts with; for all but ``open`` the page is opened before.
-        path: where the action ``open`` leads, if not to the page itself.
-    """
-
-    name: str
-    group: Group
-    says: str
-    body: str
-    action: Kind = "open"
-    path: str = ""
-
-    def url(self, origin: str, pace: float = 1.0) -> str:
-        """Where to open it."""
-        path = self.path or f"/p/{self.name}"
-        return f"{origin}{path}{'&' if '?' in path else '?'}pace={pace}"
-
-    def act(self, origin: str, pace: float = 1.0) -> BrowserAction:
-        """The action that the clock starts with."""
-        x, y = _MIDDLE
-        target = Target(coordinate=(x * 1000, y * 1000))
-        match self.action:
-            case "open":
-                return Navigate(self.url(origin, pace))
-            case "click":
-                return LeftClick(target)
-            case "type":
-                return Type(target, "settle")
-            case "scroll":
-                return Scroll("down")
 
 
 def page_html(page: HardPage, pace: float, other: str) -> str:
@@ -398,7 +340,8 @@ _LATE = [
 PAGES: dict[str, HardPage] = {
     page.name: page
     for group in (
-        _PLAIN, _REQUESTS, _STREAMS, _REDIRECTS, _SCRIPTS, _TIMERS, _RENDERING, _ENDLESS, _FLEETING, _LATE
+        _PLAIN, _REQUESTS, _STREAMS, _REDIRECTS, _SCRIPTS, _TIMERS, _RENDERING, _ENDLESS, APPS, _FLEETING,
+        _LATE,
     )
     for page in group
 }  # fmt: skip

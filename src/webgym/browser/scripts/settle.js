@@ -202,12 +202,13 @@
   //   since     number of changes before the action; a page that has not changed since is given
   //   reaction  to do so (and to react, if it has only been scrolled), and one that has must be still for
   //   quiet     and is not waited for any longer after
-  //   busy;
+  //   stir;
+  //   busy      how long an animation may take that is waited for;
   //   linger    how long what shows that the page is loading is waited for to vanish.
   // `blank` says that there is nothing to come on a page that shows nothing.
   // Time is counted in ticks of its own. A process that is stopped does not tick, so a clock that jumps
   // while timers that came due in the meantime fire one after the other makes nothing look still.
-  webgym.quiet = async ({ since, tick, reaction, quiet, busy, linger, blank }) => {
+  webgym.quiet = async ({ since, tick, reaction, quiet, busy, stir, linger, blank }) => {
     isBlankKnown ||= blank;
     const { planned, target, hasTyped } = state;
     state.planned = null;
@@ -217,6 +218,7 @@
     const early = timers.asked();
     let [elapsed, still, known, isCounting] = [0, 0, state.changes, false];
     let found = null;
+    const patience = () => (found === true || found[1] === isTurning ? linger / 2 : linger);
     const verdict = (reason) => {
       webgym.census(false);
       state.settled = state.reactions;
@@ -249,18 +251,18 @@
       if (still >= needed) {
         if (await isDone()) {
           found = isSame ? null : sign();
-          if (!found || elapsed >= linger) return verdict(isSame ? 'unchanged' : 'quiet');
+          if (!found || elapsed >= patience()) return verdict(isSame ? 'unchanged' : 'quiet');
           still = 0; // looked for again in a while
         } else still = needed - tick;
       }
-      if (elapsed >= Math.max(busy, found ? linger : 0)) {
+      if (elapsed >= Math.max(stir, found ? patience() : 0)) {
         webgym.settleRestless();
         for (const { effect } of moving(busy)) if (effect.target) movedForEver.add(effect.target);
         state.isTireless ||= hasPlanned();
         found ||= sign(); // it was to be seen for as long as anyone waits
         return verdict('busy');
       }
-      if (elapsed >= busy / 3 && !isCounting) {
+      if (elapsed >= stir / 3 && !isCounting) {
         isCounting = true;
         webgym.census(true);
         hasPlanned();

@@ -1,0 +1,89 @@
+"""What each trajectory asks of the system: drawn once per trajectory, the same under every schedule."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from webgym.simulate.config import Costs, Workload
+
+LENGTHS: Final = ((3.7, 7.8), (4.9, 9.9), (5.5, 11.9))
+"""Mode and mean of the steps of easy, medium and hard trajectories (paper §3)."""
+
+_DRAWN: Final = 100_000
+"""Trajectories from which the scale of their lengths is found: the mean is then good to half a percent."""
+
+
+class Demand(NamedTuple):
+    """Of one trajectory with n steps. It looks n times and acts n times, arrival included.
+
+    Attributes:
+        steps: n.
+        act_cpu, look_cpu: CPU seconds, n each.
+        page: seconds of waiting for the network, n.
+        tokens: of the replies, n.
+    """
+
+    steps: int
+    act_cpu: list[float]
+    look_cpu: list[float]
+    page: list[float]
+    tokens: list[float]
+
+
+def draw_steps(workload: Workload, count: int) -> NDArray[np.int64]:
+    """Steps of so many trajectories, the first ones the same for every count."""
+    return _steps(workload, count, _scale(workload.model_copy(update={"trajectories": 1})))
+
+
+def _steps(workload: Workload, count: int, scale: float) -> NDArray[np.int64]:
+    generator = np.random.default_rng([workload.seed, 1])
+    uniform, normal = generator.random(count), np.random.default_rng([workload.seed, 2]).normal(size=count)
+    shares = np.cumsum(workload.mix) / sum(workload.mix)
+    level = np.searchsorted(shares, uniform, side="right").clip(0, 2)
+    modes, means = np.array(LENGTHS).T
+    variance = np.log(means / modes) / 1.5  # of a log-normal: ln(mean / mode) = 1.5 sigma^2
+    location = np.log(modes) + variance
+    lengths = scale * np.exp(location[level] + np.sqrt(variance[level]) * normal)
+    budgets = np.array(workload.budgets)[level]
+    steps: NDArray[np.int64] = np.clip(np.rint(lengths), 1, budgets).astype(np.int64)
+    return steps
+
+
+@lru_cache(maxsize=64)
+def _scale(workload: Workload) -> float:
+    """The factor that brings the mean length to where it is wanted; the largest where no factor does."""
+    low, high = 0.05, 50.0
+    for _ in range(40):
+        middle = (low * high) ** 0.5
+        if _steps(workload, _DRAWN, middle).mean() < workload.mean_steps:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+def _lognormal(generator: np.random.Generator, mean: float, sigma: float, count: int) -> list[float]:
+    drawn: list[float] = (mean * np.exp(sigma * generator.normal(size=count) - sigma**2 / 2)).tolist()
+    return drawn
+
+
+def demand(workload: Workload, costs: Costs, number: int, steps: int) -> Demand:
+    """What a trajectory asks for.
+
+    Args:
+        number: of the trajectory; with the workload's seed, what everything random follows from.
+        steps: of it.
+    """
+    generator = np.random.default_rng([workload.seed, 3, number])
+    page = costs.page_seconds * np.exp(costs.page_sigma * generator.normal(size=steps))
+    return Demand(
+        steps,
+        _lognormal(generator, costs.act_cpu, costs.cpu_sigma, steps),
+        _lognormal(generator, costs.look_cpu, costs.cpu_sigma, steps),
+        np.minimum(page, costs.page_longest).tolist(),
+        _lognormal(generator, costs.reply_tokens, costs.reply_sigma, steps),
+    )

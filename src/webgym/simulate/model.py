@@ -1,0 +1,249 @@
+"""The model: episodes that take turns at browsers, processors and GPUs, under one of three schedules."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import msgspec
+import simpy
+
+from webgym.simulate.config import Costs, System, Workload
+from webgym.simulate.demand import Demand, demand, draw_steps
+from webgym.simulate.resources import Inference, Process, Processors
+
+
+class Trace(msgspec.Struct, frozen=True):
+    """Load over time, at equal distances.
+
+    Attributes:
+        seconds: since the beginning.
+        cpu: share of the processors at work.
+        policy: requests at the policy, those that wait included.
+    """
+
+    seconds: list[float]
+    cpu: list[float]
+    policy: list[float]
+
+
+class Found(msgspec.Struct, frozen=True, kw_only=True):
+    """What one simulation found.
+
+    Attributes:
+        seconds: until the last verdict and the last update were there.
+        steps: of all trajectories.
+        cut: trajectories that the straggler rule cut short.
+        cpu_seconds: that the processors worked.
+        gpu_seconds: that the GPUs would have worked if their batches had always been full.
+        cpus, gpus: how many there are.
+        steady: the part in which every environment had work: from the time when as many episodes had ended as
+            there are environments, until the last one began. ``None`` where there is no such part.
+        trace: if it was asked for.
+    """
+
+    seconds: float
+    steps: int
+    cut: int
+    cpu_seconds: float
+    gpu_seconds: float
+    cpus: int
+    gpus: float
+    steady: Found | None = None
+    trace: Trace | None = None
+
+    @property
+    def rate(self) -> float:
+        """Steps per second."""
+        return self.steps / self.seconds
+
+    @property
+    def cpu(self) -> float:
+        """Share of the processors' time in use."""
+        return self.cpu_seconds / (self.seconds * self.cpus)
+
+    @property
+    def gpu(self) -> float:
+        """Share of what the GPUs can do in that time that was done."""
+        return self.gpu_seconds / (self.seconds * self.gpus)
+
+    def until(self, later: Found) -> Found | None:
+        """What happened between this and a later state of the same simulation, if any time went by."""
+        names = ("seconds", "steps", "cut", "cpu_seconds", "gpu_seconds")
+        passed = {name: getattr(later, name) - getattr(self, name) for name in names}
+        return msgspec.structs.replace(self, **passed) if passed["seconds"] > 0 else None
+
+
+class _Run:
+    def __init__(self, system: System, costs: Costs, workload: Workload) -> None:
+        self.env = simpy.Environment()
+        self.system, self.costs, self.workload = system, costs, workload
+        self.total = workload.trajectories * system.iterations
+        self.lengths = draw_steps(workload, self.total)
+        self.cpus = Processors(self.env, system.cpus, system.queues)
+        self.gpus = Inference(self.env, system.gpus, costs)
+        self.judges = simpy.Resource(self.env, system.judges or system.sessions)
+        self.left = iter(range(self.total))
+        self.started = 0
+        self.steps = 0
+        self.cut = 0
+        self.last_call: float | None = None
+        self.ended = 0
+        self.steady: list[Found] = []
+        """What was found by the beginning and by the end of the steady part."""
+        self.per_iteration = [0] * system.iterations
+        self.collected = [self.env.event() for _ in range(system.iterations)]
+        self.published = [self.env.event() for _ in range(system.iterations)]
+
+    # --- the parts of an episode ---------------------------------------------------------------------------
+
+    def _take(self) -> int | None:
+        number = next(self.left, None)
+        if number is not None:
+            self.started += 1
+            if self.started == self.total:
+                self.steady.append(self._so_far())
+        return number
+
+    def _begin(self, number: int) -> Iterator[simpy.Event]:
+        """Wait until the policy is recent enough for this trajectory, and for a clean browser."""
+        needed = number // self.workload.trajectories - 1 - self.system.staleness
+        if needed >= 0:
+            yield self.published[needed]
+        yield from self.cpus.use("open", self.costs.open_cpu)
+
+    def _observe(self, asked: Demand, step: int) -> Process:
+        yield from self.cpus.use("act", asked.act_cpu[step])
+        yield self.env.timeout(asked.page[step])
+        yield from self.cpus.use("look", asked.look_cpu[step])
+
+    def _end(self) -> None:
+        self.ended += 1
+        system = self.system
+        if self.ended == system.sessions:
+            self.steady.append(self._so_far())
+        if self.last_call is None and self.ended >= system.straggler_share * self.total:
+            self.last_call = self.env.now + system.straggler_seconds
+
+    def _judge(self, number: int) -> Process:
+        """Wait for a free judge, which then works while the browser takes the next task."""
+        place = self.judges.request()
+        yield place
+        self.env.process(self._verdict(number, place))
+
+    def _verdict(self, number: int, place: simpy.resources.resource.Request) -> Process:
+        yield self.env.timeout(self.costs.judge_seconds)
+        self.judges.release(place)
+        iteration = number // self.workload.trajectories
+        self.per_iteration[iteration] += 1
+        if self.per_iteration[iteration] == self.workload.trajectories:
+            self.collected[iteration].succeed()
+
+    def _train(self) -> Process:
+        for collected, published in zip(self.collected, self.published, strict=True):
+            yield collected
+            yield self.env.timeout(self.costs.train_seconds)
+            published.succeed()
+
+    # --- the schedules -------------------------------------------------------------------------------------
+
+    def _episode(self, number: int) -> Process:
+        yield from self._begin(number)
+        asked = demand(self.workload, self.costs, number, int(self.lengths[number]))
+        is_async = self.system.schedule == "async"
+        for step in range(asked.steps):
+            yield from self._observe(asked, step)
+            if is_async and self.last_call is not None and self.env.now > self.last_call:
+                self.cut += 1
+                break
+            yield from self.gpus.reply(asked.tokens[step])
+            self.steps += 1
+        self._end()
+        yield from self._judge(number)
+
+    def _environment(self) -> Process:
+        while (number := self._take()) is not None:
+            yield from self._episode(number)
+
+    def _group(self) -> list[int]:
+        taken = (self._take() for _ in range(self.system.sessions))
+        return [number for number in taken if number is not None]
+
+    def _episode_barrier(self) -> Process:
+        while group := self._group():
+            yield self.env.all_of([self.env.process(self._episode(number)) for number in group])
+
+    def _step_barrier(self) -> Process:
+        env = self.env
+        while group := self._group():
+            asked = [
+                (number, demand(self.workload, self.costs, number, int(self.lengths[number])))
+                for number in group
+            ]
+            yield env.all_of([env.process(_as_process(self._begin(number))) for number in group])
+            step = 0
+            while asked:
+                yield env.all_of([env.process(self._observe(one, step)) for _, one in asked])
+                yield env.all_of([env.process(self.gpus.reply(one.tokens[step])) for _, one in asked])
+                step += 1
+                self.steps += len(asked)
+                for number, one in asked:
+                    if one.steps == step:
+                        self._end()
+                        env.process(self._judge(number))
+                asked = [(number, one) for number, one in asked if one.steps > step]
+
+    def carry_out(self, trace_seconds: float | None) -> Found:
+        env, system = self.env, self.system
+        if system.schedule == "async":
+            for _ in range(min(system.sessions, self.total)):
+                env.process(self._environment())
+        else:
+            env.process(
+                self._episode_barrier() if system.schedule == "episode_barrier" else self._step_barrier()
+            )
+        last = env.process(self._train())
+        seen: list[tuple[float, float, float]] = []
+        if trace_seconds is not None:
+            env.process(self._watch(trace_seconds, seen, last))
+        env.run(last)
+        found = self._so_far()
+        if len(self.steady) == 2:
+            found = msgspec.structs.replace(found, steady=self.steady[0].until(self.steady[1]))
+        if seen:
+            found = msgspec.structs.replace(found, trace=Trace(*map(list, zip(*seen, strict=True))))
+        return found
+
+    def _so_far(self) -> Found:
+        system = self.system
+        return Found(
+            seconds=self.env.now,
+            steps=self.steps,
+            cut=self.cut,
+            cpu_seconds=self.cpus.busy_seconds,
+            gpu_seconds=self.gpus.work_seconds,
+            cpus=system.cpus,
+            gpus=system.gpus,
+        )
+
+    def _watch(self, every: float, seen: list[tuple[float, float, float]], last: simpy.Event) -> Process:
+        while not last.triggered:
+            seen.append((self.env.now, self.cpus.busy / self.system.cpus, float(self.gpus.requests)))
+            yield self.env.timeout(every)
+
+
+def _as_process(events: Iterator[simpy.Event]) -> Process:
+    yield from events
+
+
+def simulate(
+    system: System, costs: Costs, workload: Workload, *, trace_seconds: float | None = None
+) -> Found:
+    """Carry out a workload.
+
+    Args:
+        system: that carries it out.
+        costs: how long things take.
+        workload: what is to be done.
+        trace_seconds: distance of the samples of the trace; ``None`` for no trace.
+    """
+    return _Run(system, costs, workload).carry_out(trace_seconds)

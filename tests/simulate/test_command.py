@@ -1,0 +1,60 @@
+"""``webgym simulate`` from settings to table, figure and JSON."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from webgym.cli import build
+from webgym.core.errors import ConfigError
+from webgym.simulate.config import Costs, Workload
+from webgym.simulate.paper import Point, reproduce
+from webgym.simulate.questions import read_questions
+
+SMALL = """
+workload: {mean_steps: 3.0, budgets: [3, 3, 3]}
+prices: {cpu: 1.0, gpu: 0.0}
+"""
+
+
+def test_one_table_one_figure_and_the_figures_behind_them(tmp_path: Path) -> None:
+    config, figures, drawn = tmp_path / "sim.yaml", tmp_path / "found.json", tmp_path / "sizes.svg"
+    config.write_text(SMALL)
+    options = ["--cpus", "4", "--cpus", "8", "--gpus", "2", "--environments", "16"]
+    options += ["--config", str(config), "--json", str(figures), "--figure", str(drawn), "--markdown"]
+    ran = CliRunner().invoke(build("simulate"), ["simulate", *options], catch_exceptions=False)
+    assert ran.exit_code == 0
+    small, large = json.loads(figures.read_text())
+    assert (small["cpus"], large["cpus"]) == (4, 8)
+    assert large["rates"]["async"] > small["rates"]["async"]
+    assert "| 4 / 2 / 16 |" in ran.output
+    assert drawn.read_bytes().startswith(b"<?xml")
+
+
+def test_a_setting_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    config = tmp_path / "sim.yaml"
+    config.write_text("costs: {act_cpus: 1}")
+    with pytest.raises(ConfigError, match="act_cpus"):
+        read_questions([config])
+
+
+def test_an_error_is_relative_to_the_nearer_end_of_a_range() -> None:
+    assert Point("", "x", (4.0, 5.0), 4.5).error == 0
+    assert Point("", "x", (4.0, 5.0), 6.0).error == pytest.approx(0.2)
+    assert Point("", "x", (4.0, 5.0), 3.0).error == pytest.approx(-0.25)
+    assert Point("", "x", None, 3.0).error is None
+
+
+@pytest.mark.slow
+def test_the_paper_is_reproduced_where_the_documentation_says_so() -> None:
+    """The fitted figures within 5 %, linear growth with GPUs within 5 %; 128 CPUs in lock step is not."""
+    points = list(reproduce(Costs(), Workload()).points)
+    fitted = [point for point in points if point.is_fitted]
+    assert len(fitted) == 4
+    assert all(abs(point.error or 0) < 0.05 for point in fitted)
+    assert all(abs(point.error or 0) < 0.05 for point in points if "GPUs" in point.what)
+    lock_step = next(point for point in points if point.what.startswith("128 CPUs, step barrier"))
+    assert lock_step.found > 7.2, "the bound that the module derives"

@@ -206,23 +206,6 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
     assert outcomes[Outcome.CANCELLED] == before["cancelled"]
 
 
-async def test_stragglers_are_ended_as_truncated(tmp_path: Path) -> None:
-    web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
-    slow = next(host for host, spec in web.specs.items() if spec.behaviour == "slow")
-    fast = next(host for host, spec in web.specs.items() if spec.behaviour == "good")
-    tasks = [max(web.tasks_of(slow), key=lambda task: task.difficulty), next(iter(web.tasks_of(fast)))]
-    write_tasks(tmp_path / "tasks.jsonl", tasks)
-    settings = config(
-        tmp_path / "tasks.jsonl",
-        sites=SITES.model_copy(update={"slow_seconds": 5.0}),
-        collector=CollectorConfig(sessions=2, straggler_share=0.5, straggler_seconds=1.0),
-    )
-    await collect(settings, tmp_path / "run")
-    slow_one = next(each for each in add_up(tmp_path / "run") if each.episode.task_id == tasks[0].id)
-    assert slow_one.outcome is Outcome.TRUNCATED
-    assert slow_one.episode.ending == "straggler"
-
-
 async def test_the_same_seed_makes_the_same_decisions(tmp_path: Path) -> None:
     file = task_file(tmp_path, 3)
     made = []
@@ -269,5 +252,4 @@ async def test_every_attempt_may_be_late_at_any_moment(tmp_path: Path) -> None:
     await collect(config(file, collector=late), tmp_path / "run")
     outcomes = Counter(each.outcome for each in add_up(tmp_path / "run"))
     assert outcomes[Outcome.SUCCESS] >= 1
-    assert outcomes[Outcome.TRUNCATED] >= 1
-    assert outcomes.total() == 6
+    assert outcomes[Outcome.SUCCESS] + outcomes[Outcome.CANCELLED] == outcomes.total() == 6

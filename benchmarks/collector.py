@@ -4,7 +4,8 @@
 
 Browser server and model's endpoint are stand-ins behind real HTTP, in a process of their own; agent, client
 and records on disk are real. Steps and replies take as long as they are told to, spread evenly around it, so
-that all sessions are in flight all the time. CPU is that of the collector's process alone.
+that all sessions are in flight all the time. Pages look alike, so that the disk keeps each picture once. CPU
+is that of the collector's process alone.
 """
 
 from __future__ import annotations
@@ -33,9 +34,6 @@ from webgym.rollout.progress import Progress
 from webgym.server.config import ClientLimits
 from webgym.tasks import write_tasks
 
-STEPS = 13
-"""Per episode; the paper's mean is 13.2."""
-
 
 def judge(task: Task, episode: object) -> bool:
     """Every answer is right."""
@@ -47,17 +45,17 @@ def around(seconds: float) -> Callable[[], float]:
     return lambda: random.uniform(0.5, 1.5) * seconds
 
 
-async def serve(pipe: Connection, step_seconds: float, reply_seconds: float) -> None:
+async def serve(pipe: Connection, steps: int, step_seconds: float, reply_seconds: float) -> None:
     browsers = StandInBrowsers(around(step_seconds))
-    model = StandInModel(STEPS, around(reply_seconds))
+    model = StandInModel(steps, around(reply_seconds))
     async with serving_app(browsers.app()) as server, serving_app(model.app()) as endpoint:
         pipe.send((server, endpoint))
         await asyncio.to_thread(pipe.recv)
         pipe.send((browsers.most, model.most))
 
 
-def stand_in(pipe: Connection, step_seconds: float, reply_seconds: float) -> None:
-    asyncio.run(serve(pipe, step_seconds, reply_seconds))
+def stand_in(pipe: Connection, steps: int, step_seconds: float, reply_seconds: float) -> None:
+    asyncio.run(serve(pipe, steps, step_seconds, reply_seconds))
 
 
 class Watch:
@@ -90,11 +88,13 @@ def settings(folder: Path, sessions: int, episodes: int, ports: tuple[int, int])
     )
 
 
-async def measure(sessions: int, rounds: int, step_seconds: float, reply_seconds: float) -> str:
+async def measure(sessions: int, given: argparse.Namespace) -> str:
     """One row of the table."""
     pipe, other = multiprocessing.Pipe()
     context = multiprocessing.get_context("spawn")
-    servers = context.Process(target=stand_in, args=(other, step_seconds, reply_seconds))
+    servers = context.Process(
+        target=stand_in, args=(other, given.steps, given.step_seconds, given.reply_seconds)
+    )
     servers.start()
     try:
         ports = await asyncio.to_thread(pipe.recv)
@@ -106,7 +106,7 @@ async def measure(sessions: int, rounds: int, step_seconds: float, reply_seconds
 
         with tempfile.TemporaryDirectory() as name:
             folder = Path(name)
-            config = settings(folder, sessions, sessions * rounds, ports)
+            config = settings(folder, sessions, sessions * given.rounds, ports)
             secrets = Secrets(server_token=SecretStr(TOKEN))
             summary = await collect(config, folder / "run", secrets=secrets, show=show)
         pipe.send("end")
@@ -117,7 +117,7 @@ async def measure(sessions: int, rounds: int, step_seconds: float, reply_seconds
     watch, lag = watches[0], watches[0].progress.lag
     steps = summary["steps"]
     return (
-        f"| {sessions} | {most} | {asked} | {summary['outcomes']['success']} of {sessions * rounds} "
+        f"| {sessions} | {most} | {asked} | {summary['outcomes']['success']} of {sessions * given.rounds} "
         f"| {steps / watch.seconds:.0f} | {watch.cpu / steps * 1000:.2f} | {watch.cpu / watch.seconds:.2f} "
         f"| {lag.milliseconds(0.5):.1f} | {lag.milliseconds(0.99):.0f} |"
     )
@@ -127,6 +127,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--sessions", type=int, nargs="+", default=[100, 1000])
     parser.add_argument("--rounds", type=int, default=1, help="episodes per session")
+    parser.add_argument("--steps", type=int, default=13, help="per episode; the paper's mean is 13.2")
     parser.add_argument("--step-seconds", type=float, default=3.0)
     parser.add_argument("--reply-seconds", type=float, default=7.0)
     given = parser.parse_args()
@@ -136,8 +137,7 @@ def main() -> None:
     )
     print(" | loop lag p50, ms | p99, ms |\n" + "|---" * 9 + "|")
     for sessions in given.sessions:
-        row = measure(sessions, given.rounds, given.step_seconds, given.reply_seconds)
-        print(asyncio.run(row), flush=True)
+        print(asyncio.run(measure(sessions, given)), flush=True)
 
 
 if __name__ == "__main__":

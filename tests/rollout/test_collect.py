@@ -17,7 +17,7 @@ from webgym.collection import PolicyChoice, RunConfig, ServerChoice, TaskChoice,
 from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
-from webgym.core.websites import site_of
+from webgym.core.websites import host_of
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
 from webgym.rollout.attempt import AttemptConfig
@@ -105,7 +105,10 @@ async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path) -> Non
     await collect(config(tmp_path / "tasks.jsonl", retries=0, blocklist=kept), tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
-    assert set(Blocklist(kept).blocked()) == {site_of(picked[0].website)}
+    summary = RunReader(tmp_path / "run").summary
+    assert summary is not None
+    assert summary["blocked_hosts"] == {host_of(picked[0].website): 1}
+    assert set(Blocklist(kept).blocked()) == {host_of(picked[0].website)}
     assert {each.outcome for each in trajectories} == {
         Outcome.BLOCKED,
         Outcome.ENVIRONMENT_ERROR,

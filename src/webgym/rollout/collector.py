@@ -30,6 +30,7 @@ from webgym.core.errors import (
 from webgym.core.outcome import Ending, Outcome, outcome_of
 from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.judge.base import Judge, Pictures
+from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import Attempt, BrowserSession, Stage
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.judging import JUDGED, Found, find
@@ -262,8 +263,9 @@ class Collector:
         finally:
             progress.move("judging", None, planned.attempt_id)
         if self._blocklist and judged.outcome is Outcome.BLOCKED and judged.verdict is not None:
-            reason = judged.verdict.blocked.reason
-            await asyncio.to_thread(self._blocklist.add, planned.task.website, reason)
+            blocked = judged.verdict.blocked
+            host = blocking_host(planned.task.website, episode, blocked)
+            await asyncio.to_thread(self._blocklist.add, host, blocked.reason)
         if episode.ending in JUDGED:
             self._lengths.append(episode.seconds)
         is_final = is_lost or episode.ending is Ending.STRAGGLER

@@ -16,6 +16,7 @@ from webgym.agent.policy import ORACLES
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
 from webgym.core.trajectory import Step, Trajectory
+from webgym.judge.blocking import blocking_host
 from webgym.rollout.rates import Interval, Successes, pass_at
 from webgym.tasks.selection import splits_in
 
@@ -130,6 +131,7 @@ class Summary(TypedDict):
         invalid_replies: steps whose replies hold no action.
         notes: what every figure here must be read with, a sentence each: that an oracle played, that many
             replies held no action.
+        blocked_hosts: attempts that each host kept out, most first.
         losses: what ended attempts that carry no reward, by error code, or by outcome where there was no
             error (a website that blocks); most frequent first.
     """
@@ -156,6 +158,7 @@ class Summary(TypedDict):
     by_level: dict[str, Group]
     by_domain: dict[str, Group]
     by_website: dict[str, Group]
+    blocked_hosts: dict[str, int]
     losses: dict[str, Loss]
     lost_samples: int
     invalid_replies: int
@@ -186,6 +189,7 @@ class Digest(msgspec.Struct, frozen=True, array_like=True):
         loss: why it carries no reward: error code, or outcome where there was no error, and message.
         invalid: steps whose replies hold no action.
         first_invalid: what was wrong with the first of these.
+        blocked_by: host that kept the agent out; empty if none did.
     """
 
     attempt_id: str
@@ -203,6 +207,7 @@ class Digest(msgspec.Struct, frozen=True, array_like=True):
     loss: tuple[str, str] | None
     invalid: int
     first_invalid: str
+    blocked_by: str = ""
 
 
 def digest_of(trajectory: Trajectory) -> Digest:
@@ -236,7 +241,15 @@ def digest_of(trajectory: Trajectory) -> Digest:
         loss=_loss(trajectory),
         invalid=len(unread),
         first_invalid=unread[0] if unread else "",
+        blocked_by=_blocked_by(trajectory),
     )
+
+
+def _blocked_by(trajectory: Trajectory) -> str:
+    verdict, seen = trajectory.verdict, trajectory.episode.observations
+    if trajectory.outcome is not Outcome.BLOCKED or verdict is None:
+        return ""
+    return blocking_host(seen[0].url if seen else UNKNOWN, trajectory.episode, verdict.blocked)
 
 
 def _loss(trajectory: Trajectory) -> tuple[str, str] | None:
@@ -326,6 +339,7 @@ class Tally:
         self._waits = array("d")
         self._operations: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
         self._losses: dict[str, Loss] = {}
+        self._blocked_by: Counter[str] = Counter()
         self._invalid = 0
         self._first_invalid = ""
 
@@ -337,6 +351,8 @@ class Tally:
         newest = samples.get(digest.sample)
         if newest is None or newest[0] <= digest.retry:
             samples[digest.sample] = (digest.retry, digest.outcome)
+        if digest.blocked_by:
+            self._blocked_by[digest.blocked_by] += 1
         for place in _places(task):
             self._counts[place].add(digest)
             # More than the run says it planned, as of a task that it does not hold.
@@ -435,6 +451,7 @@ class Tally:
             ),
             "invalid_replies": self._invalid,
             "notes": list(self._notes(self._policies)),
+            "blocked_hosts": dict(self._blocked_by.most_common()),
             "losses": dict(sorted(self._losses.items(), key=lambda item: -item[1]["count"])),
         }
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import uuid
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Mapping, Sequence
 from contextlib import (
     AbstractAsyncContextManager,
     AsyncExitStack,
@@ -35,6 +35,7 @@ from webgym.agent.policy import ORACLES, Policy
 from webgym.agent.preflight import check_policy
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile, profile_of
+from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import ConfigError, RunFolderError, Unauthorized
 from webgym.core.task import Task
 from webgym.judge import Judge
@@ -49,15 +50,19 @@ from webgym.rehearsal import Rehearsal
 from webgym.rollout.attempt import AttemptConfig, Backstage, Browsers, Stage
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
+from webgym.rollout.exposition import exposing
 from webgym.rollout.feed import feeding
 from webgym.rollout.files import METRICS
+from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Plan
 from webgym.rollout.progress import Progress
+from webgym.rollout.sharing import sharing
 from webgym.rollout.store import RunReader, RunWriter, refuse_taken
 from webgym.rollout.summary import Summary, oracle_note, summarise
 from webgym.rollout.trackers import TrackerName, check_installed, tracking
 from webgym.rollout.unjudged import judge_again
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
+from webgym.server.config import Admission, Queues
 from webgym.settings import first_problem
 from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
 from webgym.tasks.brands import brand_or_text
@@ -140,6 +145,9 @@ class ServerChoice(_Settings):
 
     url: str | None = None
     """A running browser server; without one, browsers are started here for the time of the run."""
+
+    queues: Queues = "per_operation"
+    """Of a server that is started here: ``per_operation``, or ``global``, the paper's baseline."""
 
     sites_url: str | None = None
     """Where the offline web is served; without one it is served here, if the tasks are its."""
@@ -280,6 +288,7 @@ async def collect(
     secrets: Secrets | None = None,
     show: Show | None = None,
     tell: Tell | None = None,
+    finishing: asyncio.Event | None = None,
 ) -> Summary:
     """Make a run: every task attempted, judged and on disk when this returns.
 
@@ -291,6 +300,7 @@ async def collect(
         secrets: tokens of servers that run elsewhere.
         show: shows the progress while the run goes on.
         tell: is told, a line at a time, what a person should know.
+        finishing: once it is set, no attempt is begun, and the run ends when those in flight have.
 
     Raises:
         WebGymError: the run could not start, or could not go on; what was collected is on disk.
@@ -326,7 +336,8 @@ async def collect(
         # Not before all else is there: a run that cannot start leaves no folder.
         await RunWriter.create(out, record, tasks) as store,
     ):
-        return await _carry_out(config, stamp["run_id"], tasks, company, store, show)
+        run_id = stamp["run_id"]
+        return await _carry_out(config, run_id, tasks, company, store, show, finishing=finishing)
 
 
 async def resume(
@@ -339,6 +350,7 @@ async def resume(
     retry_errors: bool = False,
     show: Show | None = None,
     tell: Tell | None = None,
+    finishing: asyncio.Event | None = None,
 ) -> Summary:
     """Go on with a run that was interrupted: what is on disk is neither lost nor made again.
 
@@ -352,6 +364,7 @@ async def resume(
             run allows; else what has exhausted its retries stays as it is.
         show: shows the progress while the run goes on.
         tell: is told, a line at a time, what a person should know.
+        finishing: once it is set, no attempt is begun, and the run ends when those in flight have.
 
     Raises:
         RunFolderError: the folder is no run.
@@ -372,7 +385,9 @@ async def resume(
             _say(tell, f"cut off {store.torn_bytes} bytes of an unfinished record")
         for line in store.skipped:
             _say(tell, f"skipped {line}")
-        return await _carry_out(config, run_id, tasks, company, store, show, retry_errors=retry_errors)
+        return await _carry_out(
+            config, run_id, tasks, company, store, show, finishing=finishing, retry_errors=retry_errors
+        )
 
 
 def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> RunConfig:
@@ -437,6 +452,7 @@ class _Company:
     client: Browsers
     agent: Agent
     judge: Judge
+    calls: dict[str, CallQueue]
 
 
 @asynccontextmanager
@@ -453,13 +469,19 @@ async def _company(
         if is_ours and choice.name == "openai" and choice.check:
             await check_policy(agent, config.attempt.viewport)
             await check_judge(config.judge)
-        backstage, client = await stack.enter_async_context(_places(config, secrets, tasks, tell))
-        yield _Company(backstage, client, agent, judge)
+        limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
+        calls = call_queues(config.limits.calls | limits)
+        backstage, client = await stack.enter_async_context(_places(config, secrets, tasks, tell, calls))
+        yield _Company(backstage, client, agent, judge, calls)
 
 
 @asynccontextmanager
 async def _places(
-    config: RunConfig, secrets: Secrets, tasks: Sequence[Task], tell: Tell | None
+    config: RunConfig,
+    secrets: Secrets,
+    tasks: Sequence[Task],
+    tell: Tell | None,
+    calls: dict[str, CallQueue],
 ) -> AsyncIterator[tuple[Backstage | None, Browsers]]:
     """Websites and browsers, or what stands in for both."""
     if config.server.rehearsed:
@@ -474,7 +496,7 @@ async def _places(
         return
     async with (
         _sites(config, secrets, tasks) as (backstage, allowed),
-        _browsers(config, secrets, allowed, tell, len(tasks) * config.samples) as client,
+        _browsers(config, secrets, allowed, tell, len(tasks) * config.samples, calls) as client,
     ):
         yield backstage, client
 
@@ -487,15 +509,33 @@ async def _carry_out(
     store: RunWriter,
     show: Show | None,
     *,
+    finishing: asyncio.Event | None,
     retry_errors: bool = False,
 ) -> Summary:
-    plan = Plan(
-        tasks,
-        samples=config.samples,
-        retries=config.retries,
-        recorded=list(store.attempts.values()),
-        retry_errors=retry_errors,
-    )
+    shared = sharing(config.collector.sharing, run_id, tasks, config.samples, store.path)
+    async with shared as claims:
+        plan = Plan(
+            tasks,
+            samples=config.samples,
+            retries=config.retries,
+            recorded=list(store.attempts.values()),
+            retry_errors=retry_errors,
+            hardest_first=config.collector.order == "hardest_first",
+            claims=claims,
+        )
+        return await _collected(config, run_id, tasks, company, store, plan, show, finishing)
+
+
+async def _collected(
+    config: RunConfig,
+    run_id: str,
+    tasks: Sequence[Task],
+    company: _Company,
+    store: RunWriter,
+    plan: Plan,
+    show: Show | None,
+    finishing: asyncio.Event | None,
+) -> Summary:
     name = company.agent.policy.name
     progress = Progress(
         total=plan.total,
@@ -513,20 +553,23 @@ async def _carry_out(
         backstage=company.backstage,
         run_id=run_id,
         seed=config.seed,
+        calls=company.calls,
+        lockstep=Lockstep() if config.collector.schedule == "step_barrier" else None,
     )
     try:
-        async with (
-            _tracked(config, store),
-            feeding(progress, store.path),
-            show(progress) if show else nullcontext(),
-        ):
-            blocklist = Blocklist(config.blocklist)
-            pictures = _pictures(store.path)
-            await Collector(stage, judge, pictures, config.collector, blocklist).run(plan)
-            await judge_again(stage, tasks, judge, pictures, config.collector, blocklist)
+        with exposing(progress, config.collector.metrics_port):
+            async with (
+                _tracked(config, store),
+                feeding(progress, store.path),
+                show(progress) if show else nullcontext(),
+            ):
+                blocklist = Blocklist(config.blocklist)
+                pictures = _pictures(store.path)
+                await Collector(stage, judge, pictures, config.collector, blocklist).run(plan, finishing)
+                await judge_again(stage, tasks, judge, pictures, config.collector, blocklist)
     finally:
         # Also of a run that was stopped: what is on disk has a summary.
-        summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge)
+        summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge, plan.elsewhere)
         await store.write_summary(summary)
     return summary
 
@@ -604,7 +647,12 @@ def _check_served(tasks: Sequence[Task], hosts: set[str]) -> None:
 
 @asynccontextmanager
 async def _browsers(
-    config: RunConfig, secrets: Secrets, allowed: tuple[str, ...], tell: Tell | None, attempts: int
+    config: RunConfig,
+    secrets: Secrets,
+    allowed: tuple[str, ...],
+    tell: Tell | None,
+    attempts: int,
+    calls: dict[str, CallQueue],
 ) -> AsyncIterator[BrowserClient]:
     """A client of a browser server, which is started here unless there is one, and no larger than needed."""
     if config.server.url is not None:
@@ -614,16 +662,17 @@ async def _browsers(
                 "the browser server's token is missing", hint="set WEBGYM_TOKEN to what it was started with"
             )
         async with BrowserClient(
-            config.server.url, token=token.get_secret_value(), limits=config.limits
+            config.server.url, token=token.get_secret_value(), limits=config.limits, calls=calls
         ) as client:
             await client.info()  # fails now, in one line, rather than once per attempt
             yield client
         return
     browser = config.browser.allowing(*allowed)
-    serve = ServerConfig(slots=max(1, min(config.collector.sessions, attempts)), browser=browser)
+    slots = max(1, min(config.collector.sessions, attempts))
+    admission = Admission(queues=config.server.queues)
     async with (
-        running_server(serve) as server,
-        BrowserClient(server.url, token=server.token, limits=config.limits) as client,
+        running_server(ServerConfig(slots=slots, browser=browser, admission=admission)) as server,
+        BrowserClient(server.url, token=server.token, limits=config.limits, calls=calls) as client,
     ):
         info = await client.info()
         if not info.sandboxed:
@@ -649,7 +698,11 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
             choice = choice.model_copy(update={"sites_url": sites.url})
             secrets = secrets.model_copy(update={"sites_token": SecretStr(sites.token)})
             allowed = tuple(sites.allowed_hosts)
-        serve = ServerConfig(slots=config.collector.sessions, browser=config.browser.allowing(*allowed))
+        serve = ServerConfig(
+            slots=config.collector.sessions,
+            browser=config.browser.allowing(*allowed),
+            admission=Admission(queues=config.server.queues),
+        )
         server = await stack.enter_async_context(running_server(serve))
         choice = choice.model_copy(update={"url": server.url})
         token = server.token if isinstance(server.token, SecretStr) else SecretStr(server.token)
@@ -663,7 +716,9 @@ def _pictures(run: Path) -> Callable[[str], Any]:
     return read
 
 
-def _summarise(run: Path, tasks: Sequence[Task], config: RunConfig, judge: Judge) -> Summary:
+def _summarise(
+    run: Path, tasks: Sequence[Task], config: RunConfig, judge: Judge, elsewhere: Collection[tuple[str, int]]
+) -> Summary:
     reader = RunReader(run, skip_corrupt=True)
     return summarise(
         reader.trajectories(),
@@ -672,6 +727,7 @@ def _summarise(run: Path, tasks: Sequence[Task], config: RunConfig, judge: Judge
         seed=config.seed,
         policy=config.policy.chat.model if config.policy.chat else config.policy.name,
         judge=judge.name,
+        elsewhere=elsewhere,
     )
 
 

@@ -20,6 +20,15 @@ async def interrupted() -> None:
     await asyncio.sleep(10)
 
 
+async def finishing_or_not(finishing: asyncio.Event, presses: int) -> str:
+    for _ in range(presses):
+        os.kill(os.getpid(), signal.SIGINT)
+        await asyncio.sleep(0.05)
+    async with asyncio.timeout(30):
+        await finishing.wait()
+    return "finished"
+
+
 async def full() -> None:
     raise StoreFull("no space left")
 
@@ -43,3 +52,24 @@ def test_a_stopped_run_says_how_to_go_on(
     assert capsys.readouterr().err == (f"what is done is kept; go on with: webgym rollout --resume '{run}'\n")
     _run.run(whole, resumed_by=("webgym rollout", run))
     assert not capsys.readouterr().err
+
+
+@pytest.mark.parametrize("presses", [1, 2])
+def test_ctrl_c_once_lets_a_run_finish_and_twice_abandons_it(
+    capsys: pytest.CaptureFixture[str], presses: int
+) -> None:
+    ends: list[str] = []
+
+    finishing = asyncio.Event()
+
+    async def work() -> None:
+        try:
+            ends.append(await finishing_or_not(finishing, presses))
+        except asyncio.CancelledError:
+            ends.append("abandoned")
+            raise
+
+    with pytest.raises(KeyboardInterrupt):
+        _run.run(work, finishing=finishing)
+    assert ends == [{1: "finished", 2: "abandoned"}[presses]]
+    assert "Ctrl-C again abandons" in capsys.readouterr().err

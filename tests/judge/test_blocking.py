@@ -13,7 +13,8 @@ from webgym.core.observation import Element, Notice, Observation
 from webgym.core.outcome import Ending
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Reply, Step
-from webgym.judge.blocking import GUARDS, challenge, find_block
+from webgym.core.verdict import Judgement
+from webgym.judge.blocking import GUARDS, blocking_host, challenge, find_block
 
 
 def look(text: str | None = "", **more: Any) -> Observation:
@@ -275,3 +276,17 @@ def test_a_suspicion_is_bounded_by_the_same_rules() -> None:
 def test_guards_are_written_folded() -> None:
     for guard in GUARDS:
         assert all(text == text.casefold() for text in (*guard.titles, *guard.words))
+
+
+@pytest.mark.parametrize(
+    ("url", "host"),
+    [
+        ("https://m.shop.example/x", "m.shop.example"),
+        ("https://www.shop.example/", "shop.example"),
+        ("https://geo.captcha-delivery.com/captcha/?x=1", "shop.example"),
+    ],
+)
+def test_the_host_that_blocks_is_the_one_that_refused_last(url: str, host: str) -> None:
+    made = trip(page(), (Navigate(url), wall(url)))
+    assert blocking_host("https://shop.example/", made, Judgement(True, "it refused", (0, 1))) == host
+    assert blocking_host("https://shop.example/", made, Judgement(True, "a model says so")) == "shop.example"

@@ -28,10 +28,11 @@ def test_a_website_is_left_out_for_twelve_hours(tmp_path: Path) -> None:
     clock, file = Clock(), tmp_path / "below" / "blocked.jsonl"
     made(file, clock).add("https://www.shop.example/a?b", "a challenge")
     blocklist = made(file, clock)
-    assert blocklist.is_blocked("http://mobile.shop.example:8080/")
+    assert blocklist.is_blocked("http://shop.example:8080/")
+    assert not blocklist.is_blocked("https://mobile.shop.example/")  # another host has blocked nobody
     assert not blocklist.is_blocked("https://other.example/")
     (block,) = blocklist.blocked().values()
-    assert (block.site, block.at, block.reason) == ("shop.example", clock.now, "a challenge")
+    assert (block.host, block.at, block.reason) == ("shop.example", clock.now, "a challenge")
     clock.now += 11 * 3600
     assert blocklist.is_blocked("shop.example")
     made(file, clock).add("shop.example", "again")
@@ -44,7 +45,7 @@ def test_a_website_is_left_out_for_twelve_hours(tmp_path: Path) -> None:
 def test_a_torn_line_swallows_nothing(tmp_path: Path) -> None:
     clock, file = Clock(), tmp_path / "blocked.jsonl"
     made(file, clock).add("a.example", "x")
-    file.write_bytes(file.read_bytes() + b'{"site":"b.exam')
+    file.write_bytes(file.read_bytes() + b'{"host":"b.exam')
     made(file, clock).add("c.example", "x")
     assert set(made(file, clock).blocked()) == {"a.example", "c.example"}
 

@@ -7,6 +7,7 @@ import random
 from collections import Counter
 from contextlib import suppress
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -154,12 +155,40 @@ async def test_a_worker_waits_while_another_may_have_to_repeat() -> None:
     await plan.settle(again, Outcome.SUCCESS)
 
 
-async def test_reaching_a_share_is_announced() -> None:
+async def test_a_run_is_ending_when_a_share_is_done_and_all_others_have_begun() -> None:
     plan = Plan(TASKS, samples=1, retries=0)
-    reached = asyncio.create_task(plan.reach(0.4))
-    for _ in range(2):
-        assert not reached.done()
-        planned = await plan.take()
+    taken = [await plan.take() for _ in range(4)]
+    for planned in taken[:3]:
         assert planned is not None
         await plan.settle(planned, Outcome.FAILURE)
-    await asyncio.wait_for(reached, 1)
+    assert not plan.is_ending(0.4)  # one has not begun
+    await plan.take()
+    assert plan.is_ending(0.4)
+    assert not plan.is_ending(0.8)
+
+
+async def test_hardest_first_and_each_tasks_samples_as_ever() -> None:
+    facts = {task(1).id: 2, task(2).id: 7}
+    tasks = [
+        msgspec.structs.replace(
+            task(number),
+            rubric=Rubric((FactGroup(1, "group", ("fact",) * facts.get(f"t{number}", 4)),)),
+        )
+        for number in range(4)
+    ]
+    plan = Plan(tasks, samples=2, retries=0, hardest_first=True)
+    ids = [planned.attempt_id for _ in range(8) if (planned := await plan.take())]
+    assert ids == ["t2#0.0", "t2#1.0", "t0#0.0", "t3#0.0", "t0#1.0", "t3#1.0", "t1#0.0", "t1#1.0"]
+
+
+async def test_a_closed_plan_hands_nothing_out_and_a_final_end_is_not_made_again() -> None:
+    plan = Plan(TASKS, samples=1, retries=1)
+    one, two = await plan.take(), await plan.take()
+    assert one is not None
+    assert two is not None
+    await plan.settle(one, Outcome.CANCELLED, is_final=True)
+    assert (plan.done, plan.waiting) == (1, 3)
+    await plan.settle(two, Outcome.CANCELLED)
+    assert (plan.done, plan.waiting) == (1, 4)
+    await plan.close()
+    assert await plan.take() is None

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Coroutine
+from contextlib import asynccontextmanager, contextmanager
+from typing import Any, TypeVar
+
+import pytest
 
 from webgym.server.admission import Gatekeeper
 from webgym.server.config import Admission
@@ -93,7 +96,7 @@ async def test_a_burst_of_one_type_starves_no_other() -> None:
 
 
 async def test_one_line_for_all_serves_by_arrival() -> None:
-    order = await _burst(FEW.model_copy(update={"order": "global"}))
+    order = await _burst(FEW.model_copy(update={"queues": "global"}))
     assert order == "n" * 20 + "s" * 3
 
 
@@ -133,6 +136,184 @@ async def test_a_call_that_is_cancelled_as_its_turn_comes_leaves_no_permit_behin
             b.cancel()
             await asyncio.gather(a, b, return_exceptions=True)
             assert gate.permits.running == 0
+
+
+# --- service time, on a clock of the test's ---------------------------------------------------------
+
+T = TypeVar("T")
+
+
+class VirtualLoop(asyncio.SelectorEventLoop):
+    """Time passes only when everybody waits for it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._now = 0.0
+        selector: Any = self._selector  # type: ignore[attr-defined]
+        select = selector.select
+
+        def jump(timeout: float | None = None) -> Any:
+            self._now += timeout or 0.0
+            return select(0)
+
+        selector.select = jump
+
+    def time(self) -> float:
+        return self._now
+
+
+def in_virtual_time(job: Coroutine[Any, Any, T]) -> T:
+    with asyncio.Runner(loop_factory=VirtualLoop) as runner:
+        return runner.run(job)
+
+
+NAVIGATION, SCREENSHOT = 1 / 60, 1 / 30
+"""Seconds of the one processor in the paper's toy: 60 navigations a second, a screenshot twice as dear."""
+
+
+async def _toy(queues: Any, seconds: int, *, in_whole_seconds: bool) -> list[tuple[int, int]]:
+    """180 agents navigate at t = 0 and look when they are told that they are there. Navigations and
+    screenshots that come back in each second.
+
+    Args:
+        in_whole_seconds: results are handed over once a second, as the paper counts them.
+    """
+    gate = Gatekeeper(Admission(queues=queues, fewest=1, most=1), Machine(1.0))
+    loop = asyncio.get_running_loop()
+    back = [[0, 0] for _ in range(1000)]
+
+    async def call(kind: int, queue: QueueName, takes: float) -> None:
+        async with gate.permit(queue):
+            await asyncio.sleep(takes)
+        back[int(loop.time() - 1e-9)][kind] += 1
+
+    async def agent() -> None:
+        await call(0, "navigate", NAVIGATION)
+        if in_whole_seconds:
+            await asyncio.sleep(int(loop.time() - 1e-9) + 1 - loop.time())
+        await call(1, "screenshot", SCREENSHOT)
+
+    agents = [asyncio.create_task(agent()) for _ in range(180)]
+    await asyncio.sleep(seconds + 1e-6)
+    for task in agents:
+        task.cancel()
+    await asyncio.gather(*agents, return_exceptions=True)
+    await gate.stop()
+    assert gate.permits.running == 0
+    return [(navigations, screenshots) for navigations, screenshots in back[:seconds]]
+
+
+def test_the_papers_toy_with_one_queue_for_all_gives_the_gpu_nothing() -> None:
+    assert in_virtual_time(_toy("global", 3, in_whole_seconds=True)) == [(60, 0), (60, 0), (60, 0)]
+    assert in_virtual_time(_toy("global", 2, in_whole_seconds=False)) == [(60, 0), (60, 0)]
+
+
+def test_the_papers_toy_with_a_queue_per_operation() -> None:
+    back = in_virtual_time(_toy("per_operation", 3, in_whole_seconds=True))
+    assert back == [(60, 0), (30, 15), (30, 15)]
+    # Handed over at once, the halves of the processor are the same from the first navigation on.
+    [*_, second] = in_virtual_time(_toy("per_operation", 2, in_whole_seconds=False))
+    assert second in [(30, 15), (29, 15), (31, 15), (30, 14)]
+
+
+def test_dear_calls_get_no_more_time_than_cheap_ones_and_idleness_earns_no_credit() -> None:
+    async def both() -> tuple[dict[str, int], list[str]]:
+        gate = Gatekeeper(Admission(fewest=2, most=2), Machine(1.0))
+        order: list[str] = []
+
+        async def call(queue: QueueName, takes: float) -> None:
+            async with gate.permit(queue):
+                order.append(queue)
+                await asyncio.sleep(takes)
+
+        calls = [asyncio.create_task(call("navigate", 0.7)) for _ in range(100)]
+        calls += [asyncio.create_task(call("metadata", 0.1)) for _ in range(700)]
+        await asyncio.sleep(35)
+        served = {name: load.served_milliseconds for name, load in gate.load.items()}
+        began = len(order)  # screenshots were never asked for so far
+        calls += [asyncio.create_task(call("screenshot", 0.1)) for _ in range(100)]
+        await asyncio.sleep(3)
+        for each in calls:
+            each.cancel()
+        await asyncio.gather(*calls, return_exceptions=True)
+        await gate.stop()
+        return served, order[began:]
+
+    served, after = in_virtual_time(both())
+    assert served["navigate"] == pytest.approx(served["metadata"], rel=0.05)
+    # A third of 6 s of two permits: 20 calls of 0.1 s, not all that it could have had before.
+    assert 15 <= after.count("screenshot") <= 25
+
+
+def test_a_step_gives_its_place_back_between_acting_and_looking() -> None:
+    """Stopped while somebody else has the place, and not for a moment if nobody wants it."""
+
+    async def steps(others: int) -> tuple[list[str], float]:
+        gate = Gatekeeper(Admission(fewest=1, most=1), Machine(1.0))
+        told: list[str] = []
+
+        @contextmanager
+        def stopped() -> Any:
+            told.append("stopped")
+            yield
+            told.append("goes on")
+
+        async def other() -> None:
+            async with gate.permit("screenshot"):
+                told.append("other")
+                await asyncio.sleep(1)
+
+        async def step() -> float:
+            async with gate.permit("execute") as permit:
+                await asyncio.sleep(1)
+                await permit.exchange("screenshot", stopped)
+                told.append("looks")
+            return permit.waited
+
+        stepping = asyncio.create_task(step())
+        await asyncio.sleep(0.5)
+        async with asyncio.TaskGroup() as group:
+            for _ in range(others):
+                group.create_task(other())
+            waited = await stepping
+        await gate.stop()
+        assert gate.permits.running == 0
+        assert (gate.load["execute"].done, gate.load["screenshot"].done) == (1, others + 1)
+        return told, waited
+
+    assert in_virtual_time(steps(0)) == (["looks"], 0.0)
+    told, waited = in_virtual_time(steps(1))
+    assert told == ["stopped", "other", "goes on", "looks"]
+    assert waited == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("cancelled_after", [0.5, 1.5, 2.5])
+def test_a_step_that_is_cancelled_anywhere_leaves_no_permit_behind(cancelled_after: float) -> None:
+    async def step() -> None:
+        gate = Gatekeeper(Admission(fewest=1, most=1), Machine(1.0))
+
+        @contextmanager
+        def stopped() -> Any:
+            yield
+
+        async def call(*, exchanged: bool) -> None:
+            async with gate.permit("execute") as permit:
+                await asyncio.sleep(1)
+                if exchanged:
+                    await permit.exchange("screenshot", stopped)
+                    await asyncio.sleep(1)
+
+        one = asyncio.create_task(call(exchanged=True))
+        await asyncio.sleep(0)
+        two = asyncio.create_task(call(exchanged=False))
+        await asyncio.sleep(cancelled_after)
+        one.cancel()
+        await asyncio.gather(one, two, return_exceptions=True)
+        await gate.stop()
+        assert gate.permits.running == 0
+        assert sum(load.running + load.waiting for load in gate.load.values()) == 0
+
+    in_virtual_time(step())
 
 
 async def test_the_share_of_busy_processors_is_measured() -> None:

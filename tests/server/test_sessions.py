@@ -44,7 +44,7 @@ async def test_a_whole_session(site: Site, client: BrowserClient) -> None:
     view = await session.step(GoBack())
     view = await session.step(Scroll("down"))
     assert view.observation.scroll[0] > 0
-    assert set(view.observation.milliseconds) == {"execute", "settle", "metadata", "screenshot"}
+    assert set(view.observation.milliseconds) == {"execute", "settle", "metadata", "screenshot", "queued"}
     await session.close()
     await session.close()
     with pytest.raises(LeaseLost):

@@ -180,10 +180,11 @@ def test_blocked_websites_are_passed_over_until_they_are_not() -> None:
     tasks = tasks_of(easy=70)
     sampler = Sampler(tasks)
     sampler.draw(20)
-    sampler.block("HTTPS://WWW.site1.example:443/", "m.site2.example")
-    assert sampler.blocked == {"site1.example", "site2.example"}
+    sampler.block("HTTPS://WWW.site1.example:443/", "site2.example", "m.site3.example")
+    assert sampler.blocked == {"site1.example", "site2.example", "m.site3.example"}
     drawn = sampler.draw(100)
     assert not {each.website for each in drawn} & {"https://site1.example/", "https://site2.example/"}
+    assert "https://site3.example/" in {each.website for each in drawn}
     sampler.unblock("site1.example")
     sampler.draw(70)
     assert "https://site1.example/" in {each.website for each in sampler.draw(70)}

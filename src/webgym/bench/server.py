@@ -10,6 +10,7 @@ import os
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 
@@ -33,7 +34,7 @@ from webgym.bench.usage import CpuTimes, browser_bytes
 from webgym.browser.find import find_browser
 from webgym.core.action import Navigate
 from webgym.server import BrowserClient, Session, SessionOptions
-from webgym.server.config import Admission
+from webgym.server.config import Admission, Queues
 from webgym.server.messages import Pressure
 
 _CALM_SECONDS = 3.0
@@ -170,9 +171,9 @@ async def burst(plan: BenchPlan, pages: PageServer, say: Say) -> Burst:
         begun = load.done + load.running + load.waiting - plan.burst - lookers  # each was led there first
         return begun >= plan.burst // 2
 
-    for order in ("per_operation", "global"):
-        say(f"screenshots behind {plan.burst} navigations, {order.replace('_', ' ')} queue")
-        admission = Admission(order=order)
+    for queues in get_args(Queues):
+        say(f"screenshots behind {plan.burst} navigations, {queues.replace('_', ' ')} queue")
+        admission = Admission(queues=queues)
         async with measured_server(config_for(plan.burst + lookers, pages, admission=admission)) as (
             _,
             client,
@@ -192,7 +193,7 @@ async def burst(plan: BenchPlan, pages: PageServer, say: Say) -> Burst:
                 await until(client, is_under_way)
                 for session in looking:
                     group.create_task(look(session))
-            seconds[order] = waits
+            seconds[queues] = waits
     return Burst(plan.burst, seconds)
 
 

@@ -159,6 +159,17 @@ class Slot:
             if self.config.freeze:
                 self._freeze()
 
+    @contextlib.contextmanager
+    def asleep(self) -> Iterator[None]:
+        """Within a block of :meth:`awake`: stop the processes for this one. With ``freeze`` off it does
+        nothing."""
+        if self.config.freeze:
+            self._freeze()
+        try:
+            yield
+        finally:
+            self._thaw()
+
     @property
     def is_frozen(self) -> bool:
         """Whether its processes are stopped."""

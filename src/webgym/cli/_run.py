@@ -31,12 +31,19 @@ SERVER_TOKEN = "WEBGYM_TOKEN"  # noqa: S105 - a variable's name
 SITES_TOKEN = "WEBGYM_SITES_TOKEN"  # noqa: S105 - a variable's name
 
 
-def run(job: Callable[[], Coroutine[Any, Any, T]], *, resumed_by: tuple[str, Path] | None = None) -> T:
+def run(
+    job: Callable[[], Coroutine[Any, Any, T]],
+    *,
+    resumed_by: tuple[str, Path] | None = None,
+    finishing: asyncio.Event | None = None,
+) -> T:
     """Run a coroutine; Ctrl-C and SIGTERM cancel it, so that what is in flight is recorded.
 
     Args:
         job: what to run.
         resumed_by: a command, and the folder that it goes on with: told if the job does not come to its end.
+        finishing: the first Ctrl-C sets this, on which the job is to end when what it has begun is done; the
+            second cancels.
 
     Raises:
         KeyboardInterrupt: it was cancelled.
@@ -45,12 +52,23 @@ def run(job: Callable[[], Coroutine[Any, Any, T]], *, resumed_by: tuple[str, Pat
     async def guarded() -> T:
         task = asyncio.ensure_future(job())
         loop = asyncio.get_running_loop()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            loop.add_signal_handler(number, task.cancel)
+
+        def interrupt() -> None:
+            if finishing is None or finishing.is_set():
+                task.cancel()
+                return
+            finishing.set()
+            print("no attempt is begun any more; Ctrl-C again abandons those in flight", file=sys.stderr)
+
+        loop.add_signal_handler(signal.SIGINT, interrupt)
+        loop.add_signal_handler(signal.SIGTERM, task.cancel)
         try:
-            return await task
+            done = await task
         except asyncio.CancelledError:
             raise KeyboardInterrupt from None
+        if finishing is not None and finishing.is_set():
+            raise KeyboardInterrupt
+        return done
 
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:

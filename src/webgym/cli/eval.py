@@ -75,6 +75,8 @@ def command(
     An evaluation is a run like any other: it survives kill -9, goes on with --resume, and can be judged
     again and browsed. Offline, with no model: webgym eval --policy scripted --limit 50.
     """
+    import asyncio
+
     from rich.console import Console
 
     from webgym.cli import _run
@@ -95,6 +97,7 @@ def command(
         return
     secrets = _run.secrets(token_file)
     show, tell = _run.show_on(console), _run.tell_on(console)
+    finishing = asyncio.Event()
     if resume is not None:
         folder = resume
         servers = ServerChoice(url=server, sites_url=sites) if server or sites else None
@@ -107,8 +110,10 @@ def command(
                 retry_errors=retry_errors,
                 show=show,
                 tell=tell,
+                finishing=finishing,
             ),
             resumed_by=("webgym eval", folder),
+            finishing=finishing,
         )
     else:
         overrides: dict[str, Any] = {
@@ -130,8 +135,9 @@ def command(
         )
         folder = out or _new_folder()
         summary = _run.run(
-            lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell),
+            lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell, finishing=finishing),
             resumed_by=("webgym eval", folder),
+            finishing=finishing,
         )
     if report:
         write_report(folder)
@@ -188,13 +194,12 @@ def _as_a_test(settings: RunConfig) -> RunConfig:
     The paper's test budgets; and no attempt is cut short by the clock because others have ended: in a test
     that would take from the slow ones what the fast ones had.
     """
-    from webgym.rollout.evaluation import TEST_BUDGET, TEST_SECONDS
+    from webgym.rollout.evaluation import TEST_BUDGET
 
     wanted = {
         "budget_easy": TEST_BUDGET.easy,
         "budget_medium": TEST_BUDGET.medium,
         "budget_hard": TEST_BUDGET.hard,
-        "longest_seconds": TEST_SECONDS,
     }
     attempt = {name: value for name, value in wanted.items() if name not in settings.attempt.model_fields_set}
     collector = settings.collector

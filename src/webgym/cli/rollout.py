@@ -31,6 +31,21 @@ def command(
     ),
     judge_base_url: options.JudgeBaseUrl = None,
     judge_model: options.JudgeModel = None,
+    schedule: str | None = typer.Option(
+        None,
+        "--schedule",
+        help="async; step_barrier and episode_barrier are the paper's baselines.",
+        show_default="async",
+    ),
+    order: str | None = typer.Option(
+        None, "--order", help="Of the tasks: given or hardest_first.", show_default="given"
+    ),
+    share: Path | None = typer.Option(
+        None,
+        "--share",
+        help="Folder on a disk that other collectors of the same tasks see: each task is attempted by one.",
+        show_default=False,
+    ),
     marks: options.Marks = None,
     server: options.Server = None,
     token_file: options.TokenFile = None,
@@ -42,8 +57,11 @@ def command(
 ) -> None:
     """Collect trajectories: attempt every task, judge, and keep all of it in a run folder.
 
-    A run that was killed goes on with --resume RUN: nothing is lost and nothing is made twice.
+    Ctrl-C once ends the run when the attempts in flight are done, twice abandons them. A run that was stopped
+    or killed goes on with --resume RUN: nothing is lost and nothing is made twice.
     """
+    import asyncio
+
     from rich.console import Console
 
     from webgym.cli import _run
@@ -57,6 +75,7 @@ def command(
     secrets = _run.secrets(token_file)
     show, tell = _run.show_on(console), _run.tell_on(console)
     servers = ServerChoice(url=server, sites_url=sites)
+    finishing = asyncio.Event()
     if resume is not None and out is None:
         folder, changed = resume, servers if server or sites else None
         summary = _run.run(
@@ -68,8 +87,10 @@ def command(
                 retry_errors=retry_errors,
                 show=show,
                 tell=tell,
+                finishing=finishing,
             ),
             resumed_by=("webgym rollout", folder),
+            finishing=finishing,
         )
     elif out is not None and resume is None:
         folder = out
@@ -78,7 +99,12 @@ def command(
             "samples": samples,
             "tasks": {"file": tasks, "split": split, "count": limit},
             "agent": {"profile": profile, "mode": options.mode_of(marks)},
-            "collector": {"sessions": sessions},
+            "collector": {
+                "sessions": sessions,
+                "schedule": schedule,
+                "order": order,
+                "sharing": {"folder": share},
+            },
             "server": {"url": server, "sites_url": sites},
         }
         settings = options.run_settings(
@@ -88,8 +114,9 @@ def command(
             (judge, judge_base_url, judge_model),
         )
         summary = _run.run(
-            lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell),
+            lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell, finishing=finishing),
             resumed_by=("webgym rollout", folder),
+            finishing=finishing,
         )
     else:
         raise UsageError("give either --out or --resume", hint="--out makes a run, --resume goes on with one")

@@ -78,6 +78,11 @@ def command(
     ),
     sandbox: str = typer.Option("auto", "--sandbox", help="auto, on or off."),
     ttl: float = typer.Option(60.0, "--ttl", help="Seconds after which an unrenewed session is taken back."),
+    queues: str = typer.Option(
+        "per_operation",
+        "--queues",
+        help="per_operation: each type of call has its own queue; global: one for all, to compare with.",
+    ),
     wait: float = typer.Option(60.0, "--wait", min=0, help="Seconds that a caller waits for a free slot."),
     ray: str | None = typer.Option(
         None,
@@ -130,6 +135,7 @@ def command(
         "ttl_seconds": ttl,
         "allocate_seconds": wait,
         "sessions_per_client": sessions_per_client,
+        "admission": {"queues": queues},
         "browser": {
             "executable": browser,
             "egress": {"allow": allow_host},

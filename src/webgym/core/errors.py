@@ -40,6 +40,7 @@
     │   ├── PolicyUnreachable
     │   ├── PolicyTimeout      no complete reply within the deadline
     │   └── PolicyBadReply     an HTTP error, HTML, nothing, an endless stream
+    ├── AttemptOverdue         an attempt, or a step of it, took longer than any may
     ├── JudgeError             no verdict could be had; never a silent 0 or 1
     ├── TrainingError          learning cannot go on; what was saved before is whole
     │   └── PublishError       the policy's server did not take new weights, or its replies are not theirs
@@ -331,6 +332,13 @@ class PolicyBadReply(PolicyError):
     """The policy's endpoint answered with something that is no completion."""
 
     code = "policy_bad_reply"
+
+
+class AttemptOverdue(WebGymError):
+    """An attempt, or one step of it, took longer than any may: nobody's fault that is known."""
+
+    code = "attempt_overdue"
+    usual_hint = "attempt.longest_seconds is the limit"
 
 
 class JudgeError(WebGymError):

@@ -75,7 +75,7 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
             ``(whole, shown)``, where they were asked for.
         elements: the interactive elements, where they were asked for (always in marks mode).
         milliseconds: wall time per operation (``execute``, ``navigate``, ``settle``, ``screenshot``,
-            ``metadata``).
+            ``metadata``), and for how long the step waited in the server's queues (``queued``).
     """
 
     screenshot: str

@@ -70,9 +70,9 @@ def outcome_of(ending: Ending, verdict: Verdict | JudgeError | None) -> Outcome:
             return Outcome.ENVIRONMENT_ERROR
         case Ending.POLICY_FAILED:
             return Outcome.POLICY_ERROR
-        case Ending.CANCELLED:
+        case Ending.CANCELLED | Ending.STRAGGLER:
             return Outcome.CANCELLED
-        case Ending.ANSWERED | Ending.BUDGET_SPENT | Ending.STRAGGLER:
+        case Ending.ANSWERED | Ending.BUDGET_SPENT:
             if verdict is None:
                 raise ValueError(f"an episode that ended as {ending} must be judged")
             if isinstance(verdict, JudgeError):

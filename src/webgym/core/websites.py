@@ -87,6 +87,14 @@ def site_or_text(website: str) -> str:
         return website
 
 
+def host_or_text(website: str) -> str:
+    """As :func:`host_of`, for counting and comparing: what names no website stands for itself."""
+    try:
+        return host_of(website)
+    except ValueError:
+        return website
+
+
 def why_no_start(website: str) -> str:
     """Why no attempt may start at this address, or bare host; empty if one may.
 

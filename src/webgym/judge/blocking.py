@@ -28,7 +28,7 @@ from webgym.core.task import Task
 from webgym.core.text import fold
 from webgym.core.trajectory import Episode, Step
 from webgym.core.verdict import Judgement
-from webgym.core.websites import site_or_text
+from webgym.core.websites import host_or_text, site_or_text
 
 REFUSALS: Final = frozenset({403, 405, 429, 503})
 """HTTP statuses with which challenge pages are served; 401 and 407 ask everybody to log in."""
@@ -235,6 +235,23 @@ def find_block(task: Task, episode: Episode, *, suspect_last: bool = False) -> J
         f"the task's website refused every request {when} ({len(refused)}): {refused[-1].refusal}",
         tuple(look.index for look in refused),
     )
+
+
+def blocking_host(website: str, episode: Episode, blocked: Judgement) -> str:
+    """The host that kept the agent out: of the last request that was refused.
+
+    Args:
+        website: of the task.
+        episode: what happened.
+        blocked: the finding.
+
+    Returns:
+        As :func:`webgym.core.websites.host_of`; the task's own host where a guard's host took the place of
+        the refusing one, or where the finding names no step.
+    """
+    seen = episode.observations
+    url = seen[blocked.steps[-1]].url if blocked.steps and blocked.steps[-1] < len(seen) else website
+    return host_or_text(website if site_or_text(url) in CHALLENGE_SITES else url)
 
 
 def _own_looks(task: Task, episode: Episode, suspect_last: bool) -> Iterator[_Look]:

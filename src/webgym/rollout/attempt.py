@@ -6,19 +6,29 @@ import asyncio
 import hashlib
 import re
 import time
-from dataclasses import dataclass
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
-from webgym.agent.agent import Agent
+from webgym.agent.agent import Agent, Conversation
 from webgym.core.action import Answer, BrowserAction, Navigate
-from webgym.core.errors import NavigationFailed, PolicyBadReply, StoreError, WebGymError
+from webgym.core.calls import CallQueue, call_queues
+from webgym.core.errors import (
+    AttemptOverdue,
+    NavigationFailed,
+    PolicyBadReply,
+    PolicyTimeout,
+    StoreError,
+    WebGymError,
+)
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, ending_of
 from webgym.core.task import StepBudget
 from webgym.core.trajectory import Episode, Failure, Step
+from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress, State
 from webgym.server import Cookie, SessionOptions, View
@@ -117,8 +127,10 @@ class AttemptConfig(BaseModel):
     start_tries: int = Field(default=2, ge=1)
     """How often the start page is tried before the attempt counts as the environment's failure."""
 
-    longest_seconds: float = Field(default=900.0, gt=0)
-    """Wall time after which the collector ends an attempt as truncated."""
+    longest_seconds: float = Field(default=3600.0, gt=0)
+    """How long an attempt may take of its own: replies, and actions and looks in its browser, without waits
+    in queues; and no single call may take longer. An attempt that does ends without a reward, as the
+    environment's failure: the agent's own limit is its budget of steps."""
 
     record_text: bool = True
     """Record the text that is visible in each screenshot; the offline judge reads it."""
@@ -148,6 +160,8 @@ class Stage(Generic[StoreT]):
         backstage: the offline web, if the tasks are its.
         run_id: makes visitors of different runs different.
         seed: of the run.
+        calls: queues of the kinds of calls, at least ``policy`` and ``judge``.
+        lockstep: where attempts wait for each other before they ask, if they do.
     """
 
     client: Browsers
@@ -158,6 +172,8 @@ class Stage(Generic[StoreT]):
     backstage: Backstage | None
     run_id: str
     seed: int
+    calls: dict[str, CallQueue] = field(default_factory=lambda: call_queues({"policy": 256, "judge": 8}))
+    lockstep: Lockstep | None = None
 
 
 class Attempt:
@@ -173,8 +189,9 @@ class Attempt:
         self.planned = planned
         self._stage = stage
         self._started_at = time.time()
-        self._started = time.monotonic()
-        self._longest = stage.config.longest_seconds
+        self.started = time.monotonic()
+        self._spent = 0.0
+        """Seconds of the attempt's own."""
         self._seconds = 0.0
         self._steps: list[Step] = []
         self._final: Observation | None = None
@@ -186,6 +203,8 @@ class Attempt:
         self._session = ""
         self._state: State | None = None
         self._clock: asyncio.Timeout | None = None
+        self._due: float | None = None
+        """When the attempt is ended, on the loop's clock."""
         digest = hashlib.sha256(f"{stage.run_id}\x1f{planned.attempt_id}".encode()).hexdigest()
         self._visitor = digest[:32]
         # Not of the retry: an attempt that is made again is made under the same seed.
@@ -205,12 +224,11 @@ class Attempt:
             files=self.planned.task.files if stage.agent.config.actions == "extended" else (),
         )
 
-    def truncate(self, after: float) -> None:
-        """End the attempt in so many seconds at the latest."""
-        self._longest = min(self._longest, time.monotonic() - self._started + after)
+    def end_as_straggler(self, after: float) -> None:
+        """End the attempt in so many seconds, if it runs for so long."""
+        self._due = asyncio.get_running_loop().time() + max(0.0, after)
         if self._clock is not None and not self._clock.expired():
-            at = asyncio.get_running_loop().time() + after
-            self._clock.reschedule(min(at, self._clock.when() or at))
+            self._clock.reschedule(self._due)
 
     async def run(self, session: BrowserSession) -> None:
         """Make the attempt; its end, good or bad, is data.
@@ -220,7 +238,8 @@ class Attempt:
             asyncio.CancelledError: the run is being stopped.
         """
         self._session = session.id
-        clock = self._clock = asyncio.timeout(self._longest)
+        self.started, self._started_at = time.monotonic(), time.time()
+        clock = self._clock = asyncio.timeout_at(self._due)
         try:
             async with clock:
                 self._ending = await self._play(session)
@@ -229,12 +248,15 @@ class Attempt:
         except Exception as error:
             if isinstance(error, TimeoutError) and clock.expired():
                 self._ending = Ending.STRAGGLER
+                self._failure = Failure("straggler", "ended by the collector: nearly all others were done")
             else:
-                self._fail(error)
+                self.fail(error)
         finally:
             self._clock = None
+            if self._stage.lockstep is not None:
+                self._stage.lockstep.leave(self)
             self._move(None)
-            self._seconds = time.monotonic() - self._started
+            self._seconds = time.monotonic() - self.started
         self._refuse_without_action()
         await self._look_backstage()
 
@@ -246,17 +268,15 @@ class Attempt:
         for _ in range(budget):
             await stage.store.put_image(view.observation.screenshot, view.image)
             self._move("thinking")
-            at = time.monotonic() - self._started
             self._final = view.observation  # if no reply comes, what was open is on record all the same
-            step = await conversation.turn(view.observation, view.image, at)
+            step = await self._ask(conversation, view)
             self._final = None
             self._steps.append(step)
             stage.progress.stepped(self.planned.attempt_id, is_valid=step.action is not None)
             if isinstance(step.action, Answer):
                 self._answer = step.action.text
                 return Ending.ANSWERED
-            self._move("acting")
-            view = await session.step(step.action)
+            view = await self._act(session, step.action)
             self._check_connection(view.observation)
             changed = view.observation.screenshot != step.observation.screenshot
             self._steps[-1] = msgspec.structs.replace(step, changed=changed)
@@ -264,13 +284,57 @@ class Attempt:
         self._final = view.observation
         return Ending.BUDGET_SPENT
 
+    async def _ask(self, conversation: Conversation, view: View) -> Step:
+        """A turn of the policy's."""
+        stage, longest = self._stage, self._stage.config.longest_seconds
+        at = time.monotonic() - self.started
+        queue = stage.calls["policy"]
+        async with AsyncExitStack() as turns:
+            if stage.lockstep is not None:
+                await turns.enter_async_context(stage.lockstep.turn(self))
+            await turns.enter_async_context(queue.turn())
+            asked = time.monotonic()
+            deadline = asyncio.timeout(longest)
+            try:
+                async with deadline:
+                    step = await conversation.turn(view.observation, view.image, at)
+            except TimeoutError as error:
+                if not deadline.expired():
+                    raise
+                raise PolicyTimeout(f"no reply within {longest:g} s") from error
+            took = time.monotonic() - asked
+        # What a policy does not count as its reply's is a wait for its endpoint.
+        own = min(step.reply.seconds or took, took)
+        queue.waited_elsewhere(took - own)
+        self._spend(own)
+        return step
+
+    async def _act(self, session: BrowserSession, action: BrowserAction | None) -> View:
+        """A step in the browser."""
+        self._move("acting")
+        deadline = asyncio.timeout(longest := self._stage.config.longest_seconds)
+        try:
+            async with deadline:
+                view = await session.step(action)
+        except TimeoutError as error:
+            if not deadline.expired():
+                raise
+            raise AttemptOverdue(f"the browser took longer than {longest:g} s for a step") from error
+        taken = view.observation.milliseconds
+        self._spend(sum(taken.values()) / 1000 - taken.get("queued", 0.0) / 1000)
+        return view
+
+    def _spend(self, seconds: float) -> None:
+        self._spent += seconds
+        if self._spent > (longest := self._stage.config.longest_seconds):
+            raise AttemptOverdue(f"the attempt took longer than {longest:g} s of its own")
+
     async def _arrive(self, session: BrowserSession, website: str) -> View:
         """The start page. A website that cannot be opened at all is the environment's failure."""
         url = website if "://" in website else f"https://{website}"
         refused = ""
         for _ in range(self._stage.config.start_tries):
-            self._move("acting")
-            view = await session.step(Navigate(url))
+            view = await self._act(session, Navigate(url))
             notices = view.observation.notices
             refused = next((notice.text for notice in notices if notice.kind == "navigation_failed"), "")
             if not refused or view.observation.status is not None:
@@ -299,8 +363,8 @@ class Attempt:
     def _refuse_without_action(self) -> None:
         """A model that never once replied in the format was asked wrongly: no measure of what it can do."""
         unread = [step.parse_error for step in self._steps if step.action is None]
-        if self._ending in (Ending.BUDGET_SPENT, Ending.STRAGGLER) and 0 < len(unread) == len(self._steps):
-            self._fail(
+        if self._ending is Ending.BUDGET_SPENT and 0 < len(unread) == len(self._steps):
+            self.fail(
                 PolicyBadReply(f"none of {len(unread)} replies holds an action; the first: {unread[0]}")
             )
 
@@ -312,9 +376,10 @@ class Attempt:
             try:
                 self._final_state = await self._stage.backstage.state(self._visitor, truth.host)
             except WebGymError as error:
-                self._fail(error)
+                self.fail(error)
 
-    def _fail(self, error: Exception) -> None:
+    def fail(self, error: Exception) -> None:
+        """The attempt ends with this error."""
         self._ending = ending_of(error)
         if isinstance(error, WebGymError):
             self._failure = Failure(error.code, error.message)
@@ -337,7 +402,7 @@ class Attempt:
             seed=self._seed,
             policy=self._stage.agent.policy.name,
             started_at=self._started_at,
-            seconds=self._seconds or time.monotonic() - self._started,
+            seconds=self._seconds or time.monotonic() - self.started,
             steps=tuple(self._steps),
             ending=self._ending,
             final=self._final,

@@ -1,8 +1,7 @@
 """Websites that kept the agent out are left alone for a while (paper §4; 12 h in the authors' code).
 
-A file of lines ``{"site", "at", "reason"}`` that grows by one line per blocked attempt and may be shared by
-the runs of one machine. The registrable domain decides (:mod:`webgym.core.websites`): whoever blocks on one
-host of a website blocks on the others.
+A file of lines ``{"host", "at", "reason"}`` that grows by one line per blocked attempt and may be shared by
+the runs of one machine. The host that blocked decides: another of the same website may well let the agent in.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from pathlib import Path
 import msgspec
 from pydantic import BaseModel, ConfigDict, Field
 
-from webgym.core.websites import site_or_text
+from webgym.core.websites import host_or_text
 from webgym.rollout.files import Log, disk_errors
 
 
@@ -34,18 +33,18 @@ class Block(msgspec.Struct, frozen=True):
     """A website that blocked an attempt.
 
     Attributes:
-        site: its registrable domain.
+        host: as :func:`webgym.core.websites.host_of` names it.
         at: when, Unix time, seconds.
         reason: the judge's.
     """
 
-    site: str
+    host: str
     at: float
     reason: str = ""
 
 
 class Blocklist:
-    """The websites that have blocked somebody lately. Blocks: call it from a thread.
+    """The hosts that have blocked somebody lately. Blocks: call it from a thread.
 
     Args:
         config: where, and for how long.
@@ -57,7 +56,7 @@ class Blocklist:
         self._now = now
 
     def blocked(self) -> dict[str, Block]:
-        """The last block of every website that is still left out.
+        """The last block of every host that is still left out.
 
         Raises:
             StoreError: the file is there and cannot be read. A line that is none, as of a writer that was
@@ -74,16 +73,16 @@ class Blocklist:
                     block = msgspec.json.decode(line, type=Block)
                 except msgspec.DecodeError:
                     continue
-                if block.at > since and block.at >= found.get(block.site, block).at:
-                    found[block.site] = block
+                if block.at > since and block.at >= found.get(block.host, block).at:
+                    found[block.host] = block
         return found
 
     def is_blocked(self, website: str) -> bool:
         """Whether a website is left out now."""
-        return site_or_text(website) in self.blocked()
+        return host_or_text(website) in self.blocked()
 
     def add(self, website: str, reason: str) -> None:
-        """Note that a website blocked an attempt just now.
+        """Note that a website, by its host, blocked an attempt just now.
 
         Raises:
             StoreError: it cannot be written down.
@@ -95,7 +94,7 @@ class Blocklist:
             file.parent.mkdir(parents=True, exist_ok=True)
             log = Log(file)
             try:
-                block = Block(site_or_text(website), self._now(), reason)
+                block = Block(host_or_text(website), self._now(), reason)
                 # In front, too: a line that a dead writer left unfinished must not swallow this one.
                 log.append(b"\n" + msgspec.json.encode(block) + b"\n", durable=True)
             finally:

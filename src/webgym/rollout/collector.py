@@ -1,28 +1,42 @@
-"""Many attempts at once. No barrier anywhere: a browser that is free takes the next task, an attempt
-that ended is judged and recorded while its browser is already at work on another (paper §4).
+"""Many attempts at once, one coroutine each.
+
+``async``, the paper's way (§4), has no barrier anywhere: a browser that is free takes the next task, an
+attempt that ended is judged and recorded while its browser is already at work on another. The paper's
+baselines differ from it in their schedule alone, with the same agent, server and judge.
 """
 
 from __future__ import annotations
 
 import asyncio
 import time
+from array import array
+from contextlib import nullcontext
+from functools import partial
+from typing import Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from webgym.core.calls import LoopLag
 from webgym.core.errors import (
+    BrowserError,
+    LeaseLost,
     NoCapacity,
     PolicyError,
     ServerError,
     ServerUnreachable,
     WebGymError,
 )
-from webgym.core.outcome import Outcome
-from webgym.core.trajectory import Episode, Trajectory
+from webgym.core.outcome import Ending, Outcome, outcome_of
+from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.judge.base import Judge, Pictures
+from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import Attempt, BrowserSession, Stage
 from webgym.rollout.blocklist import Blocklist
-from webgym.rollout.judging import Found, find
+from webgym.rollout.judging import JUDGED, Found, find
 from webgym.rollout.plan import Plan, Planned
+from webgym.rollout.progress import queues_of
+from webgym.rollout.sharing import SharingConfig
 from webgym.rollout.store import RunWriter
 
 
@@ -34,8 +48,26 @@ class CollectorConfig(BaseModel):
     sessions: int = Field(default=16, ge=1)
     """Browser sessions, and so attempts, at the same time."""
 
+    schedule: Literal["async", "step_barrier", "episode_barrier"] = "async"
+    """``async``: nobody waits for anybody. The others are the paper's baselines (§4). ``step_barrier``: all
+    sessions are asked in one batch and act when its last reply is there; one whose attempt ended takes the
+    next and joins again when it is ready. ``episode_barrier``: a group of sessions begins together, and the
+    next when the last of it has ended."""
+
+    order: Literal["given", "hardest_first"] = "given"
+    """In which tasks are attempted. ``hardest_first`` starts long attempts early, so that few are left alone
+    at the end."""
+
+    policy_calls: int = Field(default=256, ge=1)
+    """Replies that are asked for at the same time (the paper has 80 sessions of inference, appendix F). The
+    endpoint's own limit, ``policy.chat.concurrency``, counts too."""
+
     judges: int = Field(default=8, ge=1)
-    """Episodes being judged at the same time. When all are taken, browsers wait: memory stays bounded."""
+    """Episodes being judged at the same time."""
+
+    backlog: int = Field(default=64, ge=0)
+    """Episodes that may wait for a judge or for the disk. When as many do, browsers take no new task: memory
+    stays bounded."""
 
     judge_seconds: float = Field(default=300.0, gt=0)
     """How long one verdict may take before the attempt counts as unjudged."""
@@ -44,10 +76,12 @@ class CollectorConfig(BaseModel):
     """How often attempts without a verdict are judged again, at the end of the run and when it is resumed."""
 
     straggler_share: float = Field(default=0.95, gt=0, le=1)
-    """Once this share of the samples is done, the rest get a grace period (paper §4)."""
+    """Once this share of the samples is done and all others have begun, the rest get a grace period (paper
+    §4)."""
 
     straggler_seconds: float = Field(default=120.0, ge=0)
-    """The grace period; then the rest are ended as truncated."""
+    """The grace period. Then whoever has had as long as the slowest of that share needed is ended, and is
+    recorded as cancelled by the collector, which is no failure of the agent's: it carries no reward."""
 
     server_patience_seconds: float = Field(default=60.0, ge=0)
     """How long a server that does not answer, or has no free slot, is waited for before the run stops."""
@@ -59,8 +93,14 @@ class CollectorConfig(BaseModel):
     """The run stops when so many attempts in a row failed because the policy's endpoint or the server
     did: nothing is won by sending the rest after them."""
 
+    sharing: SharingConfig = SharingConfig()
+    """One task list for several collectors (:mod:`webgym.rollout.sharing`)."""
+
     metric_seconds: float = Field(default=5.0, gt=0)
     """How often a line is added to ``metrics.jsonl``."""
+
+    metrics_port: int | None = Field(default=None, ge=0, le=65535)
+    """Port of the loopback address where Prometheus may read the same figures; 0 takes a free one."""
 
 
 class Collector:
@@ -88,52 +128,102 @@ class Collector:
         self._pictures = pictures
         self._config = config
         self._running: set[Attempt] = set()
-        self._free_judges = asyncio.Semaphore(config.judges)
+        self._places = asyncio.Semaphore(config.sessions)
+        self._unrecorded = asyncio.Semaphore(config.judges + config.backlog)
         self._failed_in_a_row = 0
-        self._is_late = False
+        self._lengths = array("d")
+        """Wall time of the attempts that came to an end of their own, seconds."""
+        self._late: tuple[float, float] | None = None
+        """When the end of the run began, and how long an attempt may fairly take."""
 
-    async def run(self, plan: Plan) -> None:
+    async def run(self, plan: Plan, finishing: asyncio.Event | None = None) -> None:
         """Carry out the whole plan; every attempt is on disk when this returns.
 
-        A cancelled run records its attempts in flight as cancelled before it ends.
+        A cancelled run records its attempts in flight before it ends: as cancelled, or those that waited for
+        a verdict as without one.
+
+        Args:
+            plan: what to do.
+            finishing: once it is set, no attempt is begun; those that run come to their end.
 
         Raises:
             ExceptionGroup: of the first error that the run cannot go on with: StoreError, ServerError,
                 PolicyError.
         """
-        progress = self._stage.progress
+        progress, lag = self._stage.progress, LoopLag()
         progress.done = progress.earlier = plan.done
+        progress.calls, progress.lag = self._stage.calls, lag
+        progress.queues = partial(queues_of, self._stage.calls)
         async with asyncio.TaskGroup() as background:
             helpers = [
-                background.create_task(self._end_stragglers(plan)),
+                background.create_task(lag.watch()),
                 background.create_task(self._keep_metrics()),
             ]
+            if finishing is not None:
+                helpers.append(background.create_task(_close(plan, finishing)))
             async with asyncio.TaskGroup() as group:
-                for _ in range(min(self._config.sessions, plan.waiting)):
-                    group.create_task(self._work(plan, group))
+                if self._config.schedule == "episode_barrier":
+                    await self._in_groups(plan, group)
+                else:
+                    await self._continuously(plan, group)
             for helper in helpers:
                 helper.cancel()
         await self._stage.store.metric(progress.metric())
 
-    async def _work(self, plan: Plan, group: asyncio.TaskGroup) -> None:
-        """One browser's worth of attempts, one after the other."""
-        while (planned := await plan.take()) is not None:
-            attempt = Attempt(self._stage, planned)
-            session = await self._open(attempt)
-            try:
-                await self._make(attempt, session)
-            except asyncio.CancelledError:
-                await asyncio.shield(self._record(attempt.episode(), Found(None, None, Outcome.CANCELLED)))
-                raise
-            await self._free_judges.acquire()
-            group.create_task(self._conclude(plan, planned, attempt.episode()))
+    # --- schedules --------------------------------------------------------------------------------------
 
-    async def _make(self, attempt: Attempt, session: BrowserSession) -> None:
-        self._running.add(attempt)
+    async def _continuously(self, plan: Plan, group: asyncio.TaskGroup) -> None:
+        """Whoever ends makes room for the next."""
+        while True:
+            await self._places.acquire()
+            if (planned := await plan.take()) is None:
+                return
+            group.create_task(self._episode(plan, planned))
+
+    async def _in_groups(self, plan: Plan, group: asyncio.TaskGroup) -> None:
+        """All begin together, when the last of those before has ended."""
+        while True:
+            for _ in range(self._config.sessions):
+                await self._places.acquire()
+            if (first := await plan.take()) is None:
+                return
+            begun = [first]
+            while len(begun) < self._config.sessions and (more := await plan.take(wait=False)) is not None:
+                begun.append(more)
+            for planned in begun:
+                group.create_task(self._episode(plan, planned))
+            for _ in range(self._config.sessions - len(begun)):
+                self._places.release()
+
+    # --- one episode ------------------------------------------------------------------------------------
+
+    async def _episode(self, plan: Plan, planned: Planned) -> None:
+        """An attempt from its browser to its record. Its place is free for another before it is judged."""
         try:
-            if self._is_late:
-                attempt.truncate(self._config.straggler_seconds)
+            attempt = Attempt(self._stage, planned)
+            await self._attempt(plan, attempt)
+            await self._unrecorded.acquire()
+        finally:
+            self._places.release()
+        try:
+            await self._conclude(plan, planned, attempt.episode())
+        finally:
+            self._unrecorded.release()
+
+    async def _attempt(self, plan: Plan, attempt: Attempt) -> None:
+        """Make the attempt. One whose browser fails before it has begun ends like one that had."""
+        try:
+            session = await self._open(attempt)
+        except (BrowserError, LeaseLost) as error:
+            attempt.fail(error)
+            return
+        self._running.add(attempt)
+        self._end_stragglers(plan, attempt)
+        try:
             await attempt.run(session)
+        except asyncio.CancelledError:
+            await asyncio.shield(self._record(attempt.episode(), Found(None, None, Outcome.CANCELLED)))
+            raise
         finally:
             self._running.discard(attempt)
             await session.close()
@@ -160,21 +250,38 @@ class Collector:
         """Judge and record an episode, then let the plan know."""
         progress = self._stage.progress
         progress.move(None, "judging", planned.attempt_id)
-        started = time.monotonic()
         try:
-            judged = await find(
-                self._judge, planned.task, episode, self._pictures, self._config.judge_seconds
-            )
-            await self._record(episode, judged, time.monotonic() - started)
+            try:
+                judged, seconds = await self._find(planned, episode)
+                if is_lost := not await plan.holds(planned):
+                    judged = _TAKEN_OVER
+            except asyncio.CancelledError:
+                # What the browser did is not done again: a resumed run judges it.
+                await asyncio.shield(self._record(episode, _unjudged(episode)))
+                raise
+            await self._record(episode, judged, seconds)
         finally:
             progress.move("judging", None, planned.attempt_id)
-            self._free_judges.release()
         if self._blocklist and judged.outcome is Outcome.BLOCKED and judged.verdict is not None:
-            reason = judged.verdict.blocked.reason
-            await asyncio.to_thread(self._blocklist.add, planned.task.website, reason)
-        await plan.settle(planned, judged.outcome)
+            blocked = judged.verdict.blocked
+            host = blocking_host(planned.task.website, episode, blocked)
+            await asyncio.to_thread(self._blocklist.add, host, blocked.reason)
+        if episode.ending in JUDGED:
+            self._lengths.append(episode.seconds)
+        is_final = is_lost or episode.ending is Ending.STRAGGLER
+        await plan.settle(planned, judged.outcome, is_final=is_final)
         progress.done = plan.done
+        self._end_stragglers(plan)
         self._watch(episode)
+
+    async def _find(self, planned: Planned, episode: Episode) -> tuple[Found, float]:
+        """What becomes of an episode, and how long that took to find out, seconds."""
+        queue = self._stage.calls["judge"].turn() if episode.ending in JUDGED else nullcontext()
+        async with queue:
+            started = time.monotonic()
+            seconds = self._config.judge_seconds
+            found = await find(self._judge, planned.task, episode, self._pictures, seconds)
+            return found, time.monotonic() - started if episode.ending in JUDGED else 0.0
 
     async def _record(self, episode: Episode, judged: Found, judge_seconds: float = 0.0) -> None:
         trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure, judge_seconds)
@@ -194,16 +301,47 @@ class Collector:
                 hint="what was collected is kept; mend the cause, then go on with --resume",
             )
 
-    async def _end_stragglers(self, plan: Plan) -> None:
-        await plan.reach(self._config.straggler_share)
-        self._is_late = True
-        for attempt in self._running:
-            attempt.truncate(self._config.straggler_seconds)
+    # --- the end of a run, and figures ------------------------------------------------------------------
+
+    def _end_stragglers(self, plan: Plan, begun: Attempt | None = None) -> None:
+        """See whether the end of the run has begun, and give those that run their time.
+
+        Whoever begins late gets as much time as the others needed; without others, all that it needs.
+        """
+        share, hurried = self._config.straggler_share, {begun} if begun else set()
+        if self._late is None and share < 1 and self._lengths and plan.is_ending(share):
+            self._late = time.monotonic(), float(np.quantile(self._lengths, share))
+            hurried = self._running
+        if self._late is not None:
+            since, fair_seconds = self._late
+            for attempt in hurried:
+                due = max(since, attempt.started + fair_seconds) + self._config.straggler_seconds
+                attempt.end_as_straggler(due - time.monotonic())
 
     async def _keep_metrics(self) -> None:
         while True:
             await asyncio.sleep(self._config.metric_seconds)
             await self._stage.store.metric(self._stage.progress.metric())
+
+
+async def _close(plan: Plan, finishing: asyncio.Event) -> None:
+    await finishing.wait()
+    await plan.close()
+
+
+_TAKEN_OVER = Found(
+    None,
+    Failure("taken_over", "another collector thought this one dead, and has the task"),
+    Outcome.CANCELLED,
+)
+
+
+def _unjudged(episode: Episode) -> Found:
+    """What becomes of an episode that waited for its verdict when the run was stopped."""
+    if episode.ending not in JUDGED:
+        return Found(None, None, outcome_of(episode.ending, None))
+    failure = Failure("judge_error", "the run was stopped before there was a verdict")
+    return Found(None, failure, Outcome.JUDGE_ERROR)
 
 
 def _all_of(cls: type[WebGymError]) -> dict[str, type[WebGymError]]:

@@ -35,9 +35,6 @@ from webgym.rollout.summary import oracle_note
 TEST_BUDGET: Final = StepBudget(30, 50, 70)
 """Steps per attempt in testing, by level (paper §5)."""
 
-TEST_SECONDS: Final = 3600.0
-"""Wall time of an attempt in testing, unless set."""
-
 Group: TypeAlias = Literal["easy", "medium", "hard", "overall"]
 Method: TypeAlias = Literal["wilson", "bootstrap"]
 GROUPS: Final[tuple[Group, ...]] = (*LEVELS, "overall")

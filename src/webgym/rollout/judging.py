@@ -12,7 +12,7 @@ from webgym.core.trajectory import Episode, Failure
 from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 
-JUDGED = frozenset({Ending.ANSWERED, Ending.BUDGET_SPENT, Ending.STRAGGLER})
+JUDGED = frozenset({Ending.ANSWERED, Ending.BUDGET_SPENT})
 """How an episode ends that came to an end of its own."""
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.rollout.records import Entry
+from webgym.rollout.sharing import Claim, Claims
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ class Plan:
         retries: how often a sample is attempted again after an error.
         recorded: what a run that is resumed has on disk.
         retry_errors: begin anew with the retries of samples whose last attempt ended in an error.
+        hardest_first: hand out the tasks with the most facts first.
+        claims: where the tasks are shared with other collectors; what they do counts as done.
     """
 
     def __init__(
@@ -63,8 +66,17 @@ class Plan:
         retries: int,
         recorded: Iterable[Entry] = (),
         retry_errors: bool = False,
+        hardest_first: bool = False,
+        claims: Claims | None = None,
     ) -> None:
         self._retries = retries
+        self._is_closed = False
+        self._claims = claims
+        self._look_seconds = claims.config.look_seconds if claims else None
+        self._taken: list[Planned] = []
+        """What other collectors have claimed; they may die."""
+        self.elsewhere: set[tuple[str, int]] = set()
+        """Samples, by task and number, that other collectors have done."""
         self._in_flight = 0
         self._done = 0
         self._changed = asyncio.Condition()
@@ -87,6 +99,8 @@ class Plan:
                     self._done += 1
                 else:
                     self._waiting.append(planned)
+        if hardest_first:
+            self._waiting = deque(sorted(self._waiting, key=lambda planned: -planned.task.difficulty))
         self.total = samples * len(tasks)
 
     def _next(self, planned: Planned, outcome: Outcome) -> Planned | None:
@@ -106,27 +120,75 @@ class Plan:
         """Attempts that nobody has taken yet."""
         return len(self._waiting)
 
-    async def take(self) -> Planned | None:
-        """The next attempt; waits while one in flight may have to be repeated. ``None`` at the end."""
+    async def take(self, *, wait: bool = True) -> Planned | None:
+        """The next attempt. ``None`` at the end.
+
+        Args:
+            wait: while there is none, but one in flight may have to be repeated; else ``None`` then, too.
+        """
+        while (planned := await self._next_waiting(wait=wait)) is not None:
+            claim = Claim.OURS
+            if self._claims is not None:
+                claim = await asyncio.to_thread(self._claims.claim, planned.task.id, planned.sample)
+            if claim is Claim.OURS:
+                return planned
+            async with self._changed:
+                self._in_flight -= 1
+                if claim is Claim.TAKEN:
+                    self._taken.append(planned)
+                else:
+                    self._done += 1
+                    self.elsewhere.add((planned.task.id, planned.sample))
+                self._changed.notify_all()
+        return None
+
+    async def _next_waiting(self, *, wait: bool) -> Planned | None:
         async with self._changed:
-            await self._changed.wait_for(lambda: self._waiting or not self._in_flight)
-            if not self._waiting:
+            while wait and not (self._is_closed or self._waiting):
+                if not self._in_flight and not self._taken:
+                    return None
+                try:
+                    async with asyncio.timeout(self._look_seconds if self._taken else None):
+                        await self._changed.wait()
+                except TimeoutError:
+                    self._waiting.extend(self._taken)
+                    self._taken.clear()
+            if self._is_closed or not self._waiting:
                 return None
             self._in_flight += 1
             return self._waiting.popleft()
 
-    async def settle(self, planned: Planned, outcome: Outcome) -> None:
-        """Say how an attempt that was taken ended, after it was recorded."""
+    async def holds(self, planned: Planned) -> bool:
+        """Whether an attempt that was taken is still ours to record, and not another collector's by now."""
+        if self._claims is None:
+            return True
+        return await asyncio.to_thread(self._claims.holds, planned.task.id, planned.sample)
+
+    async def settle(self, planned: Planned, outcome: Outcome, *, is_final: bool = False) -> None:
+        """Say how an attempt that was taken ended, after it was recorded.
+
+        Args:
+            planned: the attempt.
+            outcome: how it ended.
+            is_final: it is not made again in this session.
+        """
+        following = None if is_final else self._next(planned, outcome)
+        if self._claims is not None and not is_final and following is None:
+            await asyncio.to_thread(self._claims.finish, planned.task.id, planned.sample)
         async with self._changed:
             self._in_flight -= 1
-            following = self._next(planned, outcome)
             if following is None:
                 self._done += 1
             else:
                 self._waiting.append(following)
             self._changed.notify_all()
 
-    async def reach(self, share: float) -> None:
-        """Wait until this share of all samples is done."""
+    async def close(self) -> None:
+        """Hand nothing out any more."""
         async with self._changed:
-            await self._changed.wait_for(lambda: self._done >= share * self.total)
+            self._is_closed = True
+            self._changed.notify_all()
+
+    def is_ending(self, share: float) -> bool:
+        """Whether this share of all samples is done, and none waits to be begun."""
+        return self._done >= share * self.total and not self._waiting

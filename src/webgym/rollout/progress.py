@@ -9,6 +9,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeAlias
 
+import msgspec
+
+from webgym.core.calls import CallQueue, LoopLag
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level
 from webgym.core.trajectory import Trajectory
@@ -38,6 +41,16 @@ class Queue(NamedTuple):
     running: int
     wait: float | None
     service: float | None
+
+
+def queues_of(calls: Mapping[str, CallQueue]) -> dict[str, Queue]:
+    """What a monitor shows of the queues that were used."""
+    loads = {kind: queue.load for kind, queue in calls.items()}
+    return {
+        kind: Queue(load.waiting, load.running, load.wait, load.service)
+        for kind, load in loads.items()
+        if load.done or load.running or load.waiting
+    }
 
 
 @dataclass(slots=True)
@@ -104,6 +117,8 @@ class Progress:
         queues: the collector's queues by kind of call. Everything that shows queues asks this.
         feed_error: why ``live.json`` could not be written last time; empty if it was.
         last: the attempts that ended last, newest first: (outcome, task id, steps).
+        calls: the queues of the kinds of calls.
+        lag: how late the collector's event loop is.
     """
 
     total: int
@@ -122,6 +137,8 @@ class Progress:
     queues: Callable[[], Mapping[str, Queue]] = dict
     feed_error: str = ""
     last: deque[tuple[Outcome, str, int]] = field(default_factory=lambda: deque(maxlen=6))
+    calls: Mapping[str, CallQueue] = field(default_factory=dict)
+    lag: LoopLag = field(default_factory=LoopLag)
     started: float = field(default_factory=time.monotonic)
     _stepped: _Pace = field(default_factory=lambda: _Pace(RECENT_SECONDS))
     _ended: _Pace = field(default_factory=lambda: _Pace(ENDED_SECONDS))
@@ -231,6 +248,11 @@ class Progress:
             "trajectories_per_minute": round(self.trajectories_per_minute, 3),
             "states": {state: self.states[state] for state in STATES},
             "outcomes": {outcome.value: self.outcomes[outcome] for outcome in Outcome},
+            "calls": {kind: msgspec.to_builtins(queue.load) for kind, queue in self.calls.items()},
+            "loop_lag_milliseconds": {
+                "p50": round(self.lag.milliseconds(0.5), 3),
+                "p99": round(self.lag.milliseconds(0.99), 3),
+            },
         }
 
     def snapshot(self) -> dict[str, Any]:

@@ -27,6 +27,16 @@ def wilson(successes: int, of: int) -> Interval | None:
     return max(0.0, middle - half), min(1.0, middle + half)
 
 
+def pass_at(k: int, successes: int, of: int) -> float | None:
+    """The chance that at least one of ``k`` attempts succeeds, where ``successes`` of ``of`` did.
+
+    The unbiased estimate, from all choices of ``k`` among them; ``None`` if there were fewer.
+    """
+    if of < k:
+        return None
+    return 1.0 - math.comb(of - successes, k) / math.comb(of, k)
+
+
 class Rate(NamedTuple):
     """A success rate.
 

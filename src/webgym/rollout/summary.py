@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Literal, TypeAlias, TypedDict
 
@@ -16,7 +16,8 @@ from webgym.agent.policy import ORACLES
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Task
 from webgym.core.trajectory import Step, Trajectory
-from webgym.rollout.rates import Interval, Successes
+from webgym.judge.blocking import blocking_host
+from webgym.rollout.rates import Interval, Successes, pass_at
 from webgym.tasks.selection import splits_in
 
 UNKNOWN = "unknown"
@@ -86,6 +87,18 @@ class Loss(TypedDict):
     message: str
 
 
+class PassAt(TypedDict):
+    """The chance that one of k attempts at a task succeeds.
+
+    Attributes:
+        value: mean over the tasks; ``None`` if there is none.
+        tasks: how many have k attempts that carry a reward.
+    """
+
+    value: float | None
+    tasks: int
+
+
 class Summary(TypedDict):
     """What ``summary.json`` holds.
 
@@ -99,6 +112,9 @@ class Summary(TypedDict):
             is no success. A sample that was attempted again after an error is one.
         success_interval_of_planned: the Wilson 95 % intervals of these rates.
         planned: samples that were wanted, likewise.
+        pass_at: for k = 1, 2, 4, ... and the number of samples per task: the chance that at least one of k
+            attempts at a task succeeds, averaged over the tasks with k attempts that carry a reward. At 1 it
+            is the mean over tasks of their success rates.
         steps: all steps taken.
         wall_seconds: while at least one attempt was in progress, or as the collector measured.
         steps_per_second: ``steps`` / ``wall_seconds``.
@@ -115,6 +131,7 @@ class Summary(TypedDict):
         invalid_replies: steps whose replies hold no action.
         notes: what every figure here must be read with, a sentence each: that an oracle played, that many
             replies held no action.
+        blocked_hosts: attempts that each host kept out, most first.
         losses: what ended attempts that carry no reward, by error code, or by outcome where there was no
             error (a website that blocks); most frequent first.
     """
@@ -126,6 +143,7 @@ class Summary(TypedDict):
     success_rate_of_planned: dict[str, float | None]
     success_interval_of_planned: dict[str, Interval | None]
     planned: dict[str, int]
+    pass_at: dict[str, PassAt]
     steps: int
     wall_seconds: float
     steps_per_second: float
@@ -140,6 +158,7 @@ class Summary(TypedDict):
     by_level: dict[str, Group]
     by_domain: dict[str, Group]
     by_website: dict[str, Group]
+    blocked_hosts: dict[str, int]
     losses: dict[str, Loss]
     lost_samples: int
     invalid_replies: int
@@ -170,6 +189,7 @@ class Digest(msgspec.Struct, frozen=True, array_like=True):
         loss: why it carries no reward: error code, or outcome where there was no error, and message.
         invalid: steps whose replies hold no action.
         first_invalid: what was wrong with the first of these.
+        blocked_by: host that kept the agent out; empty if none did.
     """
 
     attempt_id: str
@@ -187,6 +207,7 @@ class Digest(msgspec.Struct, frozen=True, array_like=True):
     loss: tuple[str, str] | None
     invalid: int
     first_invalid: str
+    blocked_by: str = ""
 
 
 def digest_of(trajectory: Trajectory) -> Digest:
@@ -220,7 +241,15 @@ def digest_of(trajectory: Trajectory) -> Digest:
         loss=_loss(trajectory),
         invalid=len(unread),
         first_invalid=unread[0] if unread else "",
+        blocked_by=_blocked_by(trajectory),
     )
+
+
+def _blocked_by(trajectory: Trajectory) -> str:
+    verdict, seen = trajectory.verdict, trajectory.episode.observations
+    if trajectory.outcome is not Outcome.BLOCKED or verdict is None:
+        return ""
+    return blocking_host(seen[0].url if seen else UNKNOWN, trajectory.episode, verdict.blocked)
 
 
 def _loss(trajectory: Trajectory) -> tuple[str, str] | None:
@@ -287,15 +316,22 @@ class Tally:
     Args:
         tasks: of the run as they were drawn: one that was drawn twice comes twice.
         samples: planned of every task.
+        elsewhere: samples that are not this run's after all.
     """
 
-    def __init__(self, tasks: Sequence[Task], samples: int = 1) -> None:
+    def __init__(
+        self, tasks: Sequence[Task], samples: int = 1, elsewhere: Collection[tuple[str, int]] = ()
+    ) -> None:
+        self._per_task = samples
         self._tasks = {task.id: task for task in tasks}
         self._samples = Counter(task.id for task in tasks for _ in range(samples))
         self._counts: defaultdict[_Place, _Count] = defaultdict(_Count)
         self._planned = Counter(place for task in tasks for place in _places(task))
         for place in self._planned:
             self._planned[place] *= samples
+        for task_id, _ in elsewhere:
+            self._samples[task_id] -= 1
+            self._planned.subtract(_places(self._tasks[task_id]))
         self._attempted: defaultdict[str, dict[int, tuple[int, Outcome]]] = defaultdict(dict)
         self._policies: dict[str, None] = {}
         self._judges: dict[str, None] = {}
@@ -303,6 +339,7 @@ class Tally:
         self._waits = array("d")
         self._operations: defaultdict[str, array[float]] = defaultdict(lambda: array("d"))
         self._losses: dict[str, Loss] = {}
+        self._blocked_by: Counter[str] = Counter()
         self._invalid = 0
         self._first_invalid = ""
 
@@ -314,6 +351,8 @@ class Tally:
         newest = samples.get(digest.sample)
         if newest is None or newest[0] <= digest.retry:
             samples[digest.sample] = (digest.retry, digest.outcome)
+        if digest.blocked_by:
+            self._blocked_by[digest.blocked_by] += 1
         for place in _places(task):
             self._counts[place].add(digest)
             # More than the run says it planned, as of a task that it does not hold.
@@ -342,6 +381,19 @@ class Tally:
         if steps and self._invalid / steps > MANY_INVALID:
             share = f"{self._invalid / steps:.1%} of {steps:,} replies hold no action"
             yield f"{share}; the first: {self._first_invalid}"
+
+    def _pass_at(self) -> dict[str, PassAt]:
+        ends = [[outcome for _, outcome in samples.values()] for samples in self._attempted.values()]
+        won = [
+            (outcomes.count(Outcome.SUCCESS), sum(outcome.is_rewarded for outcome in outcomes))
+            for outcomes in ends
+        ]
+        found: dict[str, PassAt] = {}
+        for k in sorted({*(2**n for n in range(self._per_task.bit_length())), self._per_task}):
+            values = [value for c, n in won if (value := pass_at(k, c, n)) is not None]
+            mean = sum(values) / len(values) if values else None
+            found[str(k)] = {"value": mean, "tasks": len(values)}
+        return found
 
     def _group(self, place: _Place) -> Group:
         return (self._counts[place] if place in self._counts else _Count()).group(self._planned[place])
@@ -375,6 +427,7 @@ class Tally:
                 name: group["success_interval_of_planned"] for name, group in rated.items()
             },
             "planned": {name: group["planned"] for name, group in rated.items()},
+            "pass_at": self._pass_at(),
             "steps": overall["steps"],
             "wall_seconds": wall,
             "steps_per_second": overall["steps"] / wall if wall > 0 else 0.0,
@@ -398,6 +451,7 @@ class Tally:
             ),
             "invalid_replies": self._invalid,
             "notes": list(self._notes(self._policies)),
+            "blocked_hosts": dict(self._blocked_by.most_common()),
             "losses": dict(sorted(self._losses.items(), key=lambda item: -item[1]["count"])),
         }
 
@@ -411,6 +465,7 @@ def summarise(
     policy: str | None = None,
     judge: str | None = None,
     wall_seconds: float | None = None,
+    elsewhere: Collection[tuple[str, int]] = (),
 ) -> Summary:
     """The figures of a run.
 
@@ -421,8 +476,9 @@ def summarise(
         seed: of the run.
         policy, judge: names; taken from the trajectories where not given.
         wall_seconds: taken from the attempts where not given; pauses between them are left out.
+        elsewhere: samples, by task and number, that other collectors of a shared list have done.
     """
-    tally = Tally(tasks, samples)
+    tally = Tally(tasks, samples, elsewhere)
     for trajectory in trajectories:
         tally.add(digest_of(trajectory))
     return tally.summary(seed=seed, policy=policy, judge=judge, wall_seconds=wall_seconds)

@@ -18,6 +18,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.judge.base import Judge, Pictures
+from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import Stage
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.collector import CollectorConfig
@@ -112,7 +113,9 @@ class _Again:
             self._failed_in_a_row = 0
             await self._keep(trajectory, found, time.monotonic() - started)
             if self._blocklist and found.outcome is Outcome.BLOCKED and found.verdict is not None:
-                await asyncio.to_thread(self._blocklist.add, task.website, found.verdict.blocked.reason)
+                blocked = found.verdict.blocked
+                host = blocking_host(task.website, trajectory.episode, blocked)
+                await asyncio.to_thread(self._blocklist.add, host, blocked.reason)
 
     async def _keep(self, trajectory: Trajectory, found: Found, seconds: float) -> None:
         judged = msgspec.structs.replace(

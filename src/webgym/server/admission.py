@@ -4,8 +4,10 @@ A slot's processes run only while it holds a permit; between calls they are stop
 once is found by measuring: more while the processors have time to spare (a slot that waits for the
 network uses none), fewer when they are saturated.
 
-The queues take turns: no type has priority over another, so that a burst of navigations waits for
-navigations, and the screenshots behind it go on. One line for all is there for comparison.
+The queues take turns by service time: next is the one whose calls have held permits for the least time. No
+type has priority over another, so that a burst of navigations waits for navigations, and the screenshots
+behind it go on. A queue that was empty comes back level with the others: idleness earns no credit. One queue
+for all is there for comparison.
 """
 
 from __future__ import annotations
@@ -13,16 +15,28 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractContextManager, asynccontextmanager
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from webgym.server.config import Admission
 from webgym.server.messages import PermitLoad, QueueLoad
 from webgym.server.operations import QUEUES, QueueName
 from webgym.server.saturation import Processors
 
-_Turn = asyncio.Future[None]
+_RECENT = 0.1
+"""Weight of the latest call in what a queue's calls are expected to take."""
+
+
+class _Grant(NamedTuple):
+    """A turn that has come: when, and how long its call is expected to take, seconds."""
+
+    at: float
+    expected: float
+
+
+_Turn = asyncio.Future[_Grant]
 
 
 @dataclass
@@ -30,10 +44,20 @@ class _Queue:
     waiting: deque[tuple[int, _Turn]] = field(default_factory=deque)
     running: int = 0
     done: int = 0
+    waited: float = 0.0
+    """Seconds that its calls have waited for their turns, all in all."""
+    served: float = 0.0
+    """Seconds that its calls have held permits, all in all."""
+    account: float = 0.0
+    """Service time that decides whose turn it is: had, and expected of the calls that run."""
+    usual: float = 0.0
+    """Seconds for which a call holds its permit, lately."""
 
     @property
     def load(self) -> QueueLoad:
-        return QueueLoad(self.running, sum(not turn.done() for _, turn in self.waiting), self.done)
+        waiting = sum(not turn.done() for _, turn in self.waiting)
+        totals = round(self.waited * 1000), round(self.served * 1000)
+        return QueueLoad(self.running, waiting, self.done, *totals)
 
     @property
     def first(self) -> int | None:
@@ -41,6 +65,68 @@ class _Queue:
         while self.waiting and self.waiting[0][1].done():
             self.waiting.popleft()
         return self.waiting[0][0] if self.waiting else None
+
+    def begin(self, now: float) -> None:
+        """Let the first that waits run. What it is expected to take counts at once."""
+        _, turn = self.waiting.popleft()
+        self.running += 1
+        self.account += self.usual
+        turn.set_result(_Grant(now, self.usual))
+
+    def end(self, grant: _Grant, now: float) -> None:
+        """A call has run: what it took counts in place of what was expected."""
+        took = now - grant.at
+        self.usual += (took - self.usual) * (_RECENT if self.done else 1.0)
+        self.running -= 1
+        self.done += 1
+        self.served += took
+        self.account += took - grant.expected
+
+
+class Permit:
+    """The right to run, which a call of :meth:`Gatekeeper.permit` holds.
+
+    Attributes:
+        waited: seconds that it has waited for its turns.
+    """
+
+    def __init__(self, gate: Gatekeeper) -> None:
+        self.waited = 0.0
+        self._gate = gate
+        self._held: tuple[_Queue, _Grant] | None = None
+
+    async def exchange(self, queue: QueueName, stopped: Callable[[], AbstractContextManager[None]]) -> None:
+        """Give it back, and wait for one of another queue.
+
+        Args:
+            queue: the other.
+            stopped: entered for as long as somebody else has the place; not at all if nobody wants it.
+        """
+        own, turn = self._gate.line_up(queue)  # before the place is free: one's own turn may be next
+        self.give_back()
+        with contextlib.nullcontext() if turn.done() else stopped():
+            await self.take(own, turn)
+
+    async def take(self, own: _Queue, turn: _Turn) -> None:
+        """Wait for a turn, and hold the permit that comes with it."""
+        began = asyncio.get_running_loop().time()
+        try:
+            self._held = own, await turn
+        except asyncio.CancelledError:
+            if turn.done() and not turn.cancelled():  # it came in the same moment
+                self._held = own, turn.result()
+                self.give_back()
+            raise
+        finally:
+            waited = asyncio.get_running_loop().time() - began
+            self.waited += waited
+            own.waited += waited
+
+    def give_back(self) -> None:
+        """Let the next one run. Safe to call twice."""
+        held, self._held = self._held, None
+        if held is not None:
+            self._gate.release(*held)
 
 
 class Gatekeeper:
@@ -57,65 +143,55 @@ class Gatekeeper:
         self._config = config
         self._processors = processors or Processors()
         self._queues: dict[QueueName, _Queue] = {name: _Queue() for name in QUEUES}
-        self._order = list(QUEUES)
-        """Whose turn is next: a queue that was served goes to the end."""
+        self._level = 0.0
+        """Account of the queue that was served last: where one that was empty comes back."""
         self._arrivals = 0
         self._running = 0
         self._adapting: asyncio.Task[None] | None = None
 
     @asynccontextmanager
-    async def permit(self, queue: QueueName) -> AsyncIterator[None]:
+    async def permit(self, queue: QueueName) -> AsyncIterator[Permit]:
         """Wait in this queue for a turn, and hold a run permit for the block."""
-        own = self._queues[queue]
-        await self._admitted(own)
+        permit = Permit(self)
+        await permit.take(*self.line_up(queue))
         try:
-            yield
+            yield permit
         finally:
-            own.done += 1
-            self._release(own)
+            permit.give_back()
 
-    async def _admitted(self, own: _Queue) -> None:
+    def line_up(self, queue: QueueName) -> tuple[_Queue, _Turn]:
+        """Stand in a queue; for :class:`Permit`."""
+        own = self._queues[queue]
         turn: _Turn = asyncio.get_running_loop().create_future()
+        if own.first is None:
+            own.account = max(own.account, self._level)
         self._arrivals += 1
         own.waiting.append((self._arrivals, turn))
         self._grant()
-        if turn.done():
-            return
-        self._adapt_while_waiting()
-        try:
-            await turn
-        except asyncio.CancelledError:
-            if turn.done() and not turn.cancelled():  # it came in the same moment
-                self._release(own)
-            raise
+        if not turn.done() and (self._adapting is None or self._adapting.done()):
+            self._adapting = asyncio.get_running_loop().create_task(self._adapt())
+        return own, turn
 
-    def _release(self, own: _Queue) -> None:
-        own.running -= 1
+    def release(self, own: _Queue, grant: _Grant) -> None:
+        """A call has run; for :class:`Permit`."""
+        own.end(grant, asyncio.get_running_loop().time())
         self._running -= 1
         self._grant()
 
     def _grant(self) -> None:
+        now = asyncio.get_running_loop().time()
         while self._running < self.limit and (queue := self._next()) is not None:
-            _, turn = queue.waiting.popleft()
-            queue.running += 1
+            self._level = max(self._level, queue.account)
             self._running += 1
-            turn.set_result(None)
+            queue.begin(now)
 
     def _next(self) -> _Queue | None:
-        waiting = [name for name in self._order if self._queues[name].first is not None]
-        if not waiting:
-            return None
-        if self._config.order == "global":
-            return min((self._queues[name] for name in waiting), key=lambda queue: queue.first or 0)
-        self._order.remove(waiting[0])
-        self._order.append(waiting[0])
-        return self._queues[waiting[0]]
+        waiting = [queue for queue in self._queues.values() if queue.first is not None]
+        if self._config.queues == "global":
+            return min(waiting, key=lambda queue: queue.first or 0, default=None)
+        return min(waiting, key=lambda queue: (queue.account, queue.first), default=None)
 
     # --- how many ---------------------------------------------------------------------------------------
-
-    def _adapt_while_waiting(self) -> None:
-        if self._adapting is None or self._adapting.done():
-            self._adapting = asyncio.get_running_loop().create_task(self._adapt())
 
     async def _adapt(self) -> None:
         """Measure and adjust for as long as somebody waits."""

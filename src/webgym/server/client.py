@@ -14,6 +14,7 @@ import logging
 import secrets
 import socket
 from collections import OrderedDict
+from collections.abc import Mapping
 from typing import NamedTuple, TypeVar
 
 import aiohttp
@@ -22,6 +23,7 @@ import msgspec
 from webgym.browser.document import Document, ReadRequest
 from webgym.browser.gestures import AnyAction
 from webgym.core.action import Navigate
+from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import (
     LeaseLost,
     ProtocolError,
@@ -61,7 +63,6 @@ from webgym.server.operations import (
     MSGPACK,
     NAVIGATE,
     PRESSURE,
-    QUEUES,
     READ,
     RELEASE,
     SCREENSHOT,
@@ -132,6 +133,7 @@ class BrowserClient:
         token: its bearer token.
         limits: concurrency per operation type, and deadlines.
         name: of this client, by which the server counts its sessions; ``None`` makes one.
+        calls: a queue for each type of operation; by default they are made from the limits.
 
     Raises (every method):
         ServerUnreachable: nothing answers, or not in time.
@@ -140,7 +142,13 @@ class BrowserClient:
     """
 
     def __init__(
-        self, base_url: str, *, token: str, limits: ClientLimits | None = None, name: str | None = None
+        self,
+        base_url: str,
+        *,
+        token: str,
+        limits: ClientLimits | None = None,
+        name: str | None = None,
+        calls: Mapping[str, CallQueue] | None = None,
     ) -> None:
         if not token.isascii():
             raise ProtocolError("a token is plain ASCII", hint="copy it from `webgym serve`")
@@ -150,7 +158,7 @@ class BrowserClient:
             "authorization": f"Bearer {token}",
             CLIENT_HEADER: name or secrets.token_hex(_NAME_BYTES),
         }
-        self._pools = {name: asyncio.Semaphore(getattr(self.limits, name)) for name in QUEUES}
+        self.calls = calls or call_queues(self.limits.calls)
         self._sessions: set[Session] = set()
         self._connections: aiohttp.ClientSession | None = None
 
@@ -305,7 +313,7 @@ class BrowserClient:
             path = path.replace("{id}", grant.session_id)
             headers = headers | {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
         content = None if body is None else msgspec.json.encode(body)
-        pool = self._pools[queue] if queue else contextlib.nullcontext()
+        pool = self.calls[queue].turn() if queue else contextlib.nullcontext()
         try:
             async with pool, asyncio.timeout(seconds or self.limits.reply_seconds):
                 return await self._exchange(operation.method, base_url + path, content, headers)
@@ -371,6 +379,8 @@ class Session:
             queue = "screenshot"
         request = StepRequest(action, tuple(self._pictures))
         reply = await self._call(STEP, StepReply, request, queue)
+        queued = reply.observation.milliseconds.get("queued", 0.0) / 1000
+        self._client.calls[queue].waited_elsewhere(queued)
         name = reply.observation.screenshot
         image = self._pictures.get(name) if reply.image is None else reply.image
         if image is None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from webgym.browser.config import BrowserConfig
+from webgym.core.calls import BROWSER_CALLS
 
 
 def usable_cores() -> int:
@@ -17,6 +18,10 @@ def usable_cores() -> int:
 
 
 Port = Annotated[int, Field(gt=0, le=65535)]
+
+
+Queues: TypeAlias = Literal["per_operation", "global"]
+"""How calls wait for a run permit."""
 
 
 class Admission(BaseModel):
@@ -28,9 +33,9 @@ class Admission(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    order: Literal["per_operation", "global"] = "per_operation"
-    """``per_operation``: each type of operation has its own queue, and they take turns (paper §4).
-    ``global``: first come, first served, whatever it is."""
+    queues: Queues = "per_operation"
+    """``per_operation``: each type of operation has its own queue, and they take turns by service time (paper
+    §4). ``global``: first come, first served, whatever it is; the paper's baseline."""
 
     fewest: int = Field(default_factory=lambda: 2 * usable_cores(), gt=0)
     """Slots that may run at once on saturated processors."""
@@ -270,3 +275,8 @@ class ClientLimits(BaseModel):
 
     pictures: int = Field(default=2, gt=0)
     """Pictures kept per session, so that one that did not change is not sent again."""
+
+    @property
+    def calls(self) -> dict[str, int]:
+        """The sizes of the pools, by type of operation."""
+        return {name: getattr(self, name) for name in BROWSER_CALLS}

@@ -131,11 +131,14 @@ class Health(msgspec.Struct, frozen=True):
 
 
 class QueueLoad(msgspec.Struct, frozen=True):
-    """One operation type's calls: how many run and wait now, and have run."""
+    """One operation type's calls: how many run and wait now, and have run; how long those that came so far
+    have waited for a turn and been served, all in all, milliseconds."""
 
     running: int
     waiting: int
     done: int
+    waited_milliseconds: int = 0
+    served_milliseconds: int = 0
 
 
 class PermitLoad(msgspec.Struct, frozen=True):

@@ -35,6 +35,13 @@ class _Load(Collector):
         for name, load in self._gate.load.items():
             done.add_metric([name], load.done)
         yield done
+        spent = CounterMetricFamily(
+            "webgym_queue_seconds", "Spent waiting for a turn and being served", labels=["queue", "state"]
+        )
+        for name, load in self._gate.load.items():
+            spent.add_metric([name, "waiting"], load.waited_milliseconds / 1000)
+            spent.add_metric([name, "running"], load.served_milliseconds / 1000)
+        yield spent
         permits = self._gate.permits
         yield GaugeMetricFamily("webgym_run_permits", "Slots that may run at once", value=permits.limit)
         yield GaugeMetricFamily("webgym_running_slots", "Slots that run", value=permits.running)

@@ -18,7 +18,7 @@ from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserError, ProtocolError
-from webgym.server.admission import Gatekeeper
+from webgym.server.admission import Gatekeeper, Permit
 from webgym.server.config import ServerConfig
 from webgym.server.feed import Feed
 from webgym.server.leases import Lease, Leases
@@ -81,11 +81,11 @@ class Service:
         await self.pool.stop()
 
     @asynccontextmanager
-    async def _running(self, slot: Slot, queue: QueueName) -> AsyncIterator[None]:
+    async def _running(self, slot: Slot, queue: QueueName) -> AsyncIterator[Permit]:
         """Wait for a run permit, and let the slot's processes run for the block."""
-        async with self.gate.permit(queue):
+        async with self.gate.permit(queue) as permit:
             with slot.awake():
-                yield
+                yield permit
 
     async def _take_back(self, slot: Slot) -> None:
         try:
@@ -154,14 +154,19 @@ class Service:
     # --- calls of a session -------------------------------------------------------------------------
 
     async def step(self, lease: Lease, request: StepRequest) -> StepReply:
-        """Act, then look, in one turn. The picture is left out where the caller has it."""
+        """Act, then look: a turn in each queue. The picture is left out where the caller has it."""
         slot, action = lease.slot, request.action
 
         async def work() -> StepReply:
-            async with self._running(slot, _queue_of(action)):
-                look = await slot.step(action)
-            has_it = look.observation.screenshot in request.have
-            return StepReply(look.observation, None if has_it else look.image)
+            async with self._running(slot, _queue_of(action)) as permit:
+                if action is not None:
+                    await slot.act(action)
+                    await permit.exchange("screenshot", slot.asleep)
+                look = await slot.observe()
+            spent = look.observation.milliseconds | {"queued": permit.waited * 1000}
+            observation = msgspec.structs.replace(look.observation, milliseconds=spent)
+            has_it = observation.screenshot in request.have
+            return StepReply(observation, None if has_it else look.image)
 
         return await self._run(lease, work)
 

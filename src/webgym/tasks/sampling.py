@@ -26,7 +26,7 @@ from pydantic import Field, model_validator
 
 from webgym.core.errors import ConfigError, NothingToDraw
 from webgym.core.task import LEVELS, Level, Task
-from webgym.core.websites import site_of, site_or_text
+from webgym.core.websites import host_of, host_or_text
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.selection import Selection, select
 
@@ -103,7 +103,7 @@ class Deck:
             order = self._order if self._order is not None else self._shuffle(weigh)
             hand = order[self.position : self.position + count - len(dealt)]
             for task in map(self.tasks.__getitem__, hand):
-                if blocked and task.split != "test" and (site := site_or_text(task.website)) in blocked:
+                if blocked and task.split != "test" and (site := host_or_text(task.website)) in blocked:
                     passed_over[site] += 1
                 else:
                     dealt.append(task)
@@ -191,16 +191,16 @@ class Sampler:
 
     @property
     def blocked(self) -> frozenset[str]:
-        """The websites that no task is drawn from, as :func:`site_of` names them."""
+        """The hosts that no task is drawn from, as :func:`host_of` names them."""
         return frozenset(self._blocked)
 
     def block(self, *websites: str) -> None:
-        """Draw nothing from these websites from now on."""
-        self._blocked.update(map(site_of, websites))
+        """Draw no task that begins on the host of one of these websites from now on."""
+        self._blocked.update(map(host_of, websites))
 
     def unblock(self, *websites: str) -> None:
         """Draw from these websites again. What was passed over comes back when its deck is shuffled."""
-        self._blocked.difference_update(map(site_of, websites))
+        self._blocked.difference_update(map(host_of, websites))
 
     def draw(self, count: int) -> list[Task]:
         """The next tasks, levels mixed. A task comes twice only if a pass ends within the draw.

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from webgym.core.errors import ConfigError
 from webgym.core.task import Level, Task
-from webgym.core.websites import site_or_text
+from webgym.core.websites import host_or_text
 from webgym.tasks.split import leaks
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 
@@ -87,7 +87,7 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
     Args:
         tasks: the set. Where it holds test tasks, training tasks that would give them away are left out.
         selection: which.
-        blocked: websites that are left alone for now, as :func:`webgym.core.websites.site_of` names them.
+        blocked: hosts that are left alone for now, as :func:`webgym.core.websites.host_of` names them.
             Test tasks on them stay: a test set is the same set whatever happened before.
 
     Raises:
@@ -109,7 +109,7 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
             left_out["on a website or of a family of the test split"] += 1
         elif (wanted and wanted.isdisjoint(names)) or not unwanted.isdisjoint(names):
             left_out["of other domains"] += 1
-        elif blocked and task.split != "test" and site_or_text(task.website) in blocked:
+        elif blocked and task.split != "test" and host_or_text(task.website) in blocked:
             left_out["on blocked websites"] += 1
         else:
             kept.append(task)

@@ -32,7 +32,6 @@ from webgym.core.task import Task
 from webgym.inference.local import LocalConfig
 from webgym.inference.vllm import VllmConfig
 from webgym.rollout.blocklist import Blocklist
-from webgym.rollout.evaluation import TEST_SECONDS
 from webgym.rollout.files import CONFIG
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
@@ -414,14 +413,7 @@ class Training:
         if self.folder.is_evaluated(number) or not self.config.loop.evaluate_every or not self._test:
             return
         easy, medium, hard = config.budget
-        # As in webgym eval: a test is not to end by the clock of a machine that trains beside it.
-        longest = max(self._rollout.attempt.longest_seconds, TEST_SECONDS)
-        limits = {
-            "budget_easy": easy,
-            "budget_medium": medium,
-            "budget_hard": hard,
-            "longest_seconds": longest,
-        }
+        limits = {"budget_easy": easy, "budget_medium": medium, "budget_hard": hard}
         choice = self._rollout.tasks.model_copy(update={"split": "test", "count": "all", "ratio": None})
         run = self._rollout.model_copy(
             update={

@@ -1,0 +1,248 @@
+"""Several collectors share one task list, on a disk that all of them see.
+
+Each has a run folder of its own and the same tasks. Before a sample is attempted it is claimed; nobody
+attempts what somebody else has claimed. A collector shows that it lives; what a dead one has claimed and not
+finished is taken over. Two things are asked of the disk: that a hard link to a name that is taken fails, and
+that all see the same modification times. No collector's clock is looked at.
+
+    DIR/
+      tasks                the digest of the list: collectors of another are refused
+      collectors/ID        the run folder of a collector; it lives if this was touched lately
+      claims/ab/KEY.N      who has claimed a sample; the highest N counts
+      done/ab/KEY          the sample needs no further attempt
+
+A claim is never changed, only followed by another, so that of several who take over one wins. A collector
+that was thought dead finds its claim followed, and drops the attempt.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import hashlib
+import os
+import uuid
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
+from enum import Enum
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from webgym.core.errors import ConfigError, RunFolderError, StoreError
+from webgym.core.task import Task
+from webgym.rollout.files import disk_errors, write_whole
+from webgym.rollout.store import RunReader
+
+
+class SharingConfig(BaseModel):
+    """Where a task list is shared, and when a collector counts as dead."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    folder: Path | None = None
+    """On a disk that all collectors see; ``None`` shares nothing."""
+
+    beat_seconds: float = Field(default=5.0, gt=0)
+    """Between two signs of life."""
+
+    dead_seconds: float = Field(default=60.0, gt=0)
+    """A collector without a sign of life for so long is dead. Several times the beat, and longer than the
+    disk takes to show what others wrote."""
+
+    look_seconds: float = Field(default=5.0, gt=0)
+    """Between two looks at what others have claimed, when nothing else is left to do."""
+
+
+class Claim(Enum):
+    """What becomes of the wish to attempt a sample."""
+
+    OURS = "ours"
+    TAKEN = "taken"
+    DONE = "done"
+
+
+class Claims:
+    """What a collector has claimed. Blocks: call it from a thread.
+
+    Args:
+        config: limits; its folder is there.
+        name: of the collector, the same whenever its run is resumed.
+    """
+
+    def __init__(self, config: SharingConfig, name: str) -> None:
+        assert config.folder is not None
+        self.config = config
+        self._folder = config.folder
+        self._name = name
+        self._life = self._folder / "collectors" / name
+        self._content = self._folder / "collectors" / f".{name}.claim"
+        self._finished: dict[tuple[str, int], frozenset[tuple[str, int]]] = {}
+        """Samples that dead collectors had finished, by name and last sign of life."""
+
+    def join(self, tasks: Sequence[Task], samples: int, run: Path) -> None:
+        """Begin to live.
+
+        Args:
+            tasks: the list, in its order.
+            samples: wanted of every task.
+            run: our run folder.
+
+        Raises:
+            ConfigError: others share another list there.
+            StoreError: nothing can be written there.
+        """
+        told = "\n".join([str(samples), *(task.id for task in tasks)]).encode()
+        digest = hashlib.sha256(told).hexdigest().encode()
+        with disk_errors(f"sharing tasks in {self._folder}"):
+            self._life.parent.mkdir(parents=True, exist_ok=True)
+            with contextlib.suppress(FileExistsError):
+                self._link_new(self._folder / "tasks", digest)
+            if (self._folder / "tasks").read_bytes() != digest:
+                raise ConfigError(
+                    f"{self._folder} is shared for another list of tasks",
+                    hint="give all collectors the same tasks, seed and samples, or another folder",
+                )
+            write_whole(self._content, self._name.encode())
+            write_whole(self._life, str(run.resolve()).encode())
+
+    def leave(self) -> None:
+        """What was claimed and not finished may be taken over at once."""
+        with disk_errors(f"sharing tasks in {self._folder}"):
+            os.utime(self._life, (0, 0))  # it stays: it says where our run is
+
+    def beat(self) -> None:
+        """Give a sign of life."""
+        with disk_errors(f"sharing tasks in {self._folder}"):
+            os.utime(self._life)
+
+    def claim(self, task_id: str, sample: int) -> Claim:
+        """Claim a sample.
+
+        Raises:
+            StoreError: the disk cannot be read or written.
+        """
+        key = _key(task_id, sample)
+        with disk_errors(f"sharing tasks in {self._folder}"):
+            if self._done(key).exists():
+                return Claim.DONE
+            number, owner = self._newest(key)
+            if owner == self._name:
+                return Claim.OURS
+            if owner is not None:
+                if self._lives(owner):
+                    return Claim.TAKEN
+                if (task_id, sample) in self._finished_by(owner):
+                    self._mark_done(key)
+                    return Claim.DONE
+            place = self._claim(key, number)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                os.link(self._content, place)
+            except FileExistsError:
+                return Claim.TAKEN
+            # Between our looks its owner may have ended: what is done is not done again.
+            return Claim.DONE if self._done(key).exists() else Claim.OURS
+
+    def holds(self, task_id: str, sample: int) -> bool:
+        """Whether a sample that we claimed is still ours; a sign of life, too."""
+        self.beat()
+        with disk_errors(f"sharing tasks in {self._folder}"):
+            return self._newest(_key(task_id, sample))[1] == self._name
+
+    def finish(self, task_id: str, sample: int) -> None:
+        """A sample of ours needs no further attempt, and is on disk."""
+        with disk_errors(f"sharing tasks in {self._folder}"):
+            self._mark_done(_key(task_id, sample))
+
+    def _mark_done(self, key: str) -> None:
+        done = self._done(key)
+        done.parent.mkdir(parents=True, exist_ok=True)
+        done.touch()
+
+    def _newest(self, key: str) -> tuple[int, str | None]:
+        """The number that the next claim has, and who made the last."""
+        number, owner = 0, None
+        while True:
+            try:
+                owner = self._claim(key, number).read_text()
+            except FileNotFoundError:
+                return number, owner
+            number += 1
+
+    def _lives(self, owner: str) -> bool:
+        try:
+            age = self._life.stat().st_mtime - (self._life.parent / owner).stat().st_mtime
+        except FileNotFoundError:
+            return False
+        return age < self.config.dead_seconds
+
+    def _finished_by(self, owner: str) -> frozenset[tuple[str, int]]:
+        """What a dead collector has recorded: it may have died before it said so."""
+        life = self._life.parent / owner
+        try:
+            died = owner, life.stat().st_mtime_ns
+            if died not in self._finished:
+                entries = RunReader(Path(life.read_text()), skip_corrupt=True).attempts.values()
+                self._finished[died] = frozenset(
+                    (entry.task_id, entry.sample) for entry in entries if not entry.outcome.is_retried
+                )
+        except (FileNotFoundError, RunFolderError, StoreError):
+            return frozenset()  # its run is gone, and what was in it
+        return self._finished[died]
+
+    def _claim(self, key: str, number: int) -> Path:
+        return self._folder / "claims" / key[:2] / f"{key}.{number}"
+
+    def _done(self, key: str) -> Path:
+        return self._folder / "done" / key[:2] / key
+
+    def _link_new(self, path: Path, content: bytes) -> None:
+        """Make a file whole, unless there is one."""
+        made = self._life.parent / f".{uuid.uuid4().hex}"
+        made.write_bytes(content)
+        try:
+            os.link(made, path)
+        finally:
+            made.unlink()
+
+
+def _key(task_id: str, sample: int) -> str:
+    return hashlib.sha256(f"{task_id}\x1f{sample}".encode()).hexdigest()[:32]
+
+
+@asynccontextmanager
+async def sharing(
+    config: SharingConfig, name: str, tasks: Sequence[Task], samples: int, run: Path
+) -> AsyncIterator[Claims | None]:
+    """Take part for the block; ``None`` where nothing is shared.
+
+    Args:
+        config: where.
+        name: of the collector, the same whenever its run is resumed.
+        tasks: the list, in its order.
+        samples: wanted of every task.
+        run: the collector's run folder.
+
+    Raises:
+        ConfigError: others share another list there.
+        StoreError: the disk cannot be read or written.
+    """
+    if config.folder is None:
+        yield None
+        return
+    claims = Claims(config, name)
+    await asyncio.to_thread(claims.join, tasks, samples, run)
+    try:
+        async with asyncio.TaskGroup() as group:
+            beating = group.create_task(_beat(claims))
+            yield claims
+            beating.cancel()
+    finally:
+        await asyncio.shield(asyncio.to_thread(claims.leave))
+
+
+async def _beat(claims: Claims) -> None:
+    while True:
+        await asyncio.sleep(claims.config.beat_seconds)
+        await asyncio.to_thread(claims.beat)

@@ -1,0 +1,252 @@
+"""The collector by itself: real HTTP to a browser server, a model and a judge that stand in."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import urllib.request
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.rollout.running import Run, World, a_world, books, outcomes, until
+from tests.rollout.stand_in_judge import ADDRESS
+
+from webgym.bench.stand_ins import StandInModel
+from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.lockstep import Lockstep
+
+
+@pytest.fixture
+async def world(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[World]:
+    async with a_world() as world:
+        monkeypatch.setenv(ADDRESS, world.url("judge"))
+        yield world
+
+
+# --- schedules ------------------------------------------------------------------------------------------
+
+
+def together(log: list[tuple[str, str]]) -> list[int]:
+    """How many sessions were opened between two moments without any."""
+    groups, living, opened = [], 0, 0
+    for what, _ in log:
+        living += 1 if what == "open" else -1
+        opened += what == "open"
+        if not living:
+            groups.append(opened)
+            opened = 0
+    return groups
+
+
+@pytest.mark.parametrize("schedule", ["async", "step_barrier", "episode_barrier"])
+async def test_every_schedule_makes_every_attempt_once(tmp_path: Path, world: World, schedule: str) -> None:
+    config = world.config(tmp_path, 10, {"schedule": schedule, "order": "hardest_first"}, samples=2)
+    summary = await Run().start(config, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 20}
+    assert world.browsers.opened == world.judge.asked == 20
+    assert world.browsers.most <= 4
+    assert not world.browsers.sessions
+    assert summary["pass_at"] == {"1": {"value": 1.0, "tasks": 10}, "2": {"value": 1.0, "tasks": 10}}
+    if schedule == "episode_barrier":
+        assert together(world.browsers.log) == [4, 4, 4, 4, 4]
+
+
+async def test_without_a_barrier_an_attempt_that_hangs_holds_up_no_other(
+    tmp_path: Path, world: World
+) -> None:
+    lets = asyncio.Event()
+    model = world.model = StandInModel(steps=1)
+    reply, numbers = model._reply, itertools.count()
+
+    async def first_hangs(request: Any) -> Any:
+        if next(numbers) == 0:
+            await lets.wait()
+        return await reply(request)
+
+    model._reply = first_hangs  # type: ignore[method-assign]
+    await world.stop("model")
+    await world.start("model")
+    run = Run().start(world.config(tmp_path, 12), tmp_path / "run")
+    await until(lambda: run.progress.done == 11)
+    lets.set()
+    await run.end()
+    assert outcomes(tmp_path / "run") == {"success": 12}
+
+
+class Member:
+    """Asks so often, and tells what it does."""
+
+    def __init__(self, name: str, lockstep: Lockstep, told: list[str]) -> None:
+        self.name, self.lockstep, self.told = name, lockstep, told
+
+    async def play(self, turns: int) -> None:
+        try:
+            for _ in range(turns):
+                async with self.lockstep.turn(self):
+                    self.told.append(f"{self.name} asks")
+                    await asyncio.sleep(0)
+                self.told.append(f"{self.name} acts")
+                await asyncio.sleep(0)
+        finally:
+            self.lockstep.leave(self)
+
+
+async def test_in_lockstep_all_ask_in_one_batch_and_act_after_its_last_reply() -> None:
+    """The first is there before the others, which join when they are ready."""
+    lockstep, told = Lockstep(), list[str]()
+    async with asyncio.timeout(10), asyncio.TaskGroup() as group:
+        for name, turns in (("a", 4), ("b", 1), ("c", 2)):
+            group.create_task(Member(name, lockstep, told).play(turns))
+    batches = [(what, len(list(them))) for what, them in itertools.groupby(told, lambda line: line[2:])]
+    assert [what for what, _ in batches] == ["asks", "acts"] * 4, told
+    assert [size for _, size in batches] == [1, 1, 3, 3, 2, 2, 1, 1], told
+    assert lockstep.rounds == 4
+
+
+@pytest.mark.parametrize("turns", range(1, 8))
+async def test_who_is_cancelled_in_lockstep_holds_up_nobody(turns: int) -> None:
+    lockstep, told = Lockstep(), list[str]()
+    players = [asyncio.create_task(Member(name, lockstep, told).play(4)) for name in "abc"]
+    for _ in range(turns):
+        await asyncio.sleep(0)
+    players[1].cancel()
+    async with asyncio.timeout(10):
+        await asyncio.gather(*players, return_exceptions=True)
+    assert told.count("a acts") == told.count("c acts") == 4
+
+
+# --- judging off the critical path ----------------------------------------------------------------------
+
+
+async def test_who_waits_for_a_verdict_is_recorded_without_one_and_judged_when_the_run_goes_on(
+    tmp_path: Path, world: World
+) -> None:
+    world.judge.lets.clear()
+    run = Run().start(world.config(tmp_path, 6, {"judges": 2}), tmp_path / "run")
+    await until(lambda: run.progress.states["judging"] == 6)
+    assert not world.browsers.sessions  # none waits for the judge
+    run.task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await run.end()
+    assert outcomes(tmp_path / "run") == {"judge_error": 6}
+    for each in books(tmp_path / "run"):
+        assert each.judge_failure is not None
+        assert "stopped before there was a verdict" in each.judge_failure.message
+    world.judge.lets.set()
+    await Run().start(None, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 6}
+    assert world.browsers.opened == 6, "what the browsers did was not done again"
+
+
+async def test_a_slow_judge_holds_browsers_back_before_memory_grows(tmp_path: Path, world: World) -> None:
+    world.judge.lets.clear()
+    limits = {"sessions": 3, "judges": 2, "backlog": 1}
+    run = Run().start(world.config(tmp_path, 20, limits), tmp_path / "run")
+    await until(lambda: len(world.browsers.log) == 2 * (2 + 1 + 3))
+    await asyncio.sleep(0.3)  # time enough for another to begin
+    assert world.browsers.opened == 2 + 1 + 3
+    world.judge.lets.set()
+    await run.end()
+    assert outcomes(tmp_path / "run") == {"success": 20}
+
+
+# --- ends -----------------------------------------------------------------------------------------------
+
+
+async def test_a_run_that_is_to_finish_ends_what_it_has_begun_and_begins_nothing(
+    tmp_path: Path, world: World
+) -> None:
+    run = Run().start(world.config(tmp_path, 40), tmp_path / "run")
+    await until(lambda: run.progress.done >= 4)
+    run.finishing.set()
+    await run.end()
+    made = outcomes(tmp_path / "run")
+    assert made == {"success": world.browsers.opened}
+    assert 4 <= world.browsers.opened < 40
+    await Run().start(None, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 40}
+    assert world.browsers.opened == 40
+
+
+async def test_a_straggler_is_cancelled_by_the_collector_and_made_when_the_run_goes_on(
+    tmp_path: Path, world: World
+) -> None:
+    numbers = itertools.count()
+    world.model._reply_seconds = lambda: 1000.0 if next(numbers) == 3 else 0.0
+    late = {"straggler_share": 0.7, "straggler_seconds": 0.0}
+    await Run().start(world.config(tmp_path, 8, late), tmp_path / "run").end()
+    ended = books(tmp_path / "run")
+    assert outcomes(tmp_path / "run")["cancelled"] == 1
+    [straggler] = [each for each in ended if each.outcome == "cancelled"]
+    assert straggler.episode.ending == "straggler"
+    assert straggler.episode.failure is not None
+    assert straggler.episode.failure.code == "straggler"
+    assert straggler.verdict is None
+    await Run().start(None, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 8, "cancelled": 1}
+
+
+async def test_who_begins_late_gets_as_much_time_as_the_others_needed(tmp_path: Path, world: World) -> None:
+    """The last attempt begins when the end of the run has begun, and there is no grace."""
+    numbers = itertools.count()
+    world.model._reply_seconds = lambda: 0.7 if next(numbers) < 12 else 0.0  # 4 attempts of 3 turns
+    late = {"straggler_share": 0.5, "straggler_seconds": 0.0, "sessions": 4}
+    await Run().start(world.config(tmp_path, 5, late), tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 5}
+
+
+async def test_a_machine_that_is_slow_is_no_failure_of_the_agents(tmp_path: Path, world: World) -> None:
+    """An attempt that exceeds its time has no reward; its limit is of its own time, not of the queues'."""
+    world.browsers._step_seconds = lambda: 0.1
+    config = world.config(tmp_path, 2, attempt=AttemptConfig(longest_seconds=0.05), retries=0)
+    await Run().start(config, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"environment_error": 2}
+    codes = {each.episode.failure.code for each in books(tmp_path / "run") if each.episode.failure}
+    assert codes == {"attempt_overdue"}
+
+
+# --- figures --------------------------------------------------------------------------------------------
+
+
+async def test_what_calls_wait_and_take_is_recorded(tmp_path: Path, world: World) -> None:
+    world.model._reply_seconds = lambda: 0.05
+    limits = {"policy_calls": 1, "metrics_port": 0, "metric_seconds": 0.05, "judges": 3}
+    run = Run().start(world.config(tmp_path, 6, limits), tmp_path / "run")
+    await until(lambda: run.progress.calls and run.progress.calls["policy"].load.waiting >= 2)
+    await run.end()
+    assert world.model.most == 1
+    lines = (tmp_path / "run" / "metrics.jsonl").read_text().splitlines()
+    calls = json.loads(lines[-1])["calls"]
+    counts = {"allocate": 6, "navigate": 6, "execute": 12, "policy": 18, "judge": 6, "release": 6}
+    assert {kind: calls[kind]["done"] for kind in counts} == counts
+    assert calls["policy"]["limit"] == 1
+    assert calls["policy"]["served_seconds"] >= 18 * 0.05
+    assert calls["policy"]["waited_seconds"] > calls["judge"]["waited_seconds"]
+    assert any(json.loads(line)["calls"]["policy"]["waiting"] for line in lines)
+    assert json.loads(lines[-1])["loop_lag_milliseconds"]["p99"] >= 0
+
+
+async def test_prometheus_reads_a_collectors_figures() -> None:
+    from webgym.core.calls import call_queues
+    from webgym.core.outcome import Outcome
+    from webgym.rollout.exposition import exposing
+    from webgym.rollout.progress import Progress
+
+    queues = call_queues({"policy": 2})
+    async with queues["policy"].turn():
+        pass
+    progress = Progress(total=3, calls=queues, steps=7)
+    progress.outcomes[Outcome.SUCCESS] = 2
+
+    def read(port: int | None) -> str:
+        with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=30) as answer:
+            return str(answer.read(), "utf-8")
+
+    with exposing(progress, 0) as port:
+        said = await asyncio.to_thread(read, port)
+    assert 'webgym_collector_calls_done_total{kind="policy"} 1.0' in said
+    assert 'webgym_collector_outcomes_total{outcome="success"} 2.0' in said
+    assert "webgym_collector_steps_total 7.0" in said

@@ -1,0 +1,185 @@
+"""Whatever fails around a collector, outcomes add up and nothing is done twice."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import random
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes, until
+from tests.rollout.stand_in_judge import ADDRESS
+
+from webgym.core.errors import StoreFull, WebGymError
+from webgym.core.outcome import Outcome
+from webgym.rollout.files import Log
+from webgym.rollout.store import RunReader
+
+
+@pytest.fixture
+async def world(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[World]:
+    async with a_world() as world:
+        monkeypatch.setenv(ADDRESS, world.url("judge"))
+        yield world
+
+
+async def test_a_policy_that_is_restarted_costs_no_attempt(tmp_path: Path, world: World) -> None:
+    world.model._reply_seconds = lambda: 0.02
+    run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
+    await until(lambda: run.progress.done >= 3 and world.model.running >= 2)
+    await world.stop("model")
+    await until(lambda: run.progress.trouble())  # its replies are missed
+    await world.start("model")
+    await run.end()
+    assert outcomes(tmp_path / "run").keys() <= {"success", "policy_error"}
+    assert outcomes(tmp_path / "run")["success"] == 16
+
+
+async def test_what_a_judge_that_is_down_did_not_judge_is_judged_later_and_not_made_again(
+    tmp_path: Path, world: World
+) -> None:
+    config = world.config(tmp_path, 12)
+    run = Run().start(config, tmp_path / "run")
+    await until(lambda: run.progress.done >= 2)
+    await world.stop("judge")
+    await until(lambda: run.progress.outcomes[Outcome.JUDGE_ERROR] >= 3)
+    await world.start("judge")
+    await run.end()
+    assert outcomes(tmp_path / "run") == {"success": 12}
+    assert world.browsers.opened == 12
+
+
+async def test_a_server_that_is_lost_and_comes_back_costs_what_was_in_flight(
+    tmp_path: Path, world: World
+) -> None:
+    world.browsers._step_seconds = lambda: 0.02
+    run = Run().start(world.config(tmp_path, 16, retries=3), tmp_path / "run")
+    await until(lambda: run.progress.done >= 3 and len(world.browsers.sessions) >= 2)
+    await world.stop("browsers")
+    world.browsers.sessions.clear()
+    await until(lambda: run.progress.states["opening"])
+    await world.start("browsers")
+    await run.end()
+    ended = outcomes(tmp_path / "run")
+    assert ended["success"] == 16
+    assert 1 <= ended["environment_error"] <= 8
+    assert ended.keys() == {"success", "environment_error"}
+
+
+async def test_a_disk_that_is_full_stops_the_run_and_once_freed_it_goes_on(
+    tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Run().start(world.config(tmp_path, 12), tmp_path / "run")
+    await until(lambda: run.progress.done >= 3)
+
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Log, "append", full)
+        with pytest.raises((StoreFull, BaseExceptionGroup)):
+            await run.end()
+    whole = dict(RunReader(tmp_path / "run").attempts)
+    assert len(whole) >= 3
+    await Run().start(None, tmp_path / "run").end()
+    assert {key: RunReader(tmp_path / "run").attempts[key] for key in whole} == whole
+    assert outcomes(tmp_path / "run") == {"success": 12}
+
+
+# --- kill -9 --------------------------------------------------------------------------------------------
+
+
+@asynccontextmanager
+async def collecting(path: Path) -> AsyncIterator[asyncio.subprocess.Process]:
+    """A collector as a process of its own; killed at the end of the block."""
+    script = Path(__file__).with_name("collects_until_killed.py")
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(["src", ".", os.environ.get("PYTHONPATH", "")])}
+    process = await asyncio.create_subprocess_exec(
+        sys.executable, script, path / "run", path / "config.json", env=environment
+    )
+    try:
+        yield process
+    finally:
+        if process.returncode is None:
+            process.kill()
+        await process.wait()
+
+
+def hold(world: World, state: str) -> Callable[[], bool]:
+    """Let nobody pass this state; says whether somebody is held there."""
+    if state == "judging":
+        world.judge.lets.clear()
+        return lambda: world.judge.asked >= 2
+    if state == "thinking":
+        world.model._reply_seconds = lambda: 1000.0
+        return lambda: world.model.running >= 2
+    world.browsers._step_seconds = lambda: 1000.0
+    return lambda: world.browsers.opened >= 2
+
+
+def let_go(world: World) -> None:
+    world.judge.lets.set()
+    world.model._reply_seconds = world.browsers._step_seconds = lambda: 0.0
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        pytest.param("acting", marks=pytest.mark.slow),
+        pytest.param("thinking", marks=pytest.mark.slow),
+        "judging",
+    ],
+)
+async def test_a_collector_that_is_killed_in_any_state_loses_only_what_was_in_flight(
+    tmp_path: Path, world: World, state: str
+) -> None:
+    config = world.config(tmp_path, 6)
+    (tmp_path / "config.json").write_text(config.model_dump_json())
+    is_held = hold(world, state)
+    async with collecting(tmp_path):
+        await until(is_held)
+    before = set(RunReader(tmp_path / "run").attempts)
+    let_go(world)
+    await Run().start(None, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 6}
+    assert before <= set(RunReader(tmp_path / "run").attempts)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+async def test_hundreds_of_episodes_with_random_kills_come_to_exactly_what_was_asked_for(
+    tmp_path: Path, world: World
+) -> None:
+    rng = random.Random(7)
+    world.browsers._step_seconds = lambda: rng.uniform(0, 0.05)
+    config = world.config(tmp_path, 150, {"sessions": 12, "schedule": "async"}, samples=2)
+    (tmp_path / "config.json").write_text(config.model_dump_json())
+    for _ in range(6):
+        goal = len(books_so_far(tmp_path / "run")) + rng.randrange(10, 40)
+        async with collecting(tmp_path):
+            await until(partial(has_come_to, tmp_path / "run", goal))
+            await asyncio.sleep(rng.uniform(0, 0.2))
+    async with asyncio.timeout(4 * SECONDS), collecting(tmp_path) as last:
+        assert await last.wait() == 0
+    ended = books(tmp_path / "run")
+    assert {each.outcome.value for each in ended} <= {"success", "cancelled"}
+    samples = [(e.episode.task_id, e.episode.sample) for e in ended if e.outcome == "success"]
+    assert len(samples) == len(set(samples)) == 300
+
+
+def has_come_to(run: Path, goal: int) -> bool:
+    return len(books_so_far(run)) >= goal
+
+
+def books_so_far(run: Path) -> set[str]:
+    try:
+        return set(RunReader(run).attempts)
+    except WebGymError:  # it is not there yet
+        return set()

@@ -1,0 +1,103 @@
+"""Several collectors share one task list, and no task is done twice."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.rollout.running import Run, World, a_world, books, until
+from tests.rollout.test_summary import task
+
+from webgym.core.errors import ConfigError
+from webgym.rollout.sharing import Claim, Claims, SharingConfig
+from webgym.rollout.store import RunReader
+
+TASKS = [task(f"t{number}", 1) for number in range(4)]
+
+
+@pytest.fixture
+async def world() -> AsyncIterator[World]:
+    async with a_world() as world:
+        yield world
+
+
+def collector(folder: Path, name: str, dead_seconds: float = 60.0) -> Claims:
+    claims = Claims(SharingConfig(folder=folder / "shared", dead_seconds=dead_seconds), name)
+    claims.join(TASKS, 2, folder / name)
+    return claims
+
+
+def test_a_sample_is_one_collectors_until_it_is_done(tmp_path: Path) -> None:
+    one, two = collector(tmp_path, "one"), collector(tmp_path, "two")
+    assert one.claim("t0", 0) is Claim.OURS
+    assert two.claim("t0", 0) is Claim.TAKEN
+    assert two.claim("t0", 1) is Claim.OURS
+    assert one.claim("t0", 0) is Claim.OURS  # made again after an error, or by a resumed run
+    one.finish("t0", 0)
+    assert two.claim("t0", 0) is Claim.DONE
+    assert one.claim("t0", 0) is Claim.DONE
+
+
+def test_of_many_who_take_over_from_the_dead_one_wins_and_the_dead_is_told(tmp_path: Path) -> None:
+    dead, *others = [collector(tmp_path, name) for name in ("dead", "a", "b", "c")]
+    assert dead.claim("t0", 0) is Claim.OURS
+    assert others[0].claim("t0", 0) is Claim.TAKEN
+    os.utime(tmp_path / "shared/collectors/dead", (1, 1))
+    found = [each.claim("t0", 0) for each in others]
+    assert sorted(claim.value for claim in found) == ["ours", "taken", "taken"]
+    assert not dead.holds("t0", 0)
+    assert others[0].holds("t0", 0)
+
+
+def test_who_leaves_is_taken_over_from_at_once(tmp_path: Path) -> None:
+    one, two = collector(tmp_path, "one"), collector(tmp_path, "two")
+    assert one.claim("t0", 0) is Claim.OURS
+    one.leave()
+    assert two.claim("t0", 0) is Claim.OURS
+
+
+def test_collectors_of_different_lists_do_not_share(tmp_path: Path) -> None:
+    collector(tmp_path, "one")
+    other = Claims(SharingConfig(folder=tmp_path / "shared"), "two")
+    with pytest.raises(ConfigError, match="another list"):
+        other.join(TASKS[:3], 2, tmp_path / "two")
+
+
+def shared(tmp_path: Path, **more: Any) -> dict[str, Any]:
+    times = {"beat_seconds": 0.2, "look_seconds": 0.1, "dead_seconds": 600.0}
+    return {"sharing": {"folder": tmp_path / "shared"} | times | more}
+
+
+async def test_three_collectors_do_every_sample_once(tmp_path: Path, world: World) -> None:
+    config = world.config(tmp_path, 20, shared(tmp_path), samples=2)
+    runs = [Run().start(config, tmp_path / name) for name in "abc"]
+    summaries = [await run.end() for run in runs]
+    made = [each for name in "abc" for each in books(tmp_path / name)]
+    samples = {(each.episode.task_id, each.episode.sample) for each in made}
+    assert len(made) == len(samples) == 40 == world.browsers.opened
+    assert sum(summary["planned"]["overall"] for summary in summaries) == 40
+    assert all(summary["success_rate_of_planned"]["overall"] in (1.0, None) for summary in summaries)
+
+
+async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_recorded_is_not(
+    tmp_path: Path, world: World
+) -> None:
+    config = world.config(tmp_path, 12, shared(tmp_path))
+    first = Run().start(config, tmp_path / "a")
+    await until(lambda: first.progress.done >= 3)
+    first.task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await first.end()
+    ended = {each.episode.task_id for each in books(tmp_path / "a") if not each.outcome.is_retried}
+    await Run().start(config, tmp_path / "b").end()
+    others = {each.episode.task_id for each in books(tmp_path / "b")}
+    assert not ended & others
+    assert len(ended | others) == 12
+    await Run().start(None, tmp_path / "a").end()  # there is nothing left for it
+    assert len(RunReader(tmp_path / "a").attempts) == len(books(tmp_path / "a"))
+    again = {each.episode.task_id for each in books(tmp_path / "a") if not each.outcome.is_retried}
+    assert again == ended

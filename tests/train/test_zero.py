@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import socket
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from tests.inference.tiny import write_tiny_model
 from tests.train.test_update import assert_same
 from tests.train.updating import CASES, run_case, samples, updater
 
+from webgym.core.errors import TrainingError
 from webgym.train.objectives import FilteredBC
 from webgym.train.weights import read_optimizer
 
@@ -42,6 +44,8 @@ def update_in_one_of_two(rank: int, port: int, stage: int, source: Path, folder:
     again = updater(source, resume=folder / "half", **HALVES)
     again.update(samples(FilteredBC()))
     again.save(folder / "again")
+    with pytest.raises(TrainingError, match="its gradient inf"):  # ZeRO's word for no number; it made no step
+        again.update([replace(each, advantage=float("nan")) for each in samples(FilteredBC())])
 
 
 @pytest.mark.parametrize("stage", [2, 3])

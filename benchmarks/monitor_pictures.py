@@ -1,9 +1,11 @@
 """The pictures of the monitor in the README, from a run that goes on while they are taken.
 
     python benchmarks/monitor_pictures.py --out docs/figures
+    python benchmarks/monitor_pictures.py --draw 1000
 
 Real browsers play the offline web. The replies are a script's, with mistakes, and take as long as a model's:
-without that wait nobody would be seen thinking. It also prints how long the page takes to draw itself.
+without that wait nobody would be seen thinking. With --draw so many made-up attempts change
+state and nothing is pictured: it prints how long the page and the terminal take to draw themselves.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import asyncio
 import io
 import random
 import tempfile
+import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -30,8 +33,10 @@ from webgym.core.trajectory import Reply
 from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view
 from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.feed import feeding
 from webgym.rollout.live import panel
-from webgym.rollout.progress import Progress
+from webgym.rollout.progress import STATES, Progress
+from webgym.rollout.store import RunWriter
 
 COUNT_FRAMES = """
   window.frames_ms = [];
@@ -88,7 +93,6 @@ async def _pictures(progress: Progress, run: Path, options: argparse.Namespace) 
         )
         serving = group.create_task(serve_view(run, ViewConfig(), ready.set_result))
         page = await browser.new_page(viewport={"width": 1200, "height": 900})
-        await page.add_init_script(COUNT_FRAMES)
         await page.goto(f"{await ready}monitor")
         await page.wait_for_function(
             "least => parseInt(document.getElementById('done').textContent) >= least",
@@ -97,10 +101,42 @@ async def _pictures(progress: Progress, run: Path, options: argparse.Namespace) 
         )
         await _picture_of_svg(browser, _terminal(progress, 100, 26), options.out / "terminal.png")
         await page.screenshot(path=options.out / "monitor.png", full_page=True)
-        drawn = await page.evaluate("window.frames_ms")
-        print(f"{len(progress.cells)} attempts: drawn {len(drawn)} times, {median(drawn):.1f} ms (median)")
         await browser.close()
         serving.cancel()
+
+
+async def draw(count: int, seconds: float = 15.0) -> None:
+    """Say how long made-up attempts take to draw."""
+    progress, chance = Progress(total=10 * count), random.Random(0)
+    names = [f"shop/task-{number}#0.0" for number in range(count)]
+    for name in names:
+        progress.move(None, "opening", name)
+    terminal = Console(width=200, height=60, file=io.StringIO(), force_terminal=True)
+    ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+    drawn: list[float] = []
+    with tempfile.TemporaryDirectory() as folder:
+        run = Path(folder) / "run"
+        async with await RunWriter.create(run, {}, []), asyncio.TaskGroup() as group:
+            serving = group.create_task(serve_view(run, ViewConfig(), ready.set_result))
+            async with feeding(progress, run), async_playwright() as playwright:
+                path = str((await asyncio.to_thread(find_browser)).path)
+                browser = await playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
+                page = await browser.new_page(viewport={"width": 1400, "height": 900})
+                await page.add_init_script(COUNT_FRAMES)
+                await page.goto(f"{await ready}monitor")
+                for _ in range(int(seconds * 2)):
+                    for name in chance.sample(names, count // 4):
+                        progress.move(progress.cells[name].state, chance.choice(STATES), name)
+                        progress.stepped(name)
+                    began = time.perf_counter()
+                    terminal.print(panel(progress))
+                    drawn.append((time.perf_counter() - began) * 1000)
+                    await asyncio.sleep(0.5)
+                frames = await page.evaluate("window.frames_ms")
+                await browser.close()
+            serving.cancel()
+    for what, values in (("page", frames), ("terminal", drawn)):
+        print(f"{what}: {count} attempts in {median(values):.1f} ms (median), {max(values):.1f} ms at most")
 
 
 async def main(options: argparse.Namespace) -> None:
@@ -138,4 +174,6 @@ if __name__ == "__main__":
     parser.add_argument("--tasks", type=int, default=150)
     parser.add_argument("--think", type=float, default=2.0, help="median seconds of a reply")
     parser.add_argument("--after", type=int, default=35, help="attempts that have ended when they are taken")
-    asyncio.run(main(parser.parse_args()))
+    parser.add_argument("--draw", type=int, help="made-up attempts to draw, instead of a run")
+    given = parser.parse_args()
+    asyncio.run(draw(given.draw) if given.draw else main(given))

@@ -74,6 +74,17 @@ def test_it_grows_with_the_run_and_reads_only_what_is_new(run: Path) -> None:
     assert [digest.sample for digest in again.digests(5)] == list(range(5, 12))
 
 
+def test_a_reading_that_is_stopped_goes_on_where_it_was(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("webgym.report.catalogue._BATCH", 5)
+    stopped = Catalogue(run, RunReader(run).tasks)
+    stopped.refresh(lambda _: stopped.stop())
+    assert len(stopped) == 5
+    told: list[int] = []
+    again = Catalogue(run, RunReader(run).tasks)
+    again.refresh(told.append)
+    assert (len(again), told, again.version) == (12, [10], stopped.version)
+
+
 def test_a_verdict_that_came_later_replaces_its_row(run: Path) -> None:
     catalogue = _opened(run)
     unjudged = next(t for t in RunReader(run).trajectories() if t.outcome is Outcome.JUDGE_ERROR)

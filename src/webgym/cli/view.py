@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view
@@ -40,15 +41,21 @@ def command(
     On a run's page /label, people label trajectories for webgym judge agreement. Ctrl-C ends it.
     """
 
+    status = Console(stderr=True).status("reading")
+
     def ready(address: str) -> None:
+        status.stop()
         typer.echo(address)
         if is_opened and _has_desktop():
             webbrowser.open(address)
 
     config = ViewConfig(port=port, labels=labels, label_count=label_count, label_seed=label_seed)
-    serve = serve_tasks if _holds_tasks(what) else serve_view
-    with contextlib.suppress(KeyboardInterrupt):  # the way to end it
-        asyncio.run(serve(what, config, ready))
+    with status, contextlib.suppress(KeyboardInterrupt):  # the way to end it
+        if _holds_tasks(what):
+            asyncio.run(serve_tasks(what, config, ready))
+        else:
+            said = "reading {:,} trajectories of a file for the index"
+            asyncio.run(serve_view(what, config, ready, lambda read: status.update(said.format(read))))
 
 
 def _holds_tasks(path: Path) -> bool:

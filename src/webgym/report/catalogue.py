@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import sqlite3
+import threading
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -98,6 +99,7 @@ class Catalogue:
     def __init__(self, run: Path, tasks: Mapping[str, Task]) -> None:
         self._run = run
         self._tasks = tasks
+        self._is_stopped = threading.Event()
         self._connection = self._open()
 
     def _open(self) -> sqlite3.Connection:
@@ -122,6 +124,10 @@ class Catalogue:
             connection.close()
             raise
         return connection
+
+    def stop(self) -> None:
+        """End a reading that is under way soon: what was read is kept. May be called from any thread."""
+        self._is_stopped.set()
 
     def close(self) -> None:
         """Let the index go."""
@@ -196,8 +202,12 @@ class Catalogue:
 
     # --- keeping up ---------------------------------------------------------------------------------
 
-    def refresh(self) -> None:
-        """Take in what was written since."""
+    def refresh(self, told: Callable[[int], object] = lambda _: None) -> None:
+        """Take in what was written since.
+
+        Args:
+            told: now and then, how many records of the shard that is read have been.
+        """
         shards = sorted((self._run / TRAJECTORIES).glob("*.jsonl"))
         self._connection.execute("BEGIN IMMEDIATE")
         try:
@@ -207,7 +217,7 @@ class Catalogue:
                 self._connection.execute("INSERT INTO meta VALUES ('made_for', ?)", (self._made_for(),))
                 self._change()
             for shard in shards:
-                self._read(shard)
+                self._read(shard, told)
         finally:
             self._connection.execute("COMMIT")  # also of an unfinished reading: every line is whole
 
@@ -230,12 +240,12 @@ class Catalogue:
             name in there and _digest(there[name], last, end) == digest for name, end, last, digest in known
         )
 
-    def _read(self, shard: Path) -> None:
+    def _read(self, shard: Path, told: Callable[[int], object]) -> None:
         found = self._connection.execute(
             "SELECT end, lines FROM shards WHERE name = ?", (shard.name,)
         ).fetchone()
         end, lines = found or (0, 0)
-        if shard.stat().st_size == end:
+        if shard.stat().st_size == end or self._is_stopped.is_set():
             return
         with shard.open("rb") as file:
             file.seek(end)
@@ -250,6 +260,9 @@ class Catalogue:
                 if lines % _BATCH == 0:
                     self._connection.execute("COMMIT")
                     self._connection.execute("BEGIN IMMEDIATE")
+                    told(lines)
+                    if self._is_stopped.is_set():
+                        return
 
     def _take(self, shard: Path, number: int, offset: int, line: bytes) -> None:
         try:

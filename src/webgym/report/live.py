@@ -56,9 +56,9 @@ class LiveRun:
         self._overview: Overview | None = None
         self._version = ""
 
-    def refresh(self) -> None:
-        """Take in what was written since."""
-        self.catalogue.refresh()
+    def refresh(self, told: Callable[[int], object] = lambda _: None) -> None:
+        """Take in what was written since; ``told`` is how many records of a file were read."""
+        self.catalogue.refresh(told)
 
     @property
     def is_whole(self) -> bool:
@@ -186,21 +186,16 @@ async def _store_failed(_: Request, error: Exception) -> Response:
     return PlainTextResponse(str(error), status_code=500, headers=SAFE)
 
 
-def view_app(
-    run_path: Path, config: ViewConfig | None = None, closing: asyncio.Event | None = None
-) -> Starlette:
+def view_app(run_path: Path, config: ViewConfig | None = None) -> Starlette:
     """The application that serves a run.
-
-    Args:
-        run_path: the run folder.
-        config: how it is served.
-        closing: is set when the monitor's streams are to end.
 
     Raises:
         RunFolderError: the folder is no run.
     """
-    config = config or ViewConfig()
-    run = LiveRun(run_path)
+    return _app(LiveRun(run_path), config or ViewConfig(), asyncio.Event())
+
+
+def _app(run: LiveRun, config: ViewConfig, closing: asyncio.Event) -> Starlette:
     pages = _Pages(run, config)
     return Starlette(
         routes=[
@@ -210,25 +205,35 @@ def view_app(
             Route("/api/trajectory", pages.trajectory),
             Route("/screenshots/{prefix}/{name}.png", pages.picture),
             *Labelling(run, pages.read, config).routes(),
-            *Monitoring(run_path, config, closing or asyncio.Event()).routes(),
+            *Monitoring(run.reader.path, config, closing).routes(),
         ],
         middleware=[ONLY_LOCAL_NAMES],
         exception_handlers={StoreError: _store_failed, UsageError: unusable},
     )
 
 
-async def serve_view(run_path: Path, config: ViewConfig, ready: Callable[[str], None]) -> None:
+async def serve_view(
+    run_path: Path,
+    config: ViewConfig,
+    ready: Callable[[str], None],
+    reading: Callable[[int], object] = lambda _: None,
+) -> None:
     """Serve a run until cancelled or interrupted.
 
     Args:
         run_path: the run folder.
         config: which port, and how often pages ask.
         ready: is told the address as soon as it can be opened.
+        reading: is told, before that, how many records of a file were read for the index.
 
     Raises:
         RunFolderError: the folder is no run.
         ConfigError: the port cannot be listened on.
     """
     closing = asyncio.Event()
-    app = await asyncio.to_thread(view_app, run_path, config, closing)
-    await serve(app, config.port, ready, closing)
+    run = await asyncio.to_thread(LiveRun, run_path)
+    try:
+        await asyncio.to_thread(run.refresh, reading)
+        await serve(_app(run, config, closing), config.port, ready, closing)
+    finally:
+        run.catalogue.stop()  # a thread that reads would keep the process from ending

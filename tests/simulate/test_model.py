@@ -167,6 +167,17 @@ def test_an_episode_barrier_lies_between() -> None:
     assert seconds["async"] < seconds["episode_barrier"] < seconds["step_barrier"]
 
 
+def test_a_lock_step_that_refills_is_faster() -> None:
+    workload = Workload(trajectories=256)
+    system = System(cpus=16, environments=64, schedule="step_barrier")
+    group, refilled = (
+        simulate(system.model_copy(update={"refills": refills}), Costs(), workload)
+        for refills in (False, True)
+    )
+    assert refilled.seconds < group.seconds
+    assert refilled.steps == group.steps
+
+
 def test_judges_that_are_too_few_hold_browsers_up() -> None:
     found = simulate(System(cpus=64, environments=16, judges=2), costs(judge_seconds=10.0), short(200))
     assert found.seconds == pytest.approx(200 * 10 / 2, rel=0.05)

@@ -337,3 +337,75 @@ def reward(
     if gaining:
         raise typer.Exit(1)
     print("Nothing gains over honest failure.")
+
+
+@app.command()
+def rollout(
+    only: list[str] = typer.Option(
+        [],
+        "--only",
+        help="calibration, schedules, capacity or overload. May be repeated.",
+        show_default="all",
+    ),
+    trajectories: int = typer.Option(64, "--trajectories", min=1, help="Of every cell."),
+    sessions: int = typer.Option(16, "--sessions", min=1, help="Environments."),
+    cpus: list[int] = typer.Option(
+        [],
+        "--cpus",
+        min=1,
+        help="Processors that browsers may use. May be repeated.",
+        show_default="1, 2, 4, …",
+    ),
+    mean_steps: float = typer.Option(13.2, "--mean-steps", min=1.1, help="Of a trajectory."),
+    reply_tokens: float = typer.Option(80.0, "--reply-tokens", min=1, help="Of a reply, on average."),
+    seed: int = typer.Option(0, "--seed", help="Of the tasks, their lengths and the policy's play."),
+    quick: bool = typer.Option(False, "--quick", help="A look: few short trajectories, schedules alone."),
+    out: Path = typer.Option(
+        Path("runs/bench-rollout"), "--out", help="Folder, a file per cell. Given again, it goes on."
+    ),
+    figure: Path | None = typer.Option(None, "--figure", help="Draw it here: .svg, .png or .pdf."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+) -> None:
+    """Async collection against its rivals: step barrier, episode barrier, one queue for all operations.
+
+    The real collector, server and Chromium on the offline web, and a policy endpoint that takes as long as
+    GPUs would. Browsers and their server are bound to so many processors, all else runs on any. Each cell is
+    the same work. Nothing else should run on the machine: the load before each cell is in the table.
+    """
+    import logging
+    import os
+
+    from rich.console import Console
+    from rich.progress import track
+
+    from webgym.bench.rollout.measure import begin, measure_into
+    from webgym.bench.rollout.plan import PARTS, RolloutPlan
+    from webgym.bench.rollout.tables import draw_rollout, rollout_tables
+    from webgym.bench.tables import markdown, show
+
+    unknown = [part for part in only if part not in PARTS]
+    if unknown:
+        raise ConfigError(f"there is no part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+    _expect_to_write(figure)
+    logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
+    ours = len(os.sched_getaffinity(0))
+    plan = RolloutPlan(
+        trajectories=12 if quick else trajectories,
+        sessions=6 if quick else sessions,
+        cpus=tuple(cpus) or tuple(2**power for power in range(ours.bit_length())),
+        mean_steps=5.0 if quick else mean_steps,
+        reply_tokens=reply_tokens,
+        seed=seed,
+    )
+    done = {one.cell.name: one for one in begin(plan, out)}
+    cells = list(plan.cells(only or (("calibration", "schedules") if quick else PARTS)))
+    for cell in track(cells, "cells", console=Console(stderr=True), transient=True):
+        if cell.name not in done:
+            done[cell.name] = measure_into(out, plan, cell)
+    found = [done[cell.name] for cell in cells]
+    if as_markdown:
+        print(markdown(rollout_tables(found)), end="")
+    else:
+        show(rollout_tables(found), Console())
+    if figure is not None:
+        draw_rollout(found, figure)

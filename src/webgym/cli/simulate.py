@@ -6,6 +6,8 @@ from pathlib import Path
 
 import typer
 
+from webgym.core.errors import UsageError
+
 
 def command(
     cpus: list[int] = typer.Option(
@@ -18,6 +20,12 @@ def command(
         None, "--environments", min=1, help="Episodes at once.", show_default="4 per CPU"
     ),
     paper: bool = typer.Option(False, "--paper", help="Repeat the paper's measurements instead."),
+    compare: Path | None = typer.Option(
+        None,
+        "--compare",
+        help="A folder of webgym bench rollout: its ratios beside the model's.",
+        show_default=False,
+    ),
     config: list[Path] = typer.Option(
         [], "--config", help="YAML with costs, system, workload or prices. Repeatable.", show_default=False
     ),
@@ -44,7 +52,14 @@ def command(
     asked = read_questions(config)
     said = Console(stderr=True)
     found: object
-    if paper:
+    if compare is not None:
+        from webgym.bench.rollout.compare import compare as compared_with
+        from webgym.bench.rollout.compare import comparison_table
+        from webgym.bench.rollout.measure import read_bench
+
+        found = compared = list(compared_with(*read_bench(compare)))
+        table = comparison_table(compared)
+    elif paper:
         with said.status("simulating the paper's measurements"):
             found = reproduced = reproduce(asked.costs, asked.workload)
         table = paper_table(reproduced.points)
@@ -59,6 +74,8 @@ def command(
         show([table], Console())
     if json is not None:
         json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+    if figure is not None and compare is not None:
+        raise UsageError("there is no figure of a comparison", hint="webgym bench rollout --figure draws one")
     if figure is not None and paper:
         draw_paper(reproduced, figure)
     elif figure is not None:

@@ -123,6 +123,10 @@ class System(_Settings):
     step, all browsers and then one batch of policy calls. ``episode_barrier``: such a group waits for its
     last episode."""
 
+    refills: bool = False
+    """Step barrier: an environment whose episode ended takes the next task in the next round, as the baseline
+    of the collector does. Otherwise the whole group waits for its longest episode."""
+
     queues: Queues = "per_operation"
     """In front of the processors: a queue for each operation, which take turns by service time, or one for
     all, first come, first served."""

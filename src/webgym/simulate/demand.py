@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,9 @@ LENGTHS: Final = ((3.7, 7.8), (4.9, 9.9), (5.5, 11.9))
 
 _DRAWN: Final = 100_000
 """Trajectories from which the scale of their lengths is found: the mean is then good to half a percent."""
+
+
+Steps: TypeAlias = NDArray[np.int64]
 
 
 class Demand(NamedTuple):
@@ -34,32 +37,38 @@ class Demand(NamedTuple):
     tokens: list[float]
 
 
-def draw_steps(workload: Workload, count: int) -> NDArray[np.int64]:
+def draw_steps(workload: Workload, count: int) -> Steps:
     """Steps of so many trajectories, the first ones the same for every count."""
-    return _steps(workload, count, _scale(workload.model_copy(update={"trajectories": 1})))
+    return _steps(
+        workload, draw_levels(workload, count), _scale(workload.model_copy(update={"trajectories": 1}))
+    )
 
 
-def _steps(workload: Workload, count: int, scale: float) -> NDArray[np.int64]:
-    generator = np.random.default_rng([workload.seed, 1])
-    uniform, normal = generator.random(count), np.random.default_rng([workload.seed, 2]).normal(size=count)
+def draw_levels(workload: Workload, count: int) -> Steps:
+    """The difficulty of so many trajectories: 0 for easy, 1 for medium, 2 for hard."""
     shares = np.cumsum(workload.mix) / sum(workload.mix)
-    level = np.searchsorted(shares, uniform, side="right").clip(0, 2)
+    uniform = np.random.default_rng([workload.seed, 1]).random(count)
+    return np.searchsorted(shares, uniform, side="right").clip(0, 2)
+
+
+def _steps(workload: Workload, level: Steps, scale: float) -> Steps:
+    normal = np.random.default_rng([workload.seed, 2]).normal(size=len(level))
     modes, means = np.array(LENGTHS).T
     variance = np.log(means / modes) / 1.5  # of a log-normal: ln(mean / mode) = 1.5 sigma^2
     location = np.log(modes) + variance
     lengths = scale * np.exp(location[level] + np.sqrt(variance[level]) * normal)
     budgets = np.array(workload.budgets)[level]
-    steps: NDArray[np.int64] = np.clip(np.rint(lengths), 1, budgets).astype(np.int64)
+    steps: Steps = np.clip(np.rint(lengths), 1, budgets).astype(np.int64)
     return steps
 
 
 @lru_cache(maxsize=64)
 def _scale(workload: Workload) -> float:
     """The factor that brings the mean length to where it is wanted; the largest where no factor does."""
-    low, high = 0.05, 50.0
+    low, high, levels = 0.05, 50.0, draw_levels(workload, _DRAWN)
     for _ in range(40):
         middle = (low * high) ** 0.5
-        if _steps(workload, _DRAWN, middle).mean() < workload.mean_steps:
+        if _steps(workload, levels, middle).mean() < workload.mean_steps:
             low = middle
         else:
             high = middle

@@ -164,33 +164,35 @@ class _Run:
         while (number := self._take()) is not None:
             yield from self._episode(number)
 
-    def _group(self) -> list[int]:
-        taken = (self._take() for _ in range(self.system.sessions))
+    def _group(self, most: int) -> list[int]:
+        taken = (self._take() for _ in range(most))
         return [number for number in taken if number is not None]
 
     def _episode_barrier(self) -> Process:
-        while group := self._group():
+        while group := self._group(self.system.sessions):
             yield self.env.all_of([self.env.process(self._episode(number)) for number in group])
 
     def _step_barrier(self) -> Process:
-        env = self.env
-        while group := self._group():
-            asked = [
-                (number, demand(self.workload, self.costs, number, int(self.lengths[number])))
-                for number in group
-            ]
-            yield env.all_of([env.process(_as_process(self._begin(number))) for number in group])
-            step = 0
-            while asked:
-                yield env.all_of([env.process(self._observe(one, step)) for _, one in asked])
-                yield env.all_of([env.process(self.gpus.reply(one.tokens[step])) for _, one in asked])
-                step += 1
-                self.steps += len(asked)
-                for number, one in asked:
-                    if one.steps == step:
-                        self._end()
-                        env.process(self._judge(number))
-                asked = [(number, one) for number, one in asked if one.steps > step]
+        env, system = self.env, self.system
+        playing: list[tuple[int, Demand, int]] = []
+        while True:
+            if system.refills or not playing:
+                joining = self._group(system.sessions - len(playing))
+                yield env.all_of([env.process(_as_process(self._begin(number))) for number in joining])
+                for number in joining:
+                    asked = demand(self.workload, self.costs, number, int(self.lengths[number]))
+                    playing.append((number, asked, 0))
+            if not playing:
+                return
+            yield env.all_of([env.process(self._observe(asked, step)) for _, asked, step in playing])
+            replies = (self.gpus.reply(asked.tokens[step]) for _, asked, step in playing)
+            yield env.all_of([env.process(reply) for reply in replies])
+            self.steps += len(playing)
+            for number, asked, step in playing:
+                if step + 1 == asked.steps:
+                    self._end()
+                    env.process(self._judge(number))
+            playing = [(n, asked, step + 1) for n, asked, step in playing if step + 1 < asked.steps]
 
     def carry_out(self, trace_seconds: float | None) -> Found:
         env, system = self.env, self.system

@@ -1,0 +1,1 @@
+"""``webgym bench rollout``: the collector's schedules against each other, with a policy of fixed capacity."""

@@ -1,0 +1,197 @@
+"""A policy endpoint of fixed capacity: an OpenAI-compatible server that takes as long as GPUs would.
+
+Its replies are scripted: clicks on marked elements, scrolls and visits that follow from a seed, and an answer
+at the step that the script says. What is measured is the machinery; nobody is meant to succeed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import time
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from typing import Any, Final
+
+import msgspec
+from aiohttp import web
+
+from webgym.agent.prompts import render_reply
+from webgym.bench.rollout.engine import Engine, PrefixCache
+from webgym.core.action import Action, Answer, LeftClick, Navigate, Scroll, Target
+from webgym.core.task import Task
+from webgym.simulate.config import Costs
+
+_CHARACTERS_PER_TOKEN: Final = 4
+_TOKENS_PER_PICTURE: Final = 960
+"""Of 1280 by 768 pixels: a token for 32 by 32 of them, as Qwen3-VL has it."""
+_CACHED_TOKENS: Final = 500_000
+"""In the prefix cache of one GPU: what an 8B model leaves of 80 GB holds about so many."""
+_LARGEST_REQUEST: Final = 64 * 2**20
+_MARKS: Final = 12
+"""Elements that are clicked on have a number up to this one; most pages have as many."""
+
+
+class Script(msgspec.Struct, frozen=True):
+    """One attempt's replies.
+
+    Attributes:
+        task: whose instruction the requests hold.
+        steps: of the attempt; the last reply is an answer, unless the budget is spent by then.
+        tokens: of every reply.
+        seed: of its actions.
+    """
+
+    task: Task
+    steps: int
+    tokens: Sequence[float]
+    seed: int
+
+    def reply(self, step: int) -> str:
+        """The reply of this step, counted from 0."""
+        action = self._action(step)
+        return render_reply(action, "memory", description=f"Step {step + 1}", intention="browse")
+
+    def _action(self, step: int) -> Action:
+        if step + 1 >= self.steps:
+            return Answer("Nothing was found.")
+        draw = random.Random(f"{self.seed}\n{self.task.id}\n{step}")
+        kind = draw.random()
+        if kind < 0.55:
+            return LeftClick(Target(element=draw.randint(1, _MARKS)))
+        if kind < 0.8:
+            return Scroll("down" if draw.random() < 0.7 else "up")
+        return Navigate(self.task.website)
+
+
+class Endpoint:
+    """The application.
+
+    Args:
+        scripts: of the attempts; no two tasks have the same instruction, which tells them apart.
+        costs: speeds of a GPU.
+        gpus: how many there are; a request goes to the one with the fewest.
+    """
+
+    def __init__(self, scripts: Sequence[Script], costs: Costs, gpus: int) -> None:
+        self.url = ""
+        self.prompt_tokens = 0
+        """Of all requests, those that need not be read included."""
+        self._scripts = {script.task.instruction: script for script in scripts}
+        self._steps: dict[str, int] = {}
+        self._engines = [Engine[asyncio.Future[None]](costs) for _ in range(gpus)]
+        self._caches = [PrefixCache(_CACHED_TOKENS) for _ in range(gpus)]
+        self._arrived = [asyncio.Event() for _ in range(gpus)]
+
+    @property
+    def requests(self) -> int:
+        """At all GPUs, at this moment."""
+        return sum(engine.requests for engine in self._engines)
+
+    @property
+    def busy_seconds(self) -> float:
+        """That GPUs worked, all together."""
+        return sum(engine.busy_seconds for engine in self._engines)
+
+    @property
+    def read_tokens(self) -> int:
+        """That were not in the prefix cache."""
+        return sum(engine.read_tokens for engine in self._engines)
+
+    async def complete(self, request: web.Request) -> web.Response:
+        """``POST /v1/chat/completions``."""
+        messages = (await request.json())["messages"]
+        script, step = self._next(messages)
+        tokens = max(1, round(script.tokens[min(step, len(script.tokens) - 1)]))
+        sizes = [_size(message) for message in messages]
+        prompt = sum(size for _, size in sizes)
+        self.prompt_tokens += prompt
+        index = min(range(len(self._engines)), key=lambda each: self._engines[each].requests)
+        done = asyncio.get_running_loop().create_future()
+        self._engines[index].submit(self._caches[index].unread(sizes), tokens, done)
+        self._arrived[index].set()
+        await done
+        message = {"role": "assistant", "content": script.reply(step)}
+        usage = {"prompt_tokens": prompt, "completion_tokens": tokens, "total_tokens": prompt + tokens}
+        choice = {"index": 0, "finish_reason": "stop", "message": message}
+        return web.json_response(
+            {
+                "id": "bench",
+                "object": "chat.completion",
+                "model": "bench",
+                "choices": [choice],
+                "usage": usage,
+            }
+        )
+
+    def _next(self, messages: Sequence[Mapping[str, Any]]) -> tuple[Script, int]:
+        """The attempt's script, and which step it is at: a request without replies begins it anew."""
+        told = "\n".join(text for message in messages for text in _texts(message))
+        found = max((each for each in self._scripts if each in told), key=len, default=None)
+        if found is None:
+            raise web.HTTPBadRequest(text="no script has this task")
+        is_first = not any(message["role"] == "assistant" for message in messages)
+        step = self._steps[found] = 0 if is_first else self._steps[found] + 1
+        return self._scripts[found], step
+
+    async def drive(self, index: int) -> None:
+        """Let one GPU work, at the pace that its iterations say, however late this process wakes up."""
+        engine, arrived = self._engines[index], self._arrived[index]
+        due = time.monotonic()
+        while True:
+            if not engine.requests:
+                arrived.clear()
+                await arrived.wait()
+                due = time.monotonic()
+            seconds, done = engine.iterate()
+            due += seconds
+            await asyncio.sleep(due - time.monotonic())
+            for each in done:
+                if not each.done():
+                    each.set_result(None)
+
+    @property
+    def gpus(self) -> int:
+        """How many there are."""
+        return len(self._engines)
+
+
+@asynccontextmanager
+async def serving_endpoint(scripts: Sequence[Script], costs: Costs, gpus: int) -> AsyncIterator[Endpoint]:
+    """Serve an endpoint on a free port of the loopback address until the block ends."""
+    endpoint = Endpoint(scripts, costs, gpus)
+    app = web.Application(client_max_size=_LARGEST_REQUEST)
+    app.router.add_post("/v1/chat/completions", endpoint.complete)
+    runner = web.AppRunner(app, access_log=None)
+    await runner.setup()
+    drivers = [asyncio.create_task(endpoint.drive(index)) for index in range(gpus)]
+    try:
+        site = web.TCPSite(runner, "127.0.0.1", 0)
+        await site.start()
+        endpoint.url = f"http://127.0.0.1:{runner.addresses[0][1]}/v1"
+        yield endpoint
+    finally:
+        for driver in drivers:
+            driver.cancel()
+        await asyncio.gather(*drivers, return_exceptions=True)
+        await runner.cleanup()
+
+
+def _texts(message: Mapping[str, Any]) -> list[str]:
+    content = message["content"]
+    if isinstance(content, str):
+        return [content]
+    return [part["text"] for part in content if part["type"] == "text"]
+
+
+def _size(message: Mapping[str, Any]) -> tuple[str, int]:
+    """Content and tokens of a message."""
+    content = message["content"]
+    texts = _texts(message)
+    urls = (
+        []
+        if isinstance(content, str)
+        else [p["image_url"]["url"] for p in content if p["type"] == "image_url"]
+    )
+    tokens = sum(map(len, texts)) // _CHARACTERS_PER_TOKEN + _TOKENS_PER_PICTURE * len(urls)
+    return message["role"] + "".join((*texts, *urls)), tokens

@@ -1,0 +1,152 @@
+"""What ``webgym bench rollout`` measures: a workload, and the cells in which it is carried out."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import msgspec
+
+from webgym.bench.rollout.endpoint import Script
+from webgym.core.task import LEVELS, Task
+from webgym.offline import OfflineWeb
+from webgym.simulate.config import Costs, Queues, Schedule, Workload
+from webgym.simulate.demand import demand, draw_levels, draw_steps
+
+MODES: Final[tuple[tuple[Schedule, Queues], ...]] = (
+    ("async", "per_operation"),
+    ("async", "global"),
+    ("step_barrier", "per_operation"),
+    ("episode_barrier", "per_operation"),
+)
+PARTS: Final = ("calibration", "schedules", "capacity", "overload")
+
+
+class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
+    """How much is measured.
+
+    Attributes:
+        trajectories: of every cell.
+        sessions: environments.
+        cpus: processors that the browsers may use, a cell each.
+        gpus: of the cells that vary the policy's capacity.
+        mean_steps: of a trajectory (the paper's 13.2).
+        reply_tokens: of a reply, on average.
+        overload: environments of the overload cells.
+        overload_seconds: after which finished and crashed attempts are counted there.
+        seed: of everything random.
+    """
+
+    trajectories: int = 64
+    sessions: int = 16
+    cpus: tuple[int, ...] = (1, 2)
+    gpus: tuple[int, ...] = (1, 2)
+    mean_steps: float = 13.2
+    reply_tokens: float = 80.0
+    overload: int = 48
+    overload_seconds: float = 120.0
+    seed: int = 0
+
+    @property
+    def workload(self) -> Workload:
+        """As the simulation takes it, with the same lengths."""
+        return Workload(trajectories=self.trajectories, mean_steps=self.mean_steps, seed=self.seed)
+
+    @property
+    def costs(self) -> Costs:
+        """Of which the endpoint uses the policy's speeds."""
+        return Costs(reply_tokens=self.reply_tokens)
+
+    def cells(self, parts: Sequence[str]) -> Iterator[Cell]:
+        """The cells of these parts."""
+        most = max(self.cpus)
+        if "calibration" in parts:
+            yield Cell(part="calibration", cpus=most, sessions=1, trajectories=min(4, self.trajectories))
+        usual = Cell(part="schedules", cpus=most, sessions=self.sessions, trajectories=self.trajectories)
+        if "schedules" in parts:
+            for cpus in self.cpus:
+                for schedule, queues in MODES:
+                    yield msgspec.structs.replace(usual, cpus=cpus, schedule=schedule, queues=queues)
+        if "capacity" in parts:
+            for gpus in self.gpus:
+                yield msgspec.structs.replace(usual, part="capacity", gpus=gpus, slow=CAPACITY_SLOWDOWN)
+        if "overload" in parts:
+            orders: tuple[Queues, ...] = ("per_operation", "global")
+            for queues in orders:
+                yield Cell(
+                    part="overload",
+                    cpus=min(self.cpus),
+                    queues=queues,
+                    sessions=self.overload,
+                    trajectories=max(self.trajectories, 4 * self.overload),
+                    seconds=self.overload_seconds,
+                )
+
+
+CAPACITY_SLOWDOWN: Final = 8.0
+"""How much slower the GPUs of the capacity cells are, so that the policy is what limits them."""
+
+
+class Cell(msgspec.Struct, frozen=True, kw_only=True):
+    """One measurement.
+
+    Attributes:
+        seconds: when it is stopped; ``None`` for when all is done.
+        slow: divides the speed of every GPU.
+    """
+
+    part: str
+    cpus: int
+    schedule: Schedule = "async"
+    queues: Queues = "per_operation"
+    gpus: int = 1
+    slow: float = 1.0
+    sessions: int
+    trajectories: int
+    seconds: float | None = None
+
+    @property
+    def name(self) -> str:
+        """Of its file."""
+        return f"{self.part}-{self.cpus}cpus-{self.gpus}gpus-{self.schedule}-{self.queues}"
+
+    @property
+    def mode(self) -> str:
+        """For people."""
+        name = self.schedule.replace("_", " ")
+        return f"{name}, one queue" if self.queues == "global" else name
+
+
+def scripts_of(plan: RolloutPlan, web: OfflineWeb, count: int) -> list[Script]:
+    """Attempts of the workload's mix and lengths, each at another task of the well-behaved websites.
+
+    A website has few tasks of some levels, so the websites are gone through until every level has enough.
+    """
+    workload = plan.workload
+    levels = [LEVELS[level] for level in draw_levels(workload, count)]
+    wanted = {level: levels.count(level) for level in LEVELS}
+    found: dict[str, list[Task]] = {level: [] for level in LEVELS}
+    hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
+    random.Random(plan.seed).shuffle(hosts)
+    seen: set[str] = set()
+    for host in hosts:
+        if all(len(found[level]) >= wanted[level] for level in LEVELS):
+            break
+        tasks = list(web.tasks_of(host))
+        random.Random(f"{plan.seed}\n{host}").shuffle(tasks)
+        taken = dict.fromkeys(LEVELS, 0)
+        for task in tasks:
+            if task.instruction not in seen and taken[task.level] < _PER_HOST:
+                seen.add(task.instruction)
+                taken[task.level] += 1
+                found[task.level].append(task)
+    scripts = []
+    for number, (level, steps) in enumerate(zip(levels, draw_steps(workload, count).tolist(), strict=True)):
+        asked = demand(workload, plan.costs, number, steps)
+        scripts.append(Script(found[level].pop(), steps, asked.tokens, plan.seed))
+    return scripts
+
+
+_PER_HOST: Final = 4
+"""Tasks of one level on one website, so that a run sees many websites."""

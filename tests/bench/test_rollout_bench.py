@@ -1,0 +1,256 @@
+"""The policy endpoint of ``webgym bench rollout``, its plan, and what is made of its figures."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections import Counter
+from pathlib import Path
+
+import httpx
+import msgspec
+import pytest
+import simpy
+
+from webgym.agent.parser import ParsedReply, parse_reply
+from webgym.bench.rollout.compare import compare, comparison_table, service_times
+from webgym.bench.rollout.endpoint import Script, serving_endpoint
+from webgym.bench.rollout.engine import Engine, PrefixCache
+from webgym.bench.rollout.measure import Load, Measured, begin, file_of, measure_into, read_bench
+from webgym.bench.rollout.plan import MODES, PARTS, Cell, RolloutPlan, scripts_of
+from webgym.bench.rollout.tables import draw_rollout, rollout_tables
+from webgym.core.errors import ConfigError, RunFolderError
+from webgym.offline import OfflineWeb
+from webgym.simulate.config import Costs
+from webgym.simulate.resources import Inference, Process
+
+COSTS = Costs(
+    prefill_tokens_per_second=1000.0,
+    prefill_chunk=100,
+    decode_seconds=0.01,
+    decode_seconds_per_reply=0.001,
+    batch=4,
+)
+PLAN = RolloutPlan(trajectories=8, sessions=4, cpus=(1, 2), mean_steps=5.0)
+
+
+# --- the engine -------------------------------------------------------------------------------------------
+
+
+def finish(engine: Engine[int]) -> dict[int, float]:
+    """When each reply is complete, in seconds from now."""
+    now = 0.0
+    ended: dict[int, float] = {}
+    while engine.requests:
+        seconds, done = engine.iterate()
+        now += seconds
+        ended |= dict.fromkeys(done, now)
+    return ended
+
+
+def test_a_request_is_read_in_chunks_and_then_written_a_token_per_iteration() -> None:
+    engine = Engine[int](COSTS)
+    engine.submit(250, 10, 1)
+    # Three iterations read 100, 100 and 50 tokens; ten write one token each.
+    assert finish(engine) == {1: pytest.approx(3 * 0.01 + 0.25 + 10 * 0.011)}
+    assert (engine.read_tokens, engine.written_tokens) == (250, 10)
+
+
+def test_a_full_batch_makes_others_wait_and_costs_less_per_reply() -> None:
+    engine = Engine[int](COSTS)
+    for ticket in range(8):
+        engine.submit(1, 100, ticket)
+    ended = finish(engine)
+    first, last = [ended[ticket] for ticket in range(4)], [ended[ticket] for ticket in range(4, 8)]
+    assert max(first) == pytest.approx(100 * 0.014, rel=0.02)
+    assert max(last) == pytest.approx(2 * 100 * 0.014, rel=0.02)
+
+
+def test_a_long_prompt_slows_the_replies_that_are_being_written() -> None:
+    alone, disturbed = Engine[int](COSTS), Engine[int](COSTS)
+    for engine in (alone, disturbed):
+        engine.submit(1, 50, 1)
+    disturbed.submit(2000, 1, 2)
+    assert finish(disturbed)[1] > 2 * finish(alone)[1]
+
+
+def test_the_simulation_takes_the_engine_for_a_fluid() -> None:
+    """Both give the same throughput under a closed load, to a few percent."""
+    costs, clients, count = COSTS.model_copy(update={"batch": 16}), 24, 300
+    engine, now, ended, submitted = Engine[int](costs), 0.0, 0, clients
+    for ticket in range(clients):
+        engine.submit(50, 40, ticket)
+    while ended < count:
+        seconds, done = engine.iterate()
+        now, ended = now + seconds, ended + len(done)
+        for _ in done:
+            submitted += 1
+            engine.submit(50, 40, submitted)
+    env = simpy.Environment()
+    fluid, replies = Inference(env, 1, costs.model_copy(update={"prompt_tokens": 50})), Counter[str]()
+
+    def client() -> Process:
+        while True:
+            yield from fluid.reply(40)
+            replies["done"] += 1
+
+    for _ in range(clients):
+        env.process(client())
+    env.run(now)
+    assert replies["done"] == pytest.approx(ended, rel=0.15)
+
+
+def test_what_begins_alike_is_read_once() -> None:
+    cache = PrefixCache(1000)
+    assert cache.unread([("system", 100), ("task", 10)]) == 110
+    assert cache.unread([("system", 100), ("task", 10), ("picture", 50)]) == 50
+    assert cache.unread([("system", 100), ("other", 10), ("picture", 50)]) == 60, "behind another message"
+    assert cache.unread([("long", 2000)]) == 2000
+    assert cache.unread([("system", 100)]) == 100, "forgotten"
+
+
+# --- the endpoint -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def scripts() -> list[Script]:
+    return scripts_of(PLAN, OfflineWeb(per_family=4), 8)
+
+
+def test_attempts_have_the_workload_s_lengths_and_tasks_of_its_levels(scripts: list[Script]) -> None:
+    again = scripts_of(PLAN, OfflineWeb(per_family=4), 8)
+    assert [script.task.id for script in again] == [script.task.id for script in scripts]
+    assert len({script.task.instruction for script in scripts}) == 8
+    budgets = {"easy": 15, "medium": 30, "hard": 45}
+    assert all(1 <= script.steps <= budgets[script.task.level] for script in scripts)
+
+
+def test_a_script_browses_and_answers_at_its_last_step(scripts: list[Script]) -> None:
+    script = msgspec.structs.replace(scripts[0], steps=40)
+    read = [parse_reply(script.reply(step), "marks", "memory") for step in range(40)]
+    actions = [one.action for one in read if isinstance(one, ParsedReply)]
+    assert len(actions) == 40
+    kinds = Counter(type(action).__name__ for action in actions)
+    assert set(kinds) == {"LeftClick", "Scroll", "Navigate", "Answer"}
+    assert kinds["Answer"] == 1
+    assert type(actions[-1]).__name__ == "Answer"
+
+
+async def test_replies_follow_the_script_and_a_new_attempt_begins_it_anew(scripts: list[Script]) -> None:
+    script = msgspec.structs.replace(scripts[0], steps=3, tokens=[1.0, 1.0, 1.0])
+    user = {"role": "user", "content": f"The task: {script.task.instruction}"}
+    async with (
+        serving_endpoint([script], Costs(), 2) as endpoint,
+        httpx.AsyncClient(base_url=endpoint.url, trust_env=False) as client,
+    ):
+
+        async def ask(*messages: dict[str, str]) -> str:
+            answer = await client.post("/chat/completions", json={"model": "bench", "messages": messages})
+            assert answer.status_code == 200
+            text: str = answer.json()["choices"][0]["message"]["content"]
+            return text
+
+        replies = [await ask(user)]
+        for _ in range(2):
+            replies.append(await ask(user, {"role": "assistant", "content": replies[-1]}, user))
+        assert replies == [script.reply(step) for step in range(3)]
+        assert await ask(user) == replies[0]
+        unknown = {"model": "bench", "messages": [{"role": "user", "content": "?"}]}
+        assert (await client.post("/chat/completions", json=unknown)).status_code == 400
+        assert endpoint.requests == 0
+        assert 0 < endpoint.read_tokens < endpoint.prompt_tokens
+
+
+async def test_many_requests_at_once_share_the_gpus(scripts: list[Script]) -> None:
+    short = [msgspec.structs.replace(script, tokens=[5.0]) for script in scripts]
+    async with (
+        serving_endpoint(short, Costs(), 2) as endpoint,
+        httpx.AsyncClient(base_url=endpoint.url, trust_env=False, timeout=60) as client,
+    ):
+        bodies = [{"messages": [{"role": "user", "content": one.task.instruction}]} for one in short]
+        answers = await asyncio.gather(*(client.post("/chat/completions", json=body) for body in bodies))
+        assert {answer.status_code for answer in answers} == {200}
+        assert endpoint.busy_seconds > 0
+
+
+# --- the plan and its figures -----------------------------------------------------------------------------
+
+
+def measured(cell: Cell, seconds: float) -> Measured:
+    return Measured(
+        cell=cell,
+        seconds=seconds,
+        outcomes={"failure": 6, "environment_error": 2},
+        steps=40,
+        cpu_seconds=20.0,
+        policy_seconds=10.0,
+        prompt_tokens=4000,
+        read_tokens=2000,
+        between=[0.6, 0.7, 1.5],
+        loads=[Load(1.0, 0.5, 0.5, 2), Load(2.0, 0.9, 0.1, 1)],
+        machine_load=0.5,
+    )
+
+
+def test_every_mode_is_measured_at_every_number_of_processors() -> None:
+    cells = list(PLAN.cells(PARTS))
+    assert len({cell.name for cell in cells}) == len(cells)
+    schedules = [(cell.cpus, cell.schedule, cell.queues) for cell in cells if cell.part == "schedules"]
+    assert schedules == [(cpus, *mode) for cpus in (1, 2) for mode in MODES]
+
+
+def test_what_was_measured_is_kept_and_belongs_to_its_plan(tmp_path: Path) -> None:
+    assert begin(PLAN, tmp_path) == []
+    cell = next(PLAN.cells(["calibration"]))
+    file_of(tmp_path, cell).write_bytes(msgspec.json.encode(measured(cell, 30.0)))
+    assert begin(PLAN, tmp_path) == [measured(cell, 30.0)]
+    assert read_bench(tmp_path) == (PLAN, [measured(cell, 30.0)])
+    with pytest.raises(RunFolderError, match="another plan"):
+        begin(msgspec.structs.replace(PLAN, seed=1), tmp_path)
+    with pytest.raises(RunFolderError, match="no figures"):
+        read_bench(tmp_path / "elsewhere")
+
+
+def test_figures_become_shares_tables_and_a_drawing(tmp_path: Path) -> None:
+    found = [measured(cell, 30.0) for cell in PLAN.cells(PARTS)]
+    one = found[1]
+    assert (one.ended, one.crashed, one.per_minute) == (6, 0.25, 12.0)
+    assert one.cpu == pytest.approx(20 / 30)
+    tables = list(rollout_tables(found))
+    assert tables[0].title.startswith("Schedules")
+    assert len(tables) == 4
+    draw_rollout(found, tmp_path / "found.svg")
+    assert (tmp_path / "found.svg").stat().st_size > 1000
+
+
+def test_the_simulation_is_held_against_the_measurement() -> None:
+    found = [measured(cell, 30.0) for cell in PLAN.cells(["calibration", "schedules"])]
+    costs = service_times(PLAN, found)
+    assert costs.act_cpu + costs.look_cpu == pytest.approx(0.5)
+    assert costs.prompt_tokens == 50
+    compared = list(compare(PLAN, found))
+    assert [one.error for one in compared if one.mode == "async"] == [0.0, 0.0]
+    assert next(one for one in compared if one.mode == "step barrier").simulated_ratio > 1
+    assert len(comparison_table(compared).rows) == 8
+    with pytest.raises(ConfigError, match="calibration"):
+        service_times(PLAN, found[1:])
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("schedule", ["async", "step_barrier"])
+def test_a_cell_is_measured_with_everything_real(tmp_path: Path, schedule: str) -> None:
+    plan = RolloutPlan(trajectories=3, sessions=2, cpus=(1,), mean_steps=3.0, reply_tokens=5.0)
+    cell = next(cell for cell in plan.cells(["schedules"]) if cell.schedule == schedule)
+    before = os.sched_getaffinity(0)
+    begin(plan, tmp_path)
+    found = measure_into(tmp_path, plan, cell)
+    assert os.sched_getaffinity(0) == before
+    assert found.ended == 3
+    assert found.crashed == 0
+    assert found.cpu_seconds > 0
+    assert found.policy_seconds > 0
+    assert found.steps == sum(script.steps for script in scripts_of(plan, OfflineWeb(), 3))
+    assert read_bench(tmp_path) == (plan, [found])
+    assert not list(tmp_path.glob("*.run"))

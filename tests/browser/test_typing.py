@@ -451,3 +451,25 @@ async def test_keys_of_the_layout() -> None:
     assert (key_of("?").code, key_of("?").shift) == ("Slash", True)
     assert (key_of(" ").code, key_of(" ").number) == ("Space", 32)
     assert (key_of("ж").code, key_of("ж").number, key_of("ж").text) == ("", 0, "ж")
+
+
+EDITOR = """<div id=box style="width:400px;height:120px;border:1px solid">old text</div>
+<textarea id=keys style="position:absolute;left:600px;width:9px;height:9px;opacity:0"></textarea><script>
+let whole = false;
+box.onmousedown = (e) => { e.preventDefault(); keys.focus(); };
+keys.onkeydown = (e) => {
+  if (e.ctrlKey && e.key === 'a') { whole = true; e.preventDefault(); }
+  if (e.key === 'Backspace' && whole) { box.textContent = ''; whole = false; }
+};
+keys.oninput = (e) => {
+  box.textContent = (whole ? '' : box.textContent) + keys.value;
+  whole = false; keys.value = '';
+};
+</script>"""
+
+
+@pytest.mark.parametrize("text", ["new", ""])
+async def test_an_editor_that_keeps_its_content_itself_is_cleared(site: Site, tab: Tab, text: str) -> None:
+    await tab.goto(site.page(EDITOR))
+    await tab.step(Type(Target(coordinate=(100, 80)), text))
+    assert "".join(tab.text) == text

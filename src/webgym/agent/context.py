@@ -72,6 +72,7 @@ _NOTICES: dict[NoticeKind, str] = {
     "crashed": "The page crashed and was loaded again",
     "reply_unreadable": "Your last reply held no action, so nothing was done",
     "shortened": "The page has more than is told of it; this was cut",
+    "no_effect": "The last action had no effect",
     "unchanged": "The screen is the same as before your last action",
 }
 
@@ -178,7 +179,7 @@ def _last_line(before: Round | None, observation: Observation, screen: Size) -> 
 
 
 def _compact_notices(observation: Observation) -> list[str]:
-    told = {notice.kind for notice in observation.notices} - {"unchanged", "reply_unreadable"}
+    told = {notice.kind for notice in observation.notices} - {"unchanged", "no_effect", "reply_unreadable"}
     return sorted(told)
 
 
@@ -260,7 +261,7 @@ def _notices(observation: Observation, before: Round | None) -> list[Notice]:
     """What the observation says, and what follows from the step before if it does not say it."""
     notices = list(observation.notices)
     kinds = {notice.kind for notice in notices}
-    if before is None or kinds & {"reply_unreadable", "unchanged"}:
+    if before is None or kinds & {"reply_unreadable", "unchanged", "no_effect"}:
         return notices
     if isinstance(before.parsed, ParseError):
         notices.append(Notice("reply_unreadable", before.parsed.message))

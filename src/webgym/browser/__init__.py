@@ -3,6 +3,9 @@
 slot.py      Slot: one browser process group, one fresh context and page per episode
 page.py      Page: the one tab of an episode, and everything that happens to it
 actions.py   from an Action to mouse, keyboard and history
+pointer.py   the mouse: clicks, drags, the wheel
+upload.py    choosing files that the task comes with
+effect.py    whether a click or a scroll did anything
 gestures.py  what a hand can do beside the agent's actions
 chords.py    keys by name, and keys pressed together
 observe.py   from the page to an Observation and the bytes of its picture

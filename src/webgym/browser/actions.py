@@ -51,6 +51,7 @@ class _Field(msgspec.Struct, frozen=True):
         kind: ``text`` is a field whose content is selected, ``keys`` something else that listens to keys,
             ``frame`` a frame of another origin that has the focus; ``set`` and ``chosen`` are done.
         filled: whether there is something to be cleared.
+        stands: whether it may only take the keys for an editor that keeps its content itself.
         frame: which one; ``None`` if it was not entered yet, empty if it cannot be.
         wondered: whether the focus may be in a closed root that was not entered yet.
         why: what was refused.
@@ -58,6 +59,7 @@ class _Field(msgspec.Struct, frozen=True):
 
     kind: Literal["text", "keys", "frame", "set", "chosen", "refused", "none"]
     filled: bool = False
+    stands: bool = False
     frame: str | None = None
     wondered: bool = False
     why: str = ""
@@ -205,6 +207,8 @@ async def type_at(
     field = await _prepare(page, text, enter)
     if field.kind in ("none", "keys"):
         field = await _prepare_late(page, text, enter, field.wondered)
+    if field.kind == "text" and field.stands and replace:
+        await press(page, ("Control", "a"))
     match field.kind:
         case "none" | "frame" if not blindly:
             raise ActionFailed("there is no text field at this place; nothing was typed")
@@ -220,7 +224,7 @@ async def type_at(
             if not replace:
                 await press(page, ("Control", "End"))  # the selection gives way to a caret behind it
             await _write(page, text)
-        case "text" if field.filled and replace:
+        case "text" if (field.filled or field.stands) and replace:
             await _press(page, BACKSPACE)
     if enter:
         await _press(page, ENTER)

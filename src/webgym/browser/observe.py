@@ -113,11 +113,13 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look
         if marks:
             page.post("unmark")
     end = time.perf_counter()
+    name = hashlib.sha256(image).hexdigest()
+    page.pictured(name)
     milliseconds["metadata"] = (between - start) * 1000
     milliseconds["screenshot"] = (end - between) * 1000
     return Look(
         Observation(
-            screenshot=hashlib.sha256(image).hexdigest(),
+            screenshot=name,
             url=page.address,
             title=seen.title,
             viewport=page.options.viewport,

@@ -145,6 +145,11 @@ class Page:
         """Set while the tab is kept at its document."""
         self.files: dict[str, Path] = {}
         """Where the files are that can be chosen, by name."""
+        self.requests = 0
+        """That were begun, and words that were sent on sockets."""
+        self.ineffective_if_same = ""
+        """What to say of the last action if the next picture is ``picture``, the last one, again."""
+        self.picture = ""
         self.choosers: list[FileChooser] | None = None
         """What asks for files, while an action waits for that."""
         self.worlds = Worlds(session, target_id, config)
@@ -158,6 +163,8 @@ class Page:
         session.on("Page.javascriptDialogOpening", DialogOpening, self._on_dialog)
         session.on("Page.downloadWillBegin", DownloadWillBegin, self._on_download)
         session.on("Page.fileChooserOpened", FileChooser, self._on_file_chooser)
+        session.on("Network.requestWillBeSent", Nothing, self._on_asked)
+        session.on("Network.webSocketFrameSent", Nothing, self._on_asked)
         session.on("Network.responseReceived", ResponseReceived, self._on_response)
         session.on("Network.loadingFailed", RequestFailed, self._on_request_failed)
         session.on("Inspector.targetCrashed", Nothing, self._on_crashed)
@@ -237,7 +244,7 @@ class Page:
             self._forget_hold = None
             self.session.send("Fetch.disable")
         self.returned = None
-        self._told_unopened = ""
+        self._told_unopened = self.ineffective_if_same = ""
         self.popups.begin_action()
         self.acted = time.monotonic()
         self.traffic.started.clear()
@@ -263,6 +270,12 @@ class Page:
     def happened(self) -> tuple[Notice, ...]:
         """What there was to note since the last action began; the next observation says it too."""
         return tuple(self._happened)
+
+    def pictured(self, name: str) -> None:
+        """A picture was taken. One that is the same as before may say that the action had no effect."""
+        if self.ineffective_if_same and name == self.picture and not self._happened:
+            self.note("no_effect", self.ineffective_if_same)
+        self.ineffective_if_same, self.picture = "", name
 
     def take_notices(self) -> tuple[Notice, ...]:
         """What happened since the last call."""
@@ -431,6 +444,9 @@ class Page:
         if event.frame_id == self.target_id:
             self.url = event.url
 
+    def _on_asked(self, _: Nothing) -> None:
+        self.requests += 1
+
     def _on_response(self, event: ResponseReceived) -> None:
         if event.type != "Document" or event.frame_id != self.target_id:
             return
@@ -471,10 +487,9 @@ class Page:
     def _on_file_chooser(self, event: FileChooser) -> None:
         if self.choosers is not None:
             self.choosers.append(event)
-        elif self.files:
-            self.note("action_failed", "the page asked for a file; upload chooses one of the task's")
         else:
-            self.note("action_failed", "the page asked for a file; files cannot be uploaded")
+            how = "upload chooses one of the task's" if self.files else "files cannot be uploaded"
+            self.note("action_failed", f"the page asked for a file; {how}")
 
     def _on_crashed(self, _: Nothing) -> None:
         self.session.crashed = TargetGone("the page crashed")

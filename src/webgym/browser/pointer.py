@@ -23,6 +23,8 @@ Button: TypeAlias = Literal["left", "right"]
 _BUTTON_BITS: dict[Button, int] = {"left": 1, "right": 2}
 _DRAG_STEPS = 8
 """Places on the way of a drag. Pages look at where it comes from and goes to, and at what it passes."""
+_MOST_TURNS = 40
+"""Of the wheel, over what moves a little at each."""
 _DRAG_START = 6.0
 """CSS pixels of the first of them: more than what libraries take for a trembling hand."""
 
@@ -31,6 +33,13 @@ class Wheel(msgspec.Struct, frozen=True):
     """Where the wheel turns, and the length of which it scrolls a part, CSS pixels."""
 
     point: Point
+    extent: float
+
+
+class _Turned(msgspec.Struct, frozen=True):
+    """How far a script of the page scrolled, and the length of its box, CSS pixels."""
+
+    by: float
     extent: float
 
 
@@ -88,12 +97,37 @@ async def held(page: Page, modifiers: Sequence[Modifier]) -> AsyncIterator[int]:
 async def click(
     page: Page, point: Point, *, button: Button = "left", count: int = 1, modifiers: int = 0
 ) -> None:
-    """Move the mouse here and press and release a button, ``count`` times."""
-    await mouse(page, "mouseMoved", point, modifiers=modifiers)
+    """Move the mouse here and press and release a button, ``count`` times.
+
+    As with a hand, the page sees the mouse come before the button goes down, and that before it goes up: what
+    it does about the one has happened when the other comes. Where the mouse drives away what lay here, it
+    follows once.
+    """
+    moved = await _act(page, "mouseMoved", point, modifiers=modifiers)
+    if moved != point and _is_inside(page, moved):
+        point = moved
+        await _act(page, "mouseMoved", point, modifiers=modifiers)
     for number in range(1, count + 1):
         pressed = {"button": button, "clickCount": number, "modifiers": modifiers}
-        await mouse(page, "mousePressed", point, **pressed, buttons=_BUTTON_BITS[button])
+        await _act(page, "mousePressed", point, **pressed, buttons=_BUTTON_BITS[button])
         await mouse(page, "mouseReleased", point, **pressed)
+
+
+async def _act(page: Page, kind: str, point: Point, **more: Any) -> Point:
+    """One mouse event, and a frame for the page if it does anything about it. Gives where now lies what lay
+    at the point."""
+    is_blind = bool(page.worlds.entered)  # frames of other origins are not looked into for this
+    try:
+        await page.run("expect", *point, reply=bool)
+        await mouse(page, kind, point, **more)
+        across, down = await page.run("reacted", *point, is_blind, reply=tuple[float, float])
+    except DocumentGone:
+        return point
+    return point[0] + across, point[1] + down
+
+
+def _is_inside(page: Page, point: Point) -> bool:
+    return all(0 <= value < side for value, side in zip(point, page.options.viewport, strict=True))
 
 
 # --- drags --------------------------------------------------------------------------------------------
@@ -160,18 +194,26 @@ async def _drag_event(page: Page, kind: str, point: Point, data: dict[str, Any])
 
 
 async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
-    """Turn the wheel by a share of what scrolls here, or where it does the most."""
+    """Turn the wheel by a share of what scrolls here, or where it does the most.
+
+    What scrolls by a script, as editors and tables with thousands of lines do, may go a few lines for each
+    turn: it is turned again until it has gone as far.
+    """
     sign = 1 if side in ("down", "right") else -1
     wheel = await wheel_over(page, side, point)
     distance = wheel.extent * page.config.scroll_fraction * sign
-    across = side in ("left", "right")
-    await mouse(
-        page,
-        "mouseWheel",
-        wheel.point,
-        deltaX=distance if across else 0,
-        deltaY=0 if across else distance,
+    way = (
+        {"deltaX": distance, "deltaY": 0} if side in ("left", "right") else {"deltaX": 0, "deltaY": distance}
     )
+    done = 0.0
+    with contextlib.suppress(DocumentGone):
+        for _ in range(_MOST_TURNS):
+            await page.run("expectTurn", side, wheel.point, reply=bool)
+            await _act(page, "mouseWheel", wheel.point, **way)
+            turned = await page.run("turned", reply=_Turned)
+            done += turned.by
+            if not turned.by or done + turned.by / 2 >= turned.extent * page.config.scroll_fraction:
+                break
 
 
 async def wheel_over(page: Page, side: Side, point: Point | None = None) -> Wheel:

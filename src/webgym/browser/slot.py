@@ -11,13 +11,15 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Awaitable, Callable, Iterator
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import TypeVar
 
-from webgym.browser.actions import is_led_on
+from webgym.browser.actions import is_led_on, point_of
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
+from webgym.browser.effect import traced, untraced
 from webgym.browser.egress import Door, Egress
 from webgym.browser.gestures import AnyAction, carry_out
 from webgym.browser.observe import Look, Metadata, ask, capture, look
@@ -35,7 +37,7 @@ from webgym.browser.wire import (
     DetachedFromTarget,
     Nothing,
 )
-from webgym.core.action import GoBack, Navigate
+from webgym.core.action import DoubleClick, GoBack, LeftClick, Navigate, RightClick, Scroll
 from webgym.core.errors import (
     ActionFailed,
     BrowserCrashed,
@@ -363,13 +365,24 @@ class Slot:
         try:
             if page.is_crashed:
                 await self._bring_back(page)
-            await self._perform(page, action)
-            self._milliseconds[operation] = (time.perf_counter() - start) * 1000
-            self._settled = await settle_timed(page, self._milliseconds)
+            async with self._traced(page, action):
+                await self._perform(page, action)
+                self._milliseconds[operation] = (time.perf_counter() - start) * 1000
+                self._settled = await settle_timed(page, self._milliseconds)
             if isinstance(action, GoBack):
                 await self._go_past(page, action)
         except TargetGone:
             await self._bring_back(page)
+
+    def _traced(self, page: Page, action: AnyAction) -> AbstractAsyncContextManager[None]:
+        """Tell the agent of a click or a scroll that has no effect."""
+        match action:
+            case LeftClick(target=target) | DoubleClick(target=target) | RightClick(target=target):
+                with contextlib.suppress(ActionFailed):  # which is told anyway
+                    return traced(page, point_of(page, target), "the page did not react to it")
+            case Scroll(direction=direction):
+                return traced(page, None, f"nothing scrolled {direction}")
+        return untraced(page)
 
     async def _go_past(self, page: Page, action: GoBack) -> None:
         """Go further back where the page that was gone back to leads on by itself."""

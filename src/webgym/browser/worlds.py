@@ -49,6 +49,8 @@ _FILES = (
     "roles",
     "reach",
     "wheel",
+    "pointer",
+    "effect",
     "sight",
     "targets",
     "observe",

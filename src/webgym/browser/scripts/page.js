@@ -4,9 +4,10 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.state) return;
-  const { ownerDocument, localName, shadowRoot, defaultView, adoptedStyleSheets, documentOf, make } = webgym.dom;
+  const { ownerDocument, localName, shadowRoot, defaultView, adoptedStyleSheets, documentOf, make, typeOf } = webgym.dom;
   const state = {
     changedAt: 0, changes: 0, reactions: 0, ours: new WeakSet(), roots: new WeakMap(), list: null, shadowedFrames: [],
+    onChange: () => {},
   };
   webgym.state = state;
 
@@ -88,14 +89,15 @@
     return true;
   };
   // To scroll is a change, but it is the agent's own; what the page makes of it is a reaction.
-  const changed = (isReaction = true) => {
+  const changed = (isReaction = true, nodes = [document]) => {
     state.changedAt = Date.now();
     state.changes += 1;
     if (isReaction) state.reactions += 1;
+    state.onChange(nodes);
   };
   const onEvent = (event) => {
     batch += 1;
-    if (isNews(event.target, event.type)) changed(event.type !== 'scroll');
+    if (isNews(event.target, event.type)) changed(event.type !== 'scroll', [event.target]);
   };
   const isOurs = (record) =>
     record.type === 'childList' &&
@@ -105,10 +107,13 @@
     const news = records.filter(
       (record) => !isOurs(record) && isNews(record.target, record.type + (record.attributeName || '')),
     );
-    if (news.length) changed();
+    if (news.length) changed(true, news.map((record) => record.target));
   });
-  webgym.watch = (root) =>
+  webgym.watch = (root) => {
     observer.observe(root, { subtree: true, childList: true, attributes: true, characterData: true });
+    // A scroll within a shadow root is heard in it alone.
+    if (typeOf(root) !== Node.DOCUMENT_NODE) root.addEventListener('scroll', onEvent, { capture: true, passive: true });
+  };
 
   const listeners = []; // [event, handler, options]: in every window
   for (const name of ['scroll', 'input', 'resize', 'transitionend', 'animationend'])

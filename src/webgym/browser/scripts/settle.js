@@ -34,6 +34,7 @@
   const timers = counter('setTimeout', 'clearTimeout');
   const frames = counter('requestAnimationFrame', 'cancelAnimationFrame');
   const idles = counter('requestIdleCallback', 'cancelIdleCallback');
+  webgym.counters = { timers, frames, idles };
 
   // The first input event of an action comes before the page's own listeners.
   const onInput = (event) => {

@@ -154,7 +154,7 @@
     !WIDGETS.test(getAttribute(element, 'role') || '');
 
   // Readies the focused field for `text`. {kind}: "text" (its content is selected; `filled` says whether
-  // there is any), "set" and "chosen" (done here), "keys" (no field,
+  // there is any, and `stands` whether it lies elsewhere than where was clicked, as that of an editor does), "set" and "chosen" (done here), "keys" (no field,
   // but it listens), "frame" (the focus is in this frame of another origin), "refused" (why), "none".
   // `isEnded`: by Enter.
   webgym.prepareTyping = (text, isEnded) => {
@@ -171,7 +171,7 @@
     const lines = isContentEditable(element) || localName(element) === 'textarea';
     if (lines || (isInput && !NO_TEXT.includes(element.type))) {
       if (lines && isEnded) unbroken = element;
-      return { kind: 'text', filled: selectAll(element) };
+      return { kind: 'text', filled: selectAll(element), stands: !matches(element, ':hover') };
     }
     return { kind: takesKeys(element) ? 'keys' : 'none', wondered: webgym.wonder(element) };
   };

@@ -4,10 +4,10 @@
   if (webgym.wheel) return;
   const {
     ownerDocument, clientHeight, clientWidth, scrollHeight, scrollWidth, scrollTop, scrollLeft, getBoundingClientRect,
-    body, documentElement, scrollingElement, defaultView, querySelectorAll,
+    body, documentElement, scrollingElement, defaultView, querySelectorAll, isConnected, activeElement,
   } = webgym.dom;
   const { state, rootOf, isFrame } = webgym;
-  const { intersect, middle, parentOf, hit, begin } = webgym.geometry;
+  const { intersect, middle, parentOf, hit, begin, clipWithin } = webgym.geometry;
 
   const LEAST_SHARE = 0.005; // of the viewport: smaller boxes are not what one scrolls for
 
@@ -78,8 +78,8 @@
   webgym.listWheel = () => ({ wheel: state.list && overList(state.list) });
 
   // {point, extent}: at `wanted`, if a point is; else over an open list; else over the middle of the viewport;
-  // where nothing there scrolls at all, over the largest box that does. `extent`: of what a part of is to be
-  // scrolled.
+  // where nothing there scrolls at all, over the largest box that does, or over what has the focus. `extent`:
+  // of what a part of is to be scrolled.
   webgym.wheel = (name, wanted) => {
     const side = SIDES[name];
     begin();
@@ -94,18 +94,60 @@
         .map((element) => boxOf(element, view))
         .filter((box) => box && area(box) >= LEAST_SHARE * area(view))
         .sort((a, b) => area(b) - area(a));
-      if (boxes.length) point = middle(boxes[0]);
+      const focus = activeElement(document); // what scrolls by a script of its own shows no sign of that
+      const box = boxes[0] || (focus && focus !== body(document) && intersect(getBoundingClientRect(focus), view));
+      if (box) point = middle(box);
     }
     return { point, extent: shownAt(point, side) };
   };
 
-  // --- drags of the system --------------------------------------------------------------------------
+  // --- what scrolls by a script of its own ----------------------------------------------------------
+  // It draws what it wants to of each turn of the wheel, often a few lines whatever was asked for. How far it
+  // went is seen in what lies there.
 
-  let begun = null;
-  webgym.listen(
-    ['mousedown', () => (begun = null), { capture: true, passive: true }],
-    ['dragstart', (event) => (begun = event), { capture: true, passive: true }],
-  );
-  // Whether a drag of the system began since the button was pressed, and the page let it.
-  webgym.hasDragBegun = () => Boolean(begun && !begun.defaultPrevented);
+  const SAMPLES = 8; // places that are looked at, from one end of the box to the other
+
+  // The box that cuts off what lies here; the viewport where none does.
+  const boxAround = (point, view) => {
+    const found = hit(...point);
+    return (found && intersect(clipWithin(found), view)) || view;
+  };
+
+  let turned = null; // before the wheel was turned: what lies where, and how far each box around was scrolled
+
+  webgym.expectTurn = (name, point) => {
+    begin();
+    const side = SIDES[name];
+    const box = boxAround(point, { left: 0, top: 0, right: innerWidth, bottom: innerHeight });
+    const step = (share) => [
+      side.overflow === 'overflowY' ? point[0] : box.left + (box.right - box.left) * share,
+      side.overflow === 'overflowY' ? box.top + (box.bottom - box.top) * share : point[1],
+    ];
+    const found = new Set(Array.from({ length: SAMPLES }, (_, n) => hit(...step((n + 0.5) / SAMPLES))));
+    const around = [];
+    for (let node = hit(...point); node; node = parentOf(node)) around.push([node, side.at(node)]);
+    const places = [...found].filter((element) => element && !isFrame(element));
+    turned = { side, box, around, places: places.map((element) => [element, getBoundingClientRect(element)]) };
+    return true;
+  };
+
+  // {by, extent}: how far a script moved what lies there, and how long the box is. 0 where the browser itself
+  // scrolled, and where things did not all move the same way: a map that is drawn larger, say.
+  webgym.turned = () => {
+    const { side, box, around, places } = turned;
+    const isAcross = side.overflow === 'overflowX';
+    const extent = isAcross ? box.right - box.left : box.bottom - box.top;
+    if (around.some(([node, at]) => side.at(node) !== at)) return { by: 0, extent };
+    const moves = [];
+    for (const [element, was] of places) {
+      if (!isConnected(element)) continue;
+      const is = getBoundingClientRect(element);
+      const [along, aside] = isAcross ? [was.left - is.left, was.top - is.top] : [was.top - is.top, was.left - is.left];
+      if (Math.abs(aside) >= 1 || Math.abs(is.width - was.width) + Math.abs(is.height - was.height) >= 1)
+        return { by: 0, extent };
+      if (Math.abs(along) >= 1) moves.push(along);
+    }
+    const isOne = moves.length > 1 && moves.every((move) => Math.abs(move - moves[0]) < 1);
+    return { by: isOne ? Math.abs(moves[0]) : 0, extent };
+  };
 })();

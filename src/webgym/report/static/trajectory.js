@@ -118,7 +118,7 @@ function aboutCard(it) {
 }
 
 const NOTICES = { navigation_failed: "Navigation failed", download_refused: "Download refused", action_failed: "Action failed", dialog: "Dialog",
-  popup: "Popup", still_loading: "Still loading", crashed: "Crashed", reply_unreadable: "Reply unreadable", shortened: "Cut for its length", unchanged: "Nothing changed" };
+  popup: "Popup", still_loading: "Still loading", crashed: "Crashed", reply_unreadable: "Reply unreadable", shortened: "Cut for its length", unchanged: "Nothing changed", no_effect: "No effect" };
 const BAD = new Set(["navigation_failed", "action_failed", "crashed", "reply_unreadable"]);
 
 function noticeList(frame) {

@@ -1,0 +1,94 @@
+// Whether an action had an effect. What changes on the page all by itself says nothing about that.
+(() => {
+  const webgym = globalThis.webgym;
+  if (webgym.beginTrace) return;
+  const {
+    localName, activeElement, getSelection, getBoundingClientRect, checkVisibility, documentElement, querySelectorAll,
+    offsetWidth, offsetHeight,
+  } = webgym.dom;
+  const { state, counters, rootOf, frameIn } = webgym;
+  const { begin, hit, parentOf } = webgym.geometry;
+
+  const VISIBLE = { opacityProperty: true, visibilityProperty: true };
+  const DRAWN = 'canvas, video, embed, object'; // what changes without a change of the document
+  const AROUND = 200; // elements that are looked at around the point, at most
+
+  const own = new WeakSet(); // what has changed while nobody did anything
+  const plansAlone = new Set(); // counters that went on while nobody did anything
+  let isActing = true; // a page that is being loaded is not one that changes by itself
+  let trace = null;
+  let planned = null; // when the last action was over
+
+  state.onChange = (nodes) => {
+    for (const node of nodes)
+      if (!isActing) own.add(node);
+      else if (trace && !own.has(node)) trace.hasChanged = true;
+  };
+  for (const name of ['play', 'pause', 'volumechange', 'seeking', 'fullscreenchange'])
+    webgym.listen([name, () => trace && (trace.hasChanged = true), { capture: true, passive: true }]);
+
+  const focused = () => {
+    let element = activeElement(document);
+    for (let inner = element; inner; ) {
+      element = inner;
+      const root = rootOf(element) || frameIn(element);
+      inner = root && activeElement(root);
+    }
+    return element;
+  };
+  const listAt = () => state.list && state.list.list.scrollTop;
+  const hasSelection = () => !getSelection(document).isCollapsed;
+  const plans = () => Object.entries(counters).map(([name, counter]) => [name, counter.asked()]);
+
+  // The largest part of the page around an element that is not too large to be looked at.
+  const around = (element) => {
+    let part = element;
+    for (let node = element; node && node !== documentElement(document); node = parentOf(node)) {
+      if (querySelectorAll(node, '*').length > AROUND) break;
+      part = node;
+    }
+    return part;
+  };
+  // What of it is visible, and how large: a menu that opens by a style alone changes that, a new colour and
+  // what turns do not.
+  const outline = (part) =>
+    [part, ...querySelectorAll(part, '*')]
+      .slice(0, AROUND)
+      .map((element) => checkVisibility(element, VISIBLE) && `${offsetWidth(element)}x${offsetHeight(element)}`)
+      .join();
+
+  const isDrawn = (element) => {
+    const { width, height, top, left } = getBoundingClientRect(element);
+    return width >= 4 && height >= 4 && top < innerHeight && left < innerWidth;
+  };
+
+  // An action begins, at this point if it has one.
+  webgym.beginTrace = (point) => {
+    begin();
+    const now = plans();
+    if (planned) now.forEach(([name, count], index) => count !== planned[index][1] && plansAlone.add(name));
+    const element = point && hit(...point);
+    const part = element && around(element);
+    for (let node = element; node; node = parentOf(node)) if (rootOf(node)) webgym.watch(rootOf(node));
+    trace = {
+      hasChanged: false, listAt: listAt(), plans: now, focus: focused(), hasSelection: hasSelection(), list: state.list,
+      isDark: Boolean(element && localName(element).includes('-') && !rootOf(element)),
+      part, outline: part && outline(part),
+    };
+    isActing = true;
+    return true;
+  };
+
+  // The action is over, and the page quiet. "some" effect, "none", or "unseen": only a picture could tell.
+  webgym.endTrace = () => {
+    const was = trace;
+    trace = null;
+    isActing = false;
+    planned = plans();
+    if (!was || was.hasChanged || was.list !== state.list || was.listAt !== listAt()) return 'some';
+    if (was.focus !== focused() || was.hasSelection !== hasSelection()) return 'some';
+    if (planned.some(([name, count], index) => !plansAlone.has(name) && count !== was.plans[index][1])) return 'some';
+    if (was.part && was.outline !== outline(was.part)) return 'some';
+    return was.isDark || [...querySelectorAll(document, DRAWN)].some(isDrawn) ? 'unseen' : 'none';
+  };
+})();

@@ -1,0 +1,83 @@
+"""The wheel over what a page scrolls by a script of its own."""
+
+from __future__ import annotations
+
+import pytest
+
+from webgym.core.action import LeftClick, Scroll, Target
+
+from .conftest import Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+LINES = """<style>#box { width: 500px; height: 300px; overflow: hidden; position: relative }
+#box div { position: absolute; height: 20px; width: 500px }</style><div id=box tabindex=0></div><script>
+let top_ = 0, turns = 0;
+const lines = new Map();
+const draw = () => {
+  for (let n = 0; n < 1000; n++) {
+    const isShown = n * 20 > top_ - 20 && n * 20 < top_ + 300;
+    if (isShown && !lines.has(n)) {
+      const line = document.createElement('div');
+      line.textContent = 'Line ' + n;
+      box.append(line);
+      lines.set(n, line);
+    }
+    if (!isShown && lines.has(n)) { lines.get(n).remove(); lines.delete(n); }
+    if (isShown) lines.get(n).style.top = n * 20 - top_ + 'px';
+  }
+  document.title = top_ + ' ' + turns;
+};
+box.addEventListener('wheel', (event) => {
+  event.preventDefault();
+  turns += 1;
+  top_ = Math.max(0, Math.min(1000 * 20 - 300, top_ + Math.sign(event.deltaY) * 50));
+  requestAnimationFrame(draw);
+}, { passive: false });
+draw();
+</script>"""
+
+
+def at(x: float, y: float) -> Target:
+    return Target(coordinate=(x / 1.28, y / 0.768))
+
+
+def top(tab: Tab) -> int:
+    assert tab.last is not None
+    return int(tab.last.observation.title.split()[0])
+
+
+@pytest.mark.parametrize("rest", ["", "<p style='height:3000px'>page</p>"], ids=["alone", "in a page"])
+async def test_an_editor_that_moves_a_few_lines_a_turn_moves_by_its_page(
+    site: Site, tab: Tab, rest: str
+) -> None:
+    await tab.goto(site.page(LINES + rest))
+    await tab.step(Scroll("down", at(250, 150)))
+    assert 180 <= top(tab) <= 260, "three quarters of its 300 pixels"
+    before = top(tab)
+    await tab.step(Scroll("up", at(250, 150)))
+    assert top(tab) <= max(0, before - 180)
+
+
+async def test_the_wheel_turns_over_the_focus_where_nothing_else_scrolls(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(LINES))
+    await tab.step(LeftClick(at(250, 150)))
+    await tab.step(Scroll("down"))
+    assert 180 <= top(tab) <= 260
+
+
+async def test_a_map_is_drawn_larger_once(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<div id=map style='width:800px;height:600px;overflow:hidden;position:relative'></div><script>"
+            "let zoom = 1; let turns = 0;"
+            "for (let n = 0; n < 48; n++) { const tile = document.createElement('i'); tile.textContent = n;"
+            "tile.style = `position:absolute;width:100px;height:100px;left:${n % 8 * 100}px;"
+            "top:${(n >> 3) * 100}px`; map.append(tile); }"
+            "map.addEventListener('wheel', (event) => { event.preventDefault(); zoom *= 1.2; turns += 1;"
+            "for (const tile of map.children) tile.style.zoom = zoom;"
+            "document.title = turns; }, { passive: false })</script>"
+        )
+    )
+    look = await tab.step(Scroll("down", at(400, 300)))
+    assert look.observation.title == "1"

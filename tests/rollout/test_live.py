@@ -186,7 +186,7 @@ def test_success_by_difficulty_and_what_went_wrong() -> None:
 
 def test_queues_are_shown_with_their_waits() -> None:
     progress = Progress(total=1, queues=lambda: {"navigate": Queue(3, 4, 0.25, None)})
-    assert "navigate 3+4, waited 0.2 s" in "\n".join(_shown(progress, 100, 30))
+    assert "navigate 3+4, waited 250 ms" in "\n".join(_shown(progress, 100, 30))
     assert progress.snapshot()["queues"]["navigate"] == {
         "waiting": 3,
         "running": 4,

@@ -144,7 +144,7 @@ def _figures(progress: Progress, width: int) -> list[Text]:
 
 def _queue(queue: Queue) -> str:
     times = "".join(
-        f", {name} {value:.1f} s"
+        f", {name} {f'{value:.1f} s' if value >= 1 else f'{1000 * value:.0f} ms'}"
         for name, value in (("waited", queue.wait), ("took", queue.service))
         if value is not None
     )

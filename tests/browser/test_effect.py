@@ -89,6 +89,20 @@ async def test_a_scroll_has_an_effect_until_the_end(site: Site, tab: Tab) -> Non
     assert kinds(tab) == []
 
 
+async def test_what_came_late_once_is_no_clock(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            PLACED + "<button id=b onclick=\"p.textContent = 'Done'\">Do</button>"
+            "<p id=p style=margin-top:120px>o</p>"
+            "<script>setTimeout(() => { p.textContent = 'late' }, 2500)</script>"
+        )
+    )
+    await tab.step(Wait(2.6))
+    assert "late" in tab.text
+    await tab.step(LeftClick(HERE))
+    assert kinds(tab) == []
+
+
 async def test_an_open_list_scrolls_until_its_end(site: Site, tab: Tab) -> None:
     options = "".join(f"<option>City {number}" for number in range(60))
     await tab.goto(site.page(f"<label>City <select>{options}</select></label>"))

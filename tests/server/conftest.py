@@ -34,6 +34,8 @@ PAGES = {
     "<p style='height:2000px'>text</p>",
     "/next": "<title>Next</title><h1>Next page</h1>",
     "/counter": "<title>0</title><button onclick='document.title = ++n'>More</button><script>n = 0</script>",
+    "/file": "<title>None</title>"
+    "<label>File <input type=file onchange='document.title = files[0].name'></label>",
 }
 
 

@@ -11,8 +11,9 @@ import signal
 import httpx
 import pytest
 
-from webgym.core.action import GoBack, LeftClick, Navigate, Scroll, Target, Type
+from webgym.core.action import GoBack, LeftClick, Navigate, Press, Scroll, Target, Type, Upload
 from webgym.core.errors import BrowserCrashed, LeaseLost, NoCapacity, ProtocolError
+from webgym.core.task import Attachment
 from webgym.server import (
     BrowserClient,
     BrowserConfig,
@@ -49,6 +50,18 @@ async def test_a_whole_session(site: Site, client: BrowserClient) -> None:
     await session.close()
     with pytest.raises(LeaseLost):
         await session.step()
+
+
+async def test_extended_actions_and_files_travel(site: Site, client: BrowserClient) -> None:
+    files = (Attachment("photo.png", data=bytes(range(256))),)
+    session = await client.open(SessionOptions(mode="marks", files=files))
+    view = await session.step(Navigate(site.url("/file")))
+    [field] = view.observation.elements or ()
+    view = await session.step(Upload(Target(element=field.number), ("photo.png",)))
+    assert view.observation.title == "photo.png"
+    view = await session.step(Press(("Bogus",)))
+    assert [notice.kind for notice in view.observation.notices] == ["action_failed"]
+    await session.close()
 
 
 async def test_the_parts_of_a_step_on_their_own(site: Site, session: Session) -> None:

@@ -10,7 +10,7 @@ import msgspec
 
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, strokes
 from webgym.browser.page import BLANK, Page, Returned
-from webgym.browser.pointer import Point, click, drag, held, mouse, press, scroll
+from webgym.browser.pointer import Point, click, drag, held, press, scroll
 from webgym.browser.settle import settle
 from webgym.browser.upload import upload
 from webgym.browser.wire import History, HistoryEntry
@@ -22,7 +22,6 @@ from webgym.core.action import (
     DoubleClick,
     Drag,
     GoBack,
-    Hover,
     LeftClick,
     Navigate,
     Press,
@@ -82,8 +81,6 @@ async def perform(page: Page, action: BrowserAction) -> None:
             await click(page, point_of(page, target), count=2)
         case RightClick(target=target):
             await click(page, point_of(page, target), button="right")
-        case Hover(target=target):
-            await mouse(page, "mouseMoved", point_of(page, target))
         case Drag(start=start, target=target):
             await drag(page, point_of(page, start), point_of(page, target))
         case Type(target=target, text=text, enter=enter):

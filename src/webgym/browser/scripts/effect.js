@@ -13,16 +13,22 @@
   const DRAWN = 'canvas, video, embed, object'; // what changes without a change of the document
   const AROUND = 200; // elements that are looked at around the point, at most
 
-  const own = new WeakSet(); // what has changed while nobody did anything
+  const own = new WeakSet(); // what changes while nobody does anything, again and again
+  const once = new WeakMap(); // when it was first seen to: it may have come late
+  const APART = 50; // ms
   const plansAlone = new Set(); // counters that went on while nobody did anything
   let isActing = true; // a page that is being loaded is not one that changes by itself
   let trace = null;
   let planned = null; // when the last action was over
 
+  const noteAlone = (node) => {
+    if (!once.has(node)) once.set(node, performance.now());
+    else if (performance.now() - once.get(node) > APART) own.add(node);
+  };
+  // Something changed: these nodes, or what no node stands for.
   state.onChange = (nodes) => {
-    for (const node of nodes)
-      if (!isActing) own.add(node);
-      else if (trace && !own.has(node)) trace.hasChanged = true;
+    if (!isActing) nodes.forEach(noteAlone);
+    else if (trace && !(nodes.length && nodes.every((node) => own.has(node)))) trace.hasChanged = true;
   };
   for (const name of ['play', 'pause', 'volumechange', 'seeking', 'fullscreenchange'])
     webgym.listen([name, () => trace && (trace.hasChanged = true), { capture: true, passive: true }]);

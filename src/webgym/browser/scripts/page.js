@@ -89,7 +89,7 @@
     return true;
   };
   // To scroll is a change, but it is the agent's own; what the page makes of it is a reaction.
-  const changed = (isReaction = true, nodes = [document]) => {
+  const changed = (isReaction = true, nodes = []) => {
     state.changedAt = Date.now();
     state.changes += 1;
     if (isReaction) state.reactions += 1;
@@ -97,7 +97,7 @@
   };
   const onEvent = (event) => {
     batch += 1;
-    if (isNews(event.target, event.type)) changed(event.type !== 'scroll', [event.target]);
+    if (isNews(event.target, event.type)) changed(event.type !== 'scroll', event.type === 'scroll' ? [] : [event.target]);
   };
   const isOurs = (record) =>
     record.type === 'childList' &&

@@ -14,11 +14,17 @@
       if (node.localName === 'iframe' && node.contentDocument) inside(node.contentDocument, visit, own + '@');
     }
   };
+  const isLarge = (node) => {
+    const { width, height } = node.getBoundingClientRect();
+    return width * height > LARGE * innerWidth * innerHeight;
+  };
   const facts = (node) => {
     if (node.nodeType === 3) return { text: node.data };
     if (node.nodeType !== 1) return {};
     const found = {};
-    for (const { name, value } of node.attributes) if (name !== 'tabindex') found[name] = value;
+    if (isLarge(node)) return {};
+    const { width, height } = node.getBoundingClientRect();
+    if (width && height) for (const { name, value } of node.attributes) if (name !== 'tabindex') found[name] = value;
     if ('value' in node) found['.value'] = String(node.value);
     if ('checked' in node) found['.checked'] = String(node.checked);
     if (node.localName === 'details' || node.localName === 'dialog') found['.open'] = String(node.open);
@@ -78,14 +84,23 @@
   };
   // Neither a whole container, nor the label of a control that is seen itself.
   const isTried = (element) => {
-    const { width, height } = element.getBoundingClientRect();
     if (element.closest('[aria-disabled=true],[disabled]')) return false;
     if (!element.matches('input,select') && !element.checkVisibility({ opacityProperty: true })) return false;
-    if (width * height > LARGE * innerWidth * innerHeight && !element.closest(CONTROLS)) return false;
+    if (isLarge(element) && !element.closest(CONTROLS)) return false;
     const label = element.closest('label') || (element.assignedSlot && element.assignedSlot.closest('label'));
     if (!label || label.contains(label.control)) return true;
     return Boolean(label.control) && (label.control.getBoundingClientRect().width < 3 ||
       !label.control.checkVisibility({ opacityProperty: true }));
+  };
+  const contains = (outer, inner) => {
+    for (let node = inner; node; node = node.assignedSlot || node.parentNode || node.host)
+      if (node === outer) return true;
+    return false;
+  };
+  // Does what lies at a point reach around what lies at one of these?
+  hold.isRim = (x, y, points) => {
+    const outer = hold.at(x, y);
+    return points.some(([px, py]) => hold.at(px, py) !== outer && contains(outer, hold.at(px, py)));
   };
   hold.points = (grid) => {
     const cells = new Map();

@@ -23,7 +23,10 @@
   // The role of a control.
   const widgetOf = (element) => {
     const explicit = (getAttribute(element, 'role') || '').trim().split(/\s+/)[0];
-    if (WIDGET_ROLES.has(explicit) && (explicit !== 'gridcell' || hasAttribute(element, 'tabindex'))) return explicit;
+    const isShown = // cells and texts that only show something
+      (explicit === 'gridcell' && !hasAttribute(element, 'tabindex')) ||
+      (explicit === 'textbox' && getAttribute(element, 'aria-readonly') === 'true' && !isContentEditable(element));
+    if (WIDGET_ROLES.has(explicit) && !isShown) return explicit;
     switch (localName(element)) {
       case 'a':
       case 'area':

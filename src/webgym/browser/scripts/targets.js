@@ -152,7 +152,8 @@
       if (found.length) return found;
     }
     let parent = parentOf(element);
-    if (getRootNode(element).host) while (parent && !isShown(parent) && getRootNode(parent).host) parent = parentOf(parent);
+    const isInComponent = (node) => node && getRootNode(node).host;
+    while (isInComponent(element) && isInComponent(parent) && !isShown(parent)) parent = parentOf(parent);
     const isDrawn =
       parent && (rootOf(parent) || childElementCount(parent) > 1 || hasParts(parent)) && isShown(parent);
     return isDrawn ? visibleParts(element, place, most) : [];
@@ -223,17 +224,18 @@
   };
 
   const COVER = 0.5; // of its box: what covers that much of an element is the element
-  const LARGE = 0.25; // of the viewport
+  const [SMALL, LARGE] = [0.03, 0.25]; // of the viewport
   const GIVES_WAY = new Set(['gridcell', 'treeitem', 'combobox', 'option', 'tab']);
   const TEXTS = new Set(['textbox', 'searchbox', 'combobox', 'spinbutton']);
   const WHOLE = new Set(['canvas', 'svg', 'video']);
+  const PAINTED = new Set([...WHOLE, 'img']);
 
   const hasOwnText = (element) =>
     [...childNodes(rootOf(element) || element)].some((node) => nodeType(node) === Node.TEXT_NODE && node.data.trim());
 
   // Edges that a size is changed by, bars that scroll, what covers others: there is nothing to be seen of them.
   const isBlank = (element, depth = 0) => {
-    if (WHOLE.has(localName(element)) || localName(element) === 'img' || ofKind(element, 'ownerSVGElement')) return false;
+    if (PAINTED.has(localName(element)) || ofKind(element, 'ownerSVGElement')) return false;
     const style = getComputedStyle(element);
     const isPainted =
       style.backgroundImage !== 'none' || !/^rgba\(.*, 0\)$/.test(style.backgroundColor) ||
@@ -244,10 +246,14 @@
   const isNothing = ({ element, role }) =>
     getComputedStyle(element).cursor.endsWith('-resize') || (isBlank(element) && !nameOf(element, role));
 
-  const hasOtherName = (one, kid) => {
-    const name = nameOf(one.element, one.role);
-    return Boolean(name) && name !== nameOf(kid.element, kid.role);
-  };
+  // Is more written in it than on what lies in it?
+  const hasOtherText = (one, kids) =>
+    nameOf(one.element, one.role).length > kids.reduce((sum, kid) => sum + nameOf(kid.element, kid.role).length + 1, 0);
+
+  // Is this the component whose only control, of the same name, has no box of its own size?
+  const isComponentOf = (one, [kid, ...more]) =>
+    Boolean(rootOf(one.element)) && !more.length && kid.isControl &&
+    nameOf(one.element, one.role) === nameOf(kid.element, kid.role);
 
   // Which of `kids`, the candidates that lie in `one`, are kept beside it; null where they are kept in its stead.
   const keptBeside = (one, kids) => {
@@ -262,10 +268,16 @@
         return isLarge && !one.isPointer ? null : kids;
       }
       const isCovered = within.reduce((sum, kid) => sum + share(kid), 0) >= COVER;
-      const isWrapper = within.length === 1 && TEXTS.has(within[0].role) && !hasOtherName(one, within[0]);
+      const isWrapper = within.length === 1 && TEXTS.has(within[0].role) && !hasOtherText(one, within);
       if (isCovered || isWrapper || !one.isHeard()) return null;
-      const isTrack = area < LARGE * innerWidth * innerHeight && !within.some((kid) => kid.isControl || kid.isHeard());
-      return one.isPointer || hasOwnText(one.element) || isTrack ? kids : null;
+      if (isComponentOf(one, within)) {
+        within[0].boxes = one.boxes;
+        return null;
+      }
+      const isHandle = (kid) => kid.role === 'slider' || !(kid.isControl || kid.isHeard());
+      const isTrack = area < LARGE * innerWidth * innerHeight && within.every(isHandle);
+      const isSmall = area < SMALL * innerWidth * innerHeight;
+      return one.isPointer || isTrack || (isSmall && hasOtherText(one, within)) ? kids : null;
     }
     const same = within.filter((kid) => share(kid) >= COVER);
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));

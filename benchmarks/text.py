@@ -1,0 +1,148 @@
+"""The visible text of pages against their pixels: pages of npm packages, by page and in all.
+
+    .venv/bin/python benchmarks/text.py
+
+A second browser paints every word of a page in a colour of its own, by a highlight that changes no
+layout, and takes a picture: a word is seen if most of its box has that colour. What is seen is compared,
+word by word, with the text of an observation. Exit code 1 below the goals.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import base64
+import io
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import msgspec
+from npm_pages import CACHE, PAGES, serving
+from PIL import Image
+
+from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.find import find_browser
+from webgym.core.action import Navigate
+
+GOAL = 0.97
+LEAST_SHARE = 0.6
+"""Of a word's box: what is seen less of is cut off."""
+
+SECONDS = 30.0
+PAINTED = (255, 0, 254)
+SCRIPT = """
+(() => {
+  const words = [];
+  const style = '::highlight(all) { color: rgb(255 0 254); background-color: rgb(255 0 254); }';
+  const paint = new Highlight();
+  const walk = (root) => {
+    const sheet = new (root.defaultView || root.ownerDocument.defaultView).CSSStyleSheet();
+    sheet.replaceSync(style);
+    root.adoptedStyleSheets.push(sheet);
+    const walker = document.createTreeWalker(root, NodeFilter.SHOW_ELEMENT | NodeFilter.SHOW_TEXT);
+    for (let node = walker.nextNode(); node; node = walker.nextNode()) {
+      if (node.shadowRoot) walk(node.shadowRoot);
+      const parent = node.parentNode;
+      if (node.nodeType !== 3 || parent.isContentEditable) continue;
+      if (/^(script|style|noscript|textarea|title)$/.test(parent.localName)) continue;
+      for (const match of node.data.matchAll(/\\S+/g)) {
+        const range = document.createRange();
+        range.setStart(node, match.index);
+        range.setEnd(node, match.index + match[0].length);
+        paint.add(range);
+        const rects = [...range.getClientRects()];
+        const boxes = rects.map(({ left, top, right, bottom }) => [left, top, right, bottom]);
+        if (boxes.length) words.push([match[0], boxes]);
+      }
+    }
+  };
+  walk(document);
+  CSS.highlights.set('all', paint);
+  return words;
+})()
+"""
+
+
+class Value(msgspec.Struct):
+    value: Any = None
+
+
+class Result(msgspec.Struct):
+    result: Value
+
+
+class Shot(msgspec.Struct):
+    data: str
+
+
+def share_painted(picture: Image.Image, box: tuple[float, ...]) -> float:
+    """How much of a box, of which a part may lie outside, has the colour."""
+    left, top, right, bottom = (round(at) for at in box)
+    inner = (max(left, 0), max(top, 0), min(right, picture.width), min(bottom, picture.height))
+    whole = (right - left) * (bottom - top)
+    if inner[0] >= inner[2] or inner[1] >= inner[3] or not whole:
+        return 0.0
+    colours = picture.crop(inner).getcolors(1 << 20) or []
+    return sum(count for count, colour in colours if colour == PAINTED) / whole
+
+
+async def painted_words(slot: Slot, url: str) -> Counter[str]:
+    """The words that the pixels of a page show."""
+    await slot.open(PageOptions())
+    await slot.act(Navigate(url))
+    assert slot._page is not None
+    session = slot._page.session
+    asked = {"expression": SCRIPT, "returnByValue": True}
+    words = (await session.call("Runtime.evaluate", asked, reply=Result, seconds=SECONDS)).result.value
+    shot = await session.call("Page.captureScreenshot", {"format": "png"}, reply=Shot, seconds=SECONDS)
+    picture = Image.open(io.BytesIO(base64.b64decode(shot.data))).convert("RGB")
+    return Counter(
+        word for word, boxes in words if min(share_painted(picture, box) for box in boxes) >= LEAST_SHARE
+    )
+
+
+async def run(pages: list[str], cache: Path, details: bool) -> bool:
+    print("page          words  precision  recall")
+    sums = [0, 0, 0]
+
+    def row(name: str, told: int, seen: int, both: int) -> tuple[float, float]:
+        precision, recall = both / told if told else 1.0, both / seen if seen else 1.0
+        print(f"{name:12} {seen:6} {precision:10.3f} {recall:7.3f}", flush=True)
+        return precision, recall
+
+    with tempfile.TemporaryDirectory() as scratch, serving(cache) as address:
+        async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress:
+            slot = Slot(BrowserConfig(freeze=False), find_browser().path, ProfileRoot(Path(scratch)), egress)
+            try:
+                for name in pages:
+                    await slot.open(PageOptions(text=True))
+                    text = (await slot.step(Navigate(f"{address}/{name}"))).observation.text or ""
+                    told = Counter(word for word in text.split() if word != "…")
+                    seen = await painted_words(slot, f"{address}/{name}")
+                    both = (told & seen).total()
+                    row(name, told.total(), seen.total(), both)
+                    if details:
+                        print(f"  added {dict(told - seen)}\n  missing {dict(seen - told)}")
+                    sums = [sums[0] + told.total(), sums[1] + seen.total(), sums[2] + both]
+            finally:
+                await slot.stop()
+    return min(row("all", *sums)) >= GOAL
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--pages", nargs="+", default=PAGES, choices=PAGES, metavar="PAGE")
+    parser.add_argument("--cache", type=Path, default=CACHE, help="where packages are kept")
+    parser.add_argument(
+        "--details", action="store_true", help="which words were added, and which are missing"
+    )
+    given = parser.parse_args()
+    sys.exit(0 if asyncio.run(run(given.pages, given.cache, given.details)) else 1)
+
+
+if __name__ == "__main__":
+    main()

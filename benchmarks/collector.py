@@ -1,6 +1,6 @@
 """What a collector itself costs: many episodes at once in one process, against servers that cost nothing.
 
-    .venv/bin/python benchmarks/collector.py --sessions 100 1000
+    PYTHONPATH=. .venv/bin/python benchmarks/collector.py --sessions 100 1000
 
 Browser server and model's endpoint are stand-ins behind real HTTP, in a process of their own; agent, client
 and records on disk are real. Steps and replies take as long as they are told to, spread evenly around it, so
@@ -20,6 +20,7 @@ import time
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 from pydantic import SecretStr
 
@@ -33,6 +34,9 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.server.config import ClientLimits
 from webgym.tasks import write_tasks
+
+PATIENT: Any = {"connect_seconds": 60}
+"""All connect at once, to servers on the same processors."""
 
 
 def judge(task: Task, episode: object) -> bool:
@@ -76,7 +80,7 @@ def settings(folder: Path, sessions: int, episodes: int, ports: tuple[int, int])
     names = (f"t{number}" for number in range(episodes))
     tasks = [Task(name, "Do it.", "stand-in.test", "Misc.", "News", rubric, "bench") for name in names]
     write_tasks(folder / "tasks.jsonl", tasks)
-    chat = ChatConfig(base_url=f"http://127.0.0.1:{ports[1]}/v1", model="m", concurrency=sessions)
+    chat = ChatConfig(base_url=f"http://127.0.0.1:{ports[1]}/v1", model="m", concurrency=sessions, **PATIENT)
     return RunConfig(
         tasks=TaskChoice(file=folder / "tasks.jsonl", split="all"),
         policy=PolicyChoice(chat=chat, check=False),
@@ -84,7 +88,7 @@ def settings(folder: Path, sessions: int, episodes: int, ports: tuple[int, int])
         judge=JudgeChoice(name="benchmarks.collector:judge"),
         server=ServerChoice(url=f"http://127.0.0.1:{ports[0]}"),
         collector=CollectorConfig(sessions=sessions, straggler_share=1.0, policy_calls=sessions),
-        limits=ClientLimits(navigate=sessions, execute=sessions, allocate=64, release=64, reply_seconds=600),
+        limits=ClientLimits(navigate=sessions, execute=sessions, allocate=64, release=64, **PATIENT),
     )
 
 

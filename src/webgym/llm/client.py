@@ -33,6 +33,7 @@ from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
 from webgym.llm.labelled import Labelled
 from webgym.llm.ledger import Ledger
+from webgym.llm.pools import Pools
 from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text, most_tokens
 from webgym.llm.usage import Call
@@ -99,7 +100,7 @@ class ChatClient:
         self._cache = cache
         self._ledger = ledger or Ledger(cache)
         self._gate = Gate(config.concurrency, config.adapt)
-        self._http: httpx.AsyncClient | None = None
+        self._http: Pools | None = None
         self._under_way: set[_Progress] = set()
 
     @property
@@ -117,12 +118,10 @@ class ChatClient:
         if key := self._key.get_secret_value():
             headers["Authorization"] = f"Bearer {key}"
         config = self.config
-        self._http = httpx.AsyncClient(
+        self._http = Pools(
+            config.concurrency,
             headers=headers,
             timeout=httpx.Timeout(config.read_seconds, connect=config.connect_seconds, pool=None),
-            limits=httpx.Limits(
-                max_connections=config.concurrency, max_keepalive_connections=config.concurrency
-            ),
             trust_env=not is_loopback(config.base_url),
         )
         return self
@@ -307,7 +306,7 @@ class ChatClient:
             raise RuntimeError("the client was closed while a request was under way")
         progress.restart()
         try:
-            async with self._http.stream("POST", self._url, content=content) as response:
+            async with self._http.post(self._url, content) as response:
                 progress.answered = True
                 data = await self._receive(response, progress)
         except httpx.ConnectTimeout as error:

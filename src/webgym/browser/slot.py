@@ -20,7 +20,7 @@ from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
 from webgym.browser.egress import Door, Egress
 from webgym.browser.gestures import AnyAction, carry_out
-from webgym.browser.observe import Look, Metadata, ask, capture, look
+from webgym.browser.observe import Ahead, Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
@@ -35,7 +35,7 @@ from webgym.browser.wire import (
     DetachedFromTarget,
     Nothing,
 )
-from webgym.core.action import GoBack, Navigate
+from webgym.core.action import GoBack, Navigate, Scroll
 from webgym.core.errors import (
     ActionFailed,
     BrowserCrashed,
@@ -101,6 +101,7 @@ class Slot:
         self._episodes = 0
         self._milliseconds: dict[str, float] = {}
         self._settled = ""
+        self._ahead: Ahead | None = None
 
     # --- the browser --------------------------------------------------------------------------------
 
@@ -348,8 +349,11 @@ class Slot:
 
     # --- one step -----------------------------------------------------------------------------------
 
-    async def act(self, action: AnyAction) -> None:
+    async def act(self, action: AnyAction, *, with_picture: bool = False) -> None:
         """Carry an action out and wait until the page is quiet. What the page refuses is kept as a notice.
+
+        Args:
+            with_picture: :meth:`observe` comes next; its picture may be taken meanwhile.
 
         Raises:
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
@@ -365,11 +369,19 @@ class Slot:
                 await self._bring_back(page)
             await self._perform(page, action)
             self._milliseconds[operation] = (time.perf_counter() - start) * 1000
+            if with_picture:
+                self._look_ahead(page, action)
             self._settled = await settle_timed(page, self._milliseconds)
             if isinstance(action, GoBack):
                 await self._go_past(page, action)
         except TargetGone:
             await self._bring_back(page)
+
+    def _look_ahead(self, page: Page, action: AnyAction) -> None:
+        if page.still_since is None or page.options.mode == "marks" or not page.traffic.is_idle():
+            return  # the last step took longer, or marks are to be drawn first
+        # What is scrolled moves with the next frame.
+        self._ahead = Ahead(page, self.config.tick_seconds * (2 if isinstance(action, Scroll) else 1))
 
     async def _go_past(self, page: Page, action: GoBack) -> None:
         """Go further back where the page that was gone back to leads on by itself."""
@@ -418,7 +430,7 @@ class Slot:
         page = self._living_page()
         milliseconds, self._milliseconds = self._milliseconds, {}
         try:
-            return await self._look_at(page, lambda: look(page, self._settled, milliseconds))
+            return await self._look_at(page, lambda: look(page, self._settled, milliseconds, self._ahead))
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
 
@@ -435,9 +447,14 @@ class Slot:
 
     async def step(self, action: AnyAction | None = None) -> Look:
         """Act, then look."""
-        if action is not None:
-            await self.act(action)
-        return await self.observe()
+        try:
+            if action is not None:
+                await self.act(action, with_picture=True)
+            return await self.observe()
+        finally:
+            ahead, self._ahead = self._ahead, None
+            if ahead is not None:
+                await ahead.cancel()
 
     async def screenshot(self) -> bytes:
         """The bare picture, without marks and without waiting."""

@@ -15,6 +15,7 @@ from webgym.browser.page import Page
 from webgym.browser.settle import settle
 from webgym.browser.wire import Screenshot
 from webgym.browser.worlds import DocumentGone
+from webgym.core.action import Scroll
 from webgym.core.errors import BrowserCrashed, BrowserTimeout
 from webgym.core.observation import Element, Notice, Observation
 
@@ -280,3 +281,11 @@ class Ahead:
         """Do without it. Safe to call twice."""
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
+
+
+def look_ahead(page: Page, action: object) -> Ahead | None:
+    """Begin to take a picture ahead after an action, if it is likely to be good."""
+    if page.still_since is None or page.options.mode == "marks" or not page.traffic.is_idle():
+        return None  # the last step took longer, or marks are to be drawn first
+    # What is scrolled moves with the next frame.
+    return Ahead(page, page.config.tick_seconds * (2 if isinstance(action, Scroll) else 1))

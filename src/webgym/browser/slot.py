@@ -20,7 +20,7 @@ from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
 from webgym.browser.egress import Door, Egress
 from webgym.browser.gestures import AnyAction, carry_out
-from webgym.browser.observe import Ahead, Look, Metadata, ask, capture, look
+from webgym.browser.observe import Ahead, Look, Metadata, ask, capture, look, look_ahead
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
@@ -35,7 +35,7 @@ from webgym.browser.wire import (
     DetachedFromTarget,
     Nothing,
 )
-from webgym.core.action import GoBack, Navigate, Scroll
+from webgym.core.action import GoBack, Navigate
 from webgym.core.errors import (
     ActionFailed,
     BrowserCrashed,
@@ -370,18 +370,12 @@ class Slot:
             await self._perform(page, action)
             self._milliseconds[operation] = (time.perf_counter() - start) * 1000
             if with_picture:
-                self._look_ahead(page, action)
+                self._ahead = look_ahead(page, action)
             self._settled = await settle_timed(page, self._milliseconds)
             if isinstance(action, GoBack):
                 await self._go_past(page, action)
         except TargetGone:
             await self._bring_back(page)
-
-    def _look_ahead(self, page: Page, action: AnyAction) -> None:
-        if page.still_since is None or page.options.mode == "marks" or not page.traffic.is_idle():
-            return  # the last step took longer, or marks are to be drawn first
-        # What is scrolled moves with the next frame.
-        self._ahead = Ahead(page, self.config.tick_seconds * (2 if isinstance(action, Scroll) else 1))
 
     async def _go_past(self, page: Page, action: GoBack) -> None:
         """Go further back where the page that was gone back to leads on by itself."""

@@ -159,10 +159,7 @@ class Service:
 
         async def work() -> StepReply:
             async with self._running(slot, _queue_of(action)) as permit:
-                if action is not None:
-                    await slot.act(action)
-                    await permit.exchange("screenshot", slot.asleep)
-                look = await slot.observe()
+                look = await slot.step(action, between=lambda: permit.exchange("screenshot", slot.asleep))
             spent = look.observation.milliseconds | {"queued": permit.waited * 1000}
             observation = msgspec.structs.replace(look.observation, milliseconds=spent)
             has_it = observation.screenshot in request.have

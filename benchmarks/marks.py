@@ -293,7 +293,7 @@ def row(name: str, counts: Counter[str]) -> tuple[str, float, float]:
 async def run(pages: list[str], cache: Path, details: bool) -> bool:
     print("page          marks  targets  precision  recall  named  names right")
     total: Counter[str] = Counter()
-    trials = cache / f"trials-{len(pages)}.json"
+    trials = cache / "trials.json"
     kept: dict[str, dict[str, str]] = json.loads(trials.read_text()) if trials.exists() else {}
     with tempfile.TemporaryDirectory() as scratch, serving(cache) as address:
         async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress:
@@ -329,7 +329,12 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--pages", nargs="+", default=PAGES, choices=PAGES, metavar="PAGE")
-    parser.add_argument("--cache", type=Path, default=CACHE, help="where packages and trials are kept")
+    parser.add_argument(
+        "--cache",
+        type=Path,
+        default=CACHE,
+        help="where packages are kept, and trials: delete trials.json when a page changes",
+    )
     parser.add_argument("--details", action="store_true", help="what was wrong, missing, or called otherwise")
     given = parser.parse_args()
     sys.exit(0 if asyncio.run(run(given.pages, given.cache, given.details)) else 1)

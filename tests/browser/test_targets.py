@@ -64,6 +64,11 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<div class=on style='display:contents'>Heard</div>" + LISTENS.format("click"),
         ["Heard"],
     ),
+    "days that a box around listens for": (
+        "<div class=on><i tabindex=-1>One</i> <i tabindex=-1>Two</i></div><i tabindex=-1>Plain</i>"
+        + LISTENS.format("click"),
+        ["One", "Two"],
+    ),
     "a cell that does nothing": ("<div role=grid><div role=gridcell>Plain</div></div>", []),
     "an editor with a hidden field": (
         "<div style='cursor:text;width:300px;height:90px'><div style='height:0;overflow:hidden'>"

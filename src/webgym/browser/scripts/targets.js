@@ -176,6 +176,13 @@
     return !dispatchEvent(element, new Event(webgym.question, { cancelable: true, composed: true }));
   };
 
+  // A day of a calendar, say: made to take the focus, and a box close around it listens for all.
+  const isHeardAround = (element) => {
+    if (getAttribute(element, 'tabindex') !== '-1' || childElementCount(element)) return false;
+    const parent = parentOf(element);
+    return Boolean(parent) && (hears(parent) || Boolean(parentOf(parent) && hears(parentOf(parent))));
+  };
+
   const ITEMS = 3; // of one kind, and of one size: then not what is around them is meant
   const itemsOf = (element) => {
     const inner = [...children(element)];
@@ -195,7 +202,7 @@
     const role = roleOf(element);
     const isControl = Boolean(role && widgetOf(element));
     const isPointer = Boolean(style && startsPointer(element, style));
-    if (!role && !isPointer && !(style && (isItem || hears(element)))) return null;
+    if (!role && !isPointer && !(style && (isItem || hears(element) || isHeardAround(element)))) return null;
     if (isOff(element)) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
@@ -274,7 +281,8 @@
         within[0].boxes = one.boxes;
         return null;
       }
-      const isHandle = (kid) => kid.role === 'slider' || !(kid.isControl || kid.isHeard());
+      const isHandle = (kid) =>
+        kid.role === 'slider' || !(kid.isControl || nameOf(kid.element, kid.role) || kid.isHeard());
       const isTrack = area < LARGE * innerWidth * innerHeight && within.every(isHandle);
       const isSmall = area < SMALL * innerWidth * innerHeight;
       return one.isPointer || isTrack || (isSmall && hasOtherText(one, within)) ? kids : null;

@@ -146,10 +146,8 @@ class Page:
         """That have been there since the action began."""
         self._forget_hold: Callable[[], None] | None = None
         """Set while the tab is kept at its document."""
-        self.files: dict[str, Path] = {}
-        """Where the files are that can be chosen, by name."""
-        self.requests = 0
-        """That were begun, and words that were sent on sockets."""
+        self.files: dict[str, Path] = {}  # that can be chosen, by name
+        self.requests = 0  # begun, and words that were sent on sockets
         self.ineffective_if_same = ""
         """What to say of the last action if the next picture is ``picture``, the last one, again."""
         self.picture = ""

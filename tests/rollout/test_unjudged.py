@@ -222,7 +222,8 @@ async def test_the_viewer_shows_the_verdict_that_came_later(
     client: httpx.AsyncClient, tmp_path: Path
 ) -> None:
     async def outcomes() -> dict[str, int]:
-        rows = (await client.get("/api/news", params={"known": 0})).json()["rows"]
+        assert (await client.get("/api/news", params={"known": 0})).status_code == 200
+        rows = (await client.get("/api/rows", params={"count": 10})).json()["rows"]
         found: dict[str, int] = defaultdict(int)
         for row in rows:
             found[row["outcome"]] += 1

@@ -121,13 +121,16 @@ async def test_who_is_cancelled_in_lockstep_holds_up_nobody(turns: int) -> None:
 # --- judging off the critical path ----------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("limits", [{"judges": 2}, {"judges": 1, "backlog": 0, "sessions": 6}])
 async def test_who_waits_for_a_verdict_is_recorded_without_one_and_judged_when_the_run_goes_on(
-    tmp_path: Path, world: World
+    tmp_path: Path, world: World, limits: dict[str, int]
 ) -> None:
+    """Be it in line for the judge, or for a place in that line."""
     world.judge.lets.clear()
-    run = Run().start(world.config(tmp_path, 6, {"judges": 2}), tmp_path / "run")
-    await until(lambda: run.progress.states["judging"] == 6)
-    assert not world.browsers.sessions  # none waits for the judge
+    run = Run().start(world.config(tmp_path, 6, limits), tmp_path / "run")
+    await until(
+        lambda: world.browsers.opened == 6 and not world.browsers.sessions
+    )  # none waits for the judge
     run.task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await run.end()

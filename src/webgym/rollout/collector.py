@@ -202,11 +202,16 @@ class Collector:
         try:
             attempt = Attempt(self._stage, planned)
             await self._attempt(plan, attempt)
-            await self._unrecorded.acquire()
+            episode = attempt.episode()
+            try:
+                await self._unrecorded.acquire()
+            except asyncio.CancelledError:
+                await asyncio.shield(self._record(episode, _unjudged(episode)))
+                raise
         finally:
             self._places.release()
         try:
-            await self._conclude(plan, planned, attempt.episode())
+            await self._conclude(plan, planned, episode)
         finally:
             self._unrecorded.release()
 

@@ -1,0 +1,270 @@
+"""Tasks about what is drawn: shapes, angles, lines, things that move, and what is dragged."""
+
+from __future__ import annotations
+
+import math
+
+from benchmarks.miniwob.hand import At, Box, Hand, Point, Unsolved, middle
+from benchmarks.miniwob.registry import solves
+
+
+async def _origin(hand: Hand, css: str = "svg") -> Point:
+    x, y, _, _ = await hand.box(css)
+    return x, y
+
+
+@solves("ascending-numbers")
+async def ascending_numbers(hand: Hand) -> None:
+    await hand.click(At("svg text", "1"))
+    for number in range(2, 6):
+        await hand.click(f"svg rect[data-index='{number}']")
+
+
+@solves("click-shape")
+async def click_shape(hand: Hand) -> None:
+    await hand.js(
+        """(wish => {
+            const kind = one => one.tagName === 'rect' ? 'rectangle' : one.tagName === 'polygon' ? 'triangle' :
+                one.tagName === 'circle' ? 'circle' : /\\d/.test(one.textContent) ? 'digit' : 'letter';
+            const grown = one => parseFloat(one.getAttribute('font-size') || one.getBBox().width);
+            const shown = [...document.querySelectorAll('#area_svg > *')];
+            window.__fits = shown.filter(one => {
+                const color = one.getAttribute('fill') || one.style.fill;
+                const size = grown(one) > 14 ? 'large' : 'small';
+                const names = [color, size, kind(one), one.textContent, 'shape', 'item'];
+                return wish.every(word => names.includes(word));
+            });
+            window.__fits.forEach(one => one.setAttribute('data-fits', ''));
+        })(%s)"""
+        % str(hand.asked(r"Click on an? (.*)")[0].split())
+    )
+    await hand.click("#area_svg [data-fits]")
+
+
+@solves("count-sides")
+async def count_sides(hand: Hand) -> None:
+    corners = """(() => {
+        const {width, height} = c, data = c.getContext('2d').getImageData(0, 0, width, height).data;
+        const far = [];
+        for (let turn = 0; turn < 720; turn++) {
+            const angle = turn * Math.PI / 360;
+            let radius = 50;
+            while (radius > 0) {
+                const x = Math.round(75 + radius * Math.cos(angle)), y = Math.round(50 + radius * Math.sin(angle));
+                if (data[4 * (y * width + x) + 3] > 127) break;
+                radius -= 0.25;
+            }
+            far.push(radius);
+        }
+        return far;
+    })()"""
+    far = await hand.js(corners)
+    # the distance of the rim from the middle swings once for every side
+    shares = {
+        sides: abs(
+            sum(
+                r * complex(math.cos(sides * i * math.pi / 360), math.sin(sides * i * math.pi / 360))
+                for i, r in enumerate(far)
+            )
+        )
+        for sides in range(3, 8)
+    }
+    await hand.click(f"#form [data-sides='{max(shares, key=lambda sides: shares[sides])}']")
+
+
+@solves("identify-shape")
+async def identify_shape(hand: Hand) -> None:
+    kind = await hand.js(
+        """(one => ({rect: 'rectangle', circle: 'circle', polygon: 'triangle'}[one.tagName]
+            || (/\\d/.test(one.textContent) ? 'digit' : 'letter')))(document.querySelector('#area_svg > *'))"""
+    )
+    await hand.click(f"#area-buttons [data-type={kind}]")
+
+
+@solves("grid-coordinate")
+async def grid_coordinate(hand: Hand) -> None:
+    (place,) = hand.asked(r"(\(-?\d,-?\d\))")
+    await hand.click(f"circle[id='{place}']")
+
+
+async def _dots(hand: Hand, css: str) -> list[Point]:
+    return [middle(box) for box in await hand.boxes(css)]
+
+
+@solves("find-midpoint")
+async def find_midpoint(hand: Hand) -> None:
+    (a, b), (c, d) = await _dots(hand, ".black-circle")
+    await hand.click(((a + c) / 2, (b + d) / 2))
+    await hand.submit()
+
+
+@solves("bisect-angle")
+async def bisect_angle(hand: Hand) -> None:
+    (corner,) = await _dots(hand, ".init-blue")
+    one, other = await _dots(hand, ".init-black")
+    away = [(x - corner[0], y - corner[1]) for x, y in (one, other)]
+    shares = [(x / math.hypot(x, y), y / math.hypot(x, y)) for x, y in away]
+    await hand.click((corner[0] + 20 * sum(x for x, _ in shares), corner[1] + 20 * sum(y for _, y in shares)))
+    await hand.submit()
+
+
+@solves("right-angle")
+async def right_angle(hand: Hand) -> None:
+    (start,) = await _dots(hand, "#init-black")
+    (corner,) = await _dots(hand, "#init-blue")
+    x, y = start[0] - corner[0], start[1] - corner[1]
+    left, top, width, height = await hand.box("#svg-grid")
+    for share in (0.6, -0.6, 0.35, -0.35, 0.2, -0.2):
+        point = (corner[0] - y * share, corner[1] + x * share)
+        if left + 3 < point[0] < left + width - 3 and top + 3 < point[1] < top + height - 3:
+            break
+    await hand.click(point)
+    await hand.submit()
+
+
+@solves("circle-center")
+async def circle_center(hand: Hand) -> None:
+    await hand.click(middle(await hand.box("svg circle:not(.blue)")))
+    await hand.submit()
+
+
+@solves("hot-cold")
+async def hot_cold(hand: Hand) -> None:
+    """Three circles would do; a narrowing grid of places is what a person does."""
+    left, top, width, height = await hand.box("#touch-area")
+    for step in (28, 12, 5):
+        best: list[Point] = []
+        for y in range(3, int(height), step):
+            for x in range(3, int(width), step):
+                await hand.hover((left + x, top + y))
+                said = (await hand.texts("#display"))[0]
+                if said == "HOT":
+                    await hand.click((left + x, top + y))
+                if said == "WARM" or (said == "COLD" and step == 28):
+                    best.append((x, y))
+    raise Unsolved(f"no hot place, the best are {best}")
+
+
+@solves("drag-box")
+async def drag_box(hand: Hand) -> None:
+    await hand.drag("#draggableSmall", await _middle(hand, "#draggableLarge"))
+    await hand.submit()
+
+
+async def _middle(hand: Hand, css: str) -> Point:
+    return middle(await hand.box(css))
+
+
+def _moved(box: Box, way: str, by: float) -> Point:
+    x, y = middle(box)
+    across, down = {"left": (-1, 0), "right": (1, 0), "up": (0, -1), "down": (0, 1)}[way]
+    return x + across * by, y + down * by
+
+
+@solves("drag-circle", "drag-single-shape")
+async def drag_circle(hand: Hand) -> None:
+    (way,) = hand.asked(r"(left|right|up|down) then")
+    box = await hand.box("svg circle, svg rect, svg polygon")
+    await hand.drag(middle(box), _moved(box, way, 15))
+    await hand.submit()
+
+
+@solves("drag-items", "drag-items-grid")
+async def drag_items(hand: Hand) -> None:
+    names = await hand.texts("#sortable li")
+    (name,) = hand.asked(r"Drag (\S+) ")
+    old = names.index(name)
+    wish = hand.query.split(name, 1)[1].strip(" .").removeprefix("to the ")
+    rows, columns = {"top": 0, "center": 1, "bottom": 2}, {"left": 0, "center": 1, "right": 2}
+    if len(names) == 5:
+        new = {"top": 0, "bottom": 4, "down by one position": old + 1, "up by one position": old - 1}.get(
+            wish
+        )
+        new = int(wish[0]) - 1 if new is None else new
+    elif wish.endswith("by one"):
+        new = old + {"up": -3, "down": 3, "left": -1, "right": 1}[wish.split()[0]]
+    else:
+        row, column = (wish.split() * 2)[:2]
+        new = rows[row] * 3 + columns[column]
+    await _sort(hand, old, new)
+
+
+async def _sort(hand: Hand, old: int, new: int) -> None:
+    """Drag an item of a sortable list past the middle of the one whose place it takes."""
+    boxes = await hand.boxes("#sortable li")
+    start, end = middle(boxes[old]), middle(boxes[new])
+    past = 4 if new > old else -4
+    is_list = abs(boxes[0][0] - boxes[1][0]) < 1
+    across = 0 if is_list or abs(start[0] - end[0]) < 1 else math.copysign(4, end[0] - start[0])
+    down = past if is_list or abs(start[1] - end[1]) > 1 else 0
+    await hand.drag(At("#sortable li", index=old), (end[0] + across, end[1] + down))
+
+
+@solves("drag-sort-numbers")
+async def drag_sort_numbers(hand: Hand) -> None:
+    for place in range(4):
+        numbers = [int(text) for text in await hand.texts("#sortable li")]
+        wanted = numbers.index(sorted(numbers)[place])
+        if wanted != place:
+            await _sort(hand, wanted, place)
+    await hand.submit()
+
+
+@solves("drag-shapes")
+async def drag_shapes(hand: Hand) -> None:
+    (kind,) = hand.asked(r"all (\w+) into")
+    css = {"rectangles": "rect:not(#shape-container)", "circles": "circle", "triangles": "polygon"}[kind]
+    x, y, width, height = await hand.box("#shape-container")
+    for index, box in enumerate(await hand.boxes(f"#area_svg {css}")):
+        await hand.drag(middle(box), (x + 15 + index * 16 % (width - 20), y + height / 2))
+    await hand.submit()
+
+
+@solves("highlight-text", "highlight-text-2")
+async def highlight_text(hand: Hand) -> None:
+    css = "#randomText"
+    if "paragraph and" in hand.query:
+        css += " p:nth-of-type(%s)" % hand.asked(r"(\d)")[0]
+    ends = await hand.js(
+        f"""(one => {{
+            const range = document.createRange();
+            range.selectNodeContents(one);
+            const lines = [...range.getClientRects()].filter(line => line.width > 1);
+            const first = lines[0], last = lines[lines.length - 1];
+            return [first.left, first.top + first.height / 2, last.right, last.top + last.height / 2];
+        }})(document.querySelector("{css}"))"""
+    )
+    await hand.drag((ends[0] + 0.5, ends[1]), (ends[2] + 3, ends[3]))
+    await hand.submit()
+
+
+@solves("resize-textarea")
+async def resize_textarea(hand: Hand) -> None:
+    size, way = hand.asked(r"the (width|height) is (smaller|larger)")
+    x, y, width, height = await hand.box(".ui-wrapper, #tt")
+    corner = (x + width - 4, y + height - 4)
+    by = 15 if way == "larger" else -15
+    await hand.drag(corner, (corner[0] + by * (size == "width"), corner[1] + by * (size == "height")))
+    await hand.submit()
+
+
+@solves("hover-shape")
+async def hover_shape(hand: Hand) -> None:
+    while True:
+        await hand.hover("#highlight")
+
+
+@solves("chase-circle")
+async def chase_circle(hand: Hand) -> None:
+    while True:
+        await hand.hover(await _middle(hand, "#circ"))
+
+
+@solves("moving-items")
+async def moving_items(hand: Hand) -> None:
+    while True:
+        boxes = [box for box in await hand.boxes(".item") if 15 < box[0] < 130 and 55 < box[1] < 180]
+        if boxes:
+            await hand.click(middle(boxes[0]))
+        else:
+            await hand.wait(0.3)

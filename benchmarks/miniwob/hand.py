@@ -1,0 +1,270 @@
+"""What a solver does on a page: look, point, act."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import msgspec
+
+from webgym.browser import PageOptions, Slot
+from webgym.core.action import (
+    GRID,
+    BrowserAction,
+    DoubleClick,
+    Drag,
+    Hover,
+    LeftClick,
+    Mode,
+    Modifier,
+    Navigate,
+    Press,
+    RightClick,
+    Scroll,
+    Side,
+    Target,
+    Type,
+    Wait,
+)
+from webgym.core.observation import Element, Observation
+
+CALL_SECONDS = 20.0
+MAX_STEPS = 100
+EPISODE_MILLISECONDS = 2**31 - 1
+"""The pages' limit is for people and fast scripts; the longest that a timer takes."""
+
+Box: TypeAlias = tuple[float, float, float, float]
+Point: TypeAlias = tuple[float, float]
+
+FIND = """(css, text) => [...document.querySelectorAll(css)].filter(one => {
+    const style = getComputedStyle(one);
+    return one.getClientRects().length && style.visibility !== 'hidden' &&
+        (text === null || (one.textContent || one.value || '').replace(/\\s+/g, ' ').trim() === text);
+}).map(one => { const box = one.getClientRects()[0]; return [box.x, box.y, box.width, box.height]; })"""
+
+
+class MissingMark(Exception):
+    """An element that the task needs has no number."""
+
+
+class Unsolved(Exception):
+    """A solver does not find its way on the page."""
+
+
+class Finished(Exception):
+    """The page has given its reward."""
+
+
+@dataclass(frozen=True)
+class At:
+    """An element of the page: by a selector, the text that it shows, and which of those that fit."""
+
+    css: str
+    text: str | None = None
+    index: int = 0
+
+
+Where: TypeAlias = str | At | Element | Point
+
+
+class _Value(msgspec.Struct):
+    value: Any = None
+
+
+class _Result(msgspec.Struct):
+    result: _Value
+    exceptionDetails: Any = None  # noqa: N815 - the protocol's name
+
+
+def middle(box: Box) -> Point:
+    x, y, width, height = box
+    return x + width / 2, y + height / 2
+
+
+def is_inside(point: Point, box: Box) -> bool:
+    x, y, width, height = box
+    return x <= point[0] <= x + width and y <= point[1] <= y + height
+
+
+def overlap(one: Box, other: Box) -> float:
+    """The area that both cover as a share of what they cover together."""
+    wide = min(one[0] + one[2], other[0] + other[2]) - max(one[0], other[0])
+    tall = min(one[1] + one[3], other[1] + other[3]) - max(one[1], other[1])
+    common = max(wide, 0) * max(tall, 0)
+    return common / max(one[2] * one[3] + other[2] * other[3] - common, 1e-9)
+
+
+class Hand:
+    """An open episode of one task. Every action is one of the action space; what is read is the page itself.
+
+    By marks, a click needs the number of the element. A drag, a hover, or a place in a drawing may be a point
+    there too, as ``docs/actions.md`` says.
+
+    Raises:
+        Finished: by every action after which the page has given its reward.
+        MissingMark, Unsolved: as they say.
+    """
+
+    def __init__(self, slot: Slot, mode: Mode) -> None:
+        self.slot = slot
+        self.options = PageOptions(mode=mode, text=True, elements=True)
+        self.seen: Observation | None = None
+        self.steps = 0
+        self.query = ""
+
+    async def start(self, url: str, seed: int) -> None:
+        """Open the page and begin its task."""
+        await self.slot.open(self.options)
+        await self.slot.step(Navigate(url))
+        await self.js(
+            f"core.EPISODE_MAX_TIME = {EPISODE_MILLISECONDS}; Math.seedrandom({seed}); core.startEpisodeReal()"
+        )
+        await self.look()
+        self.query = await self.js("core.getUtterance()")
+        if isinstance(self.query, dict):
+            self.query = self.query["utterance"]
+
+    async def js(self, expression: str) -> Any:
+        """What an expression is in the page."""
+        asked = {"expression": expression, "returnByValue": True}
+        session = self.slot.page.session
+        answer = await session.call("Runtime.evaluate", asked, reply=_Result, seconds=CALL_SECONDS)
+        if answer.exceptionDetails:
+            raise Unsolved(f"{expression[:80]}: {answer.exceptionDetails['exception'].get('description')}")
+        return answer.result.value
+
+    async def reward(self) -> float | None:
+        """The page's, in [-1, 1], without what time takes off; None before it is given."""
+        reward: float | None = await self.js("WOB_DONE_GLOBAL ? WOB_RAW_REWARD_GLOBAL : null")
+        return reward
+
+    async def look(self) -> Observation:
+        self.seen = (await self.slot.step()).observation
+        return self.seen
+
+    async def act(self, action: BrowserAction) -> None:
+        self.steps += 1
+        if self.steps > MAX_STEPS:
+            raise Unsolved(f"more than {MAX_STEPS} steps")
+        self.seen = (await self.slot.step(action)).observation
+        if await self.reward() is not None:
+            raise Finished
+
+    # --- what is there ------------------------------------------------------------------------------
+
+    async def boxes(self, css: str, text: str | None = None) -> list[Box]:
+        """Where the elements of a selector are that are drawn."""
+        found = await self.js(f"({FIND})({json.dumps(css)}, {json.dumps(text)})")
+        return [(x, y, width, height) for x, y, width, height in found]
+
+    async def box(self, where: Where) -> Box:
+        if isinstance(where, Element):
+            return where.box
+        if isinstance(where, tuple):
+            return (*where, 0, 0)
+        at = At(where) if isinstance(where, str) else where
+        found = await self.boxes(at.css, at.text)
+        if len(found) <= at.index:
+            raise Unsolved(f"no {at}")
+        return found[at.index]
+
+    async def shows(self, css: str, text: str | None = None) -> bool:
+        return bool(await self.boxes(css, text))
+
+    async def texts(self, css: str) -> list[str]:
+        """What elements say, white space folded."""
+        script = f"[...document.querySelectorAll({json.dumps(css)})].map(one => one.textContent)"
+        return [re.sub(r"\s+", " ", text).strip() for text in await self.js(script)]
+
+    def quoted(self) -> list[str]:
+        """What stands between double quotes in the instruction."""
+        return re.findall(r'"([^"]*)"', self.query)
+
+    def asked(self, pattern: str) -> tuple[str, ...]:
+        """The groups of a pattern in the instruction."""
+        found = re.search(pattern, self.query)
+        if not found:
+            raise Unsolved(f"the instruction is {self.query!r}")
+        return found.groups()
+
+    # --- where to point -----------------------------------------------------------------------------
+
+    def at_point(self, point: Point) -> Target:
+        wide, tall = self.options.viewport
+        x, y = point[0] / wide * GRID, point[1] / tall * GRID
+        return Target(coordinate=(min(max(x, 0), GRID), min(max(y, 0), GRID)))
+
+    def mark(self, box: Box) -> Element | None:
+        """The numbered element at this box: the one that covers it best, if it is not beside it."""
+        assert self.seen is not None
+        fitting = [
+            one
+            for one in self.seen.elements or ()
+            if is_inside(middle(one.box), box) or is_inside(middle(box), one.box)
+        ]
+        return max(fitting, key=lambda one: overlap(one.box, box), default=None)
+
+    async def target(self, where: Where, *, or_point: bool = False) -> Target:
+        """Where to point, in the mode of the episode."""
+        if isinstance(where, tuple):
+            return self.at_point(where)
+        box = await self.box(where)
+        if self.options.mode == "coordinates":
+            return self.at_point(middle(box))
+        mark = self.mark(box)
+        if mark is None and not or_point:
+            raise MissingMark(f"{where}")
+        return Target(element=mark.number) if mark else self.at_point(middle(box))
+
+    # --- what to do ---------------------------------------------------------------------------------
+
+    async def click(self, where: Where, *modifiers: Modifier) -> None:
+        await self.act(LeftClick(await self.target(where), modifiers))
+
+    async def click_text(self, css: str, text: str, index: int = 0) -> None:
+        await self.click(At(css, text, index))
+
+    async def double_click(self, where: Where) -> None:
+        await self.act(DoubleClick(await self.target(where)))
+
+    async def right_click(self, where: Where) -> None:
+        await self.act(RightClick(await self.target(where)))
+
+    async def hover(self, where: Where) -> None:
+        await self.act(Hover(await self.target(where, or_point=True)))
+
+    async def drag(self, start: Where, end: Where) -> None:
+        start_target = await self.target(start, or_point=True)
+        await self.act(Drag(start_target, await self.target(end, or_point=True)))
+
+    async def type(self, where: Where, text: str, *, enter: bool = False) -> None:
+        await self.act(Type(await self.target(where), text, enter))
+
+    async def press(self, *keys: str) -> None:
+        await self.act(Press(keys))
+
+    async def scroll(self, side: Side, where: Where | None = None) -> None:
+        await self.act(Scroll(side, None if where is None else await self.target(where, or_point=True)))
+
+    async def wait(self, seconds: float) -> None:
+        await self.act(Wait(seconds))
+
+    async def choose(self, css: str, text: str) -> None:
+        """An option of a list that opens."""
+        await self.click(css)
+        assert self.seen is not None
+        for _ in range(20):
+            options = [one for one in self.seen.elements or () if one.role == "option"]
+            fitting = [one for one in options if one.name == text]
+            if fitting:
+                await self.click(fitting[0])
+                return
+            if not options:
+                break
+            await self.scroll("down", options[0])
+        raise Unsolved(f"no option {text!r}")
+
+    async def submit(self) -> None:
+        await self.click_text("button", "Submit")

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.miniwob --cache DIR``: how many tasks of MiniWoB++ are solved by coordinates and by marks."""
+"""``python -m benchmarks.miniwob --cache DIR``: MiniWoB++ by coordinates and by marks."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
-from rich.console import Console
-from rich.progress import Progress
-from rich.table import Table
-
 from benchmarks.miniwob import clicks, drawings, fields, widgets
 from benchmarks.miniwob.hand import Finished, Hand, MissingMark, Unsolved
 from benchmarks.miniwob.pages import install, serving
 from benchmarks.miniwob.registry import SOLVERS
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
 from webgym.browser import BrowserConfig, Egress, EgressConfig, ProfileRoot, Slot
 from webgym.browser.find import find_browser
 from webgym.core.action import Mode

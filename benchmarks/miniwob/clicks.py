@@ -59,7 +59,7 @@ async def click_dialog_2(hand: Hand) -> None:
 async def click_checkboxes(hand: Hand) -> None:
     (names,) = hand.asked(r"Select (.*) and click")
     for name in names.split(", ") if names != "nothing" else ():
-        await hand.click_text("#boxes label", name)
+        await hand.click_text("#area label", name)
     await hand.submit()
 
 
@@ -69,9 +69,9 @@ async def click_checkboxes_soft(hand: Hand) -> None:
     meant = await hand.js(
         f"SYNONYMS.filter(words => {names.split(', ')}.some(name => words.includes(name))).flat()"
     )
-    for text in await hand.texts("#boxes label"):
+    for text in await hand.texts("#area label"):
         if text in meant:
-            await hand.click_text("#boxes label", text)
+            await hand.click_text("#area label", text)
     await hand.submit()
 
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 
 from benchmarks.miniwob.hand import At, Box, Hand, Point, Unsolved, middle
 from benchmarks.miniwob.registry import solves
+
+from webgym.core.observation import Element
 
 
 async def _origin(hand: Hand, css: str = "svg") -> Point:
@@ -20,25 +23,28 @@ async def ascending_numbers(hand: Hand) -> None:
         await hand.click(f"svg rect[data-index='{number}']")
 
 
+FITTING = """(words => {
+    const parts = ['', '', words.pop()];
+    for (const word of words) parts[word === 'large' || word === 'small' ? 0 : 1] = word;
+    return __grid.shapes.filter(one => shapes.shapeMatchesText(one, {parts}))
+        .map(one => one.svg_shape.node().getBoundingClientRect())
+        .map(box => [box.x, box.y, box.width, box.height]);
+})"""
+"""The shapes that words fit, by the page's own rule."""
+
+
 @solves("click-shape")
 async def click_shape(hand: Hand) -> None:
-    await hand.js(
-        """(wish => {
-            const kind = one => one.tagName === 'rect' ? 'rectangle' : one.tagName === 'polygon' ? 'triangle' :
-                one.tagName === 'circle' ? 'circle' : /\\d/.test(one.textContent) ? 'digit' : 'letter';
-            const grown = one => parseFloat(one.getAttribute('font-size') || one.getBBox().width);
-            const shown = [...document.querySelectorAll('#area_svg > *')];
-            window.__fits = shown.filter(one => {
-                const color = one.getAttribute('fill') || one.style.fill;
-                const size = grown(one) > 14 ? 'large' : 'small';
-                const names = [color, size, kind(one), one.textContent, 'shape', 'item'];
-                return wish.every(word => names.includes(word));
-            });
-            window.__fits.forEach(one => one.setAttribute('data-fits', ''));
-        })(%s)"""
-        % str(hand.asked(r"Click on an? (.*)")[0].split())
-    )
-    await hand.click("#area_svg [data-fits]")
+    (words,) = hand.asked(r"Click on a (.*)")
+    boxes = await hand.js(f"{FITTING}({words.split()})")
+    await hand.click(Element(0, "", words, tuple(boxes[0])))
+
+
+@solves("count-shape")
+async def count_shape(hand: Hand) -> None:
+    (words,) = hand.asked(r"How many (.*)s are there")
+    boxes = await hand.js(f"{FITTING}({words.split()})")
+    await hand.click(At("#count-buttons button", str(len(boxes))))
 
 
 @solves("count-sides")
@@ -50,7 +56,8 @@ async def count_sides(hand: Hand) -> None:
             const angle = turn * Math.PI / 360;
             let radius = 50;
             while (radius > 0) {
-                const x = Math.round(75 + radius * Math.cos(angle)), y = Math.round(50 + radius * Math.sin(angle));
+                const x = Math.round(75 + radius * Math.cos(angle));
+                const y = Math.round(50 + radius * Math.sin(angle));
                 if (data[4 * (y * width + x) + 3] > 127) break;
                 radius -= 0.25;
             }
@@ -60,24 +67,16 @@ async def count_sides(hand: Hand) -> None:
     })()"""
     far = await hand.js(corners)
     # the distance of the rim from the middle swings once for every side
-    shares = {
-        sides: abs(
-            sum(
-                r * complex(math.cos(sides * i * math.pi / 360), math.sin(sides * i * math.pi / 360))
-                for i, r in enumerate(far)
-            )
-        )
+    swings = {
+        sides: abs(sum(radius * cmath.exp(1j * sides * math.radians(i / 2)) for i, radius in enumerate(far)))
         for sides in range(3, 8)
     }
-    await hand.click(f"#form [data-sides='{max(shares, key=lambda sides: shares[sides])}']")
+    await hand.click(f"#form [data-sides='{max(swings, key=lambda sides: swings[sides])}']")
 
 
 @solves("identify-shape")
 async def identify_shape(hand: Hand) -> None:
-    kind = await hand.js(
-        """(one => ({rect: 'rectangle', circle: 'circle', polygon: 'triangle'}[one.tagName]
-            || (/\\d/.test(one.textContent) ? 'digit' : 'letter')))(document.querySelector('#area_svg > *'))"""
-    )
+    kind = await hand.js("(({type, text}) => type === 'shape' ? text : type)(__grid.shapes[0])")
     await hand.click(f"#area-buttons [data-type={kind}]")
 
 
@@ -224,7 +223,8 @@ async def drag_shapes(hand: Hand) -> None:
 async def highlight_text(hand: Hand) -> None:
     css = "#randomText"
     if "paragraph and" in hand.query:
-        css += " p:nth-of-type(%s)" % hand.asked(r"(\d)")[0]
+        (place,) = hand.asked(r"(\d)")
+        css += f" p:nth-of-type({place})"
     ends = await hand.js(
         f"""(one => {{
             const range = document.createRange();
@@ -268,3 +268,27 @@ async def moving_items(hand: Hand) -> None:
             await hand.click(middle(boxes[0]))
         else:
             await hand.wait(0.3)
+
+
+@solves("drag-shapes-2")
+async def drag_shapes_2(hand: Hand) -> None:
+    (wish,) = hand.asked(r"Drag all (.*) into the left box")
+    kinds = {"rectangles": "rect:not(#shape-container)", "circles": "circle", "triangles": "polygon"}
+    every = ", ".join(f"#area_svg {css}" for css in kinds.values())
+    css = f"#area_svg {kinds[wish]}" if wish in kinds else f"#area_svg [fill={wish.split()[0]}]"
+    left, right = sorted(await hand.boxes("#shape-container"))
+    chosen = await hand.boxes(css)
+    for index, box in enumerate(await hand.boxes(every)):
+        x, y, width, height = left if box in chosen else right
+        await hand.drag(middle(box), (x + width / 2, y + height * (0.3 + 0.1 * index)))
+    await hand.submit()
+
+
+@solves("draw-line")
+async def draw_line(hand: Hand) -> None:
+    x, y = middle(await hand.box("#circ, svg circle"))
+    if "horizontal" in hand.query:
+        await hand.drag((x - 15, y), (x + 40, y))
+    else:
+        await hand.drag((x, y - 15), (x, y + 40))
+    await hand.submit()

@@ -44,6 +44,16 @@ FIND = """(css, text) => [...document.querySelectorAll(css)].filter(one => {
         (text === null || (one.textContent || one.value || '').replace(/\\s+/g, ' ').trim() === text);
 }).map(one => { const box = one.getClientRects()[0]; return [box.x, box.y, box.width, box.height]; })"""
 
+WATCH = """window.__pushed = [];
+new MutationObserver(changes => changes.forEach(({target, oldValue}) => {
+    if (target.classList.contains('push') && !/push/.test(oldValue)) __pushed.push(target.dataset.button);
+})).observe(document, {attributeFilter: ['class'], attributeOldValue: true, subtree: true});
+if (window.shapes) {
+    const render = shapes.renderGrid;
+    shapes.renderGrid = (svg, grid) => { window.__grid = grid; return render(svg, grid); };
+}"""
+"""What a person reads from the picture, kept for the scripts: what lights up, which shapes are drawn."""
+
 
 class MissingMark(Exception):
     """An element that the task needs has no number."""
@@ -113,18 +123,22 @@ class Hand:
         self.seen: Observation | None = None
         self.steps = 0
         self.query = ""
+        self.fields: dict[str, str] = {}
+        """What the page says the instruction asks, where that is in a person's own words."""
 
     async def start(self, url: str, seed: int) -> None:
         """Open the page and begin its task."""
         await self.slot.open(self.options)
         await self.slot.step(Navigate(url))
-        await self.js(
-            f"core.EPISODE_MAX_TIME = {EPISODE_MILLISECONDS}; Math.seedrandom({seed}); core.startEpisodeReal()"
-        )
+        await self.js(WATCH)
+        await self.js(f"core.EPISODE_MAX_TIME = {EPISODE_MILLISECONDS}; Math.seedrandom({seed})")
+        await self.js("core.startEpisodeReal()")
         await self.look()
-        self.query = await self.js("core.getUtterance()")
-        if isinstance(self.query, dict):
-            self.query = self.query["utterance"]
+        said = await self.js("core.getUtterance()")
+        if isinstance(said, dict):
+            self.fields = said["fields"]
+            said = said["utterance"]
+        self.query = said
 
     async def js(self, expression: str) -> Any:
         """What an expression is in the page."""

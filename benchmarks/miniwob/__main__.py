@@ -40,6 +40,8 @@ async def attempt(slot: Slot, url: str, mode: Mode, seed: int) -> tuple[bool, st
         why = f"no mark: {error}"
     except Unsolved as error:
         why = str(error)
+    except (LookupError, ValueError, TypeError, RuntimeError) as error:
+        why = f"the script failed: {error!r}"
     finally:
         if slot.is_open:
             await slot.close()

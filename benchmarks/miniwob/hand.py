@@ -133,7 +133,7 @@ class Hand:
         await self.js(WATCH)
         await self.js(f"core.EPISODE_MAX_TIME = {EPISODE_MILLISECONDS}; Math.seedrandom({seed})")
         await self.js("core.startEpisodeReal()")
-        await self.look()
+        self.seen = (await self.slot.step(Wait(0))).observation  # which waits until the page is quiet
         said = await self.js("core.getUtterance()")
         if isinstance(said, dict):
             self.fields = said["fields"]

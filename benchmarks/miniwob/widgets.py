@@ -283,7 +283,7 @@ MAIL = (
 
 @solves(*MAIL)
 async def email_inbox(hand: Hand) -> None:
-    fields = hand.fields or _wish(hand)
+    fields = {"task": "forward", **hand.fields} if hand.fields else _wish(hand)
     names = await hand.texts("#main .email-sender")
     thread = f"#main .email-thread[data-index='{names.index(fields['by'])}']"
     if fields["task"] in {"delete", "star"}:

@@ -35,6 +35,12 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["One", "Two"],
     ),
+    "what is drawn by its content alone": (
+        "<style>i{content:url('data:image/svg+xml,<svg xmlns=%22http://www.w3.org/2000/svg%22/>');"
+        "width:20px;height:20px}</style><div class=on style='cursor:pointer;height:90px'>"
+        "Mail <i class=on></i></div>" + LISTENS.format("click"),
+        ["Mail", ""],
+    ),
     "items of a list that listens": (
         "<ul class=on><li>One<li>Two<li>Three</ul>" + LISTENS.format("click"),
         ["One", "Two", "Three"],

@@ -246,7 +246,7 @@
     const style = getComputedStyle(element);
     const isPainted =
       style.backgroundImage !== 'none' || !/^rgba\(.*, 0\)$/.test(style.backgroundColor) ||
-      style.borderTopWidth !== '0px' || hasParts(element);
+      style.borderTopWidth !== '0px' || style.content !== 'normal' || hasParts(element);
     if (isPainted || hasOwnText(element) || childElementCount(element) > 3 || depth > 3) return false;
     return [...children(rootOf(element) || element)].every((child) => isBlank(child, depth + 1));
   };

@@ -25,10 +25,6 @@ _LOOKS = 3
 """Frames in frames, and roots in roots, take a look each the first time they are seen."""
 
 
-_CLOCK_SECONDS = 0.002
-"""What two processes read of one clock may differ by so much."""
-
-
 _NO_FRAME_YET = ("Unable to capture screenshot", "Not attached to an active page")
 """What Chromium says while a page comes or goes."""
 
@@ -259,21 +255,22 @@ class Ahead:
         self._page = page
         self._delay = delay
         self._asked_at = 0.0
+        """On the document's own clock, milliseconds."""
         self._loads = page.traffic.loads
         self._task = asyncio.get_running_loop().create_task(self._take())
 
     async def _take(self) -> bytes | None:
         await self._page.rest(self._delay)
-        self._asked_at = time.time()
         try:
+            self._asked_at = await self._page.run("now", reply=float)
             return await capture(self._page)
-        except (CommandFailed, TargetGone, BrowserTimeout, BrowserCrashed):
+        except (DocumentGone, CommandFailed, TargetGone, BrowserTimeout, BrowserCrashed):
             return None  # whoever asks for the next picture is told
 
     async def picture(self) -> bytes | None:
         """The picture, now that the page is quiet; ``None`` if it does not show what the page has become."""
         still_since = self._page.still_since
-        is_good = still_since is not None and still_since + _CLOCK_SECONDS < self._asked_at
+        is_good = still_since is not None and still_since < self._asked_at
         if is_good and self._loads == self._page.traffic.loads:
             return await self._task
         await self.cancel()

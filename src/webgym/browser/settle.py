@@ -40,7 +40,7 @@ class _Quiet(msgspec.Struct, frozen=True):
     """What ``webgym.quiet`` found. The page's timers are counted since its document began.
 
     Attributes:
-        moved: when something changed or moved last, milliseconds since the epoch.
+        moved: when something changed or moved last, milliseconds of the document's own clock.
         planned: timers set before the action's first event; ``None`` if none was seen.
         target: number of the element that the action's first event went to; 0 if none was seen.
         typed: whether a key was among the events.
@@ -188,7 +188,7 @@ class _Settling:
         page = self._page
         page.changes, page.timers_set = seen.changes, seen.timers
         if self._is_at_once and not seen.loading and seen.reason != "busy":
-            page.still_since = seen.moved / 1000
+            page.still_since = seen.moved
         page.idlers.learn(self._vain, self._target, brought=False)
         if seen.loading:
             page.post("overlook")

@@ -127,7 +127,7 @@ class Labelling:
         if not annotator:
             return _refused("who labels?", 400)
         try:
-            task_id = await self._read(lambda: self._run.catalogue.entry(said.id).task_id)
+            task_id = await self._read(lambda: self._run.entry(said.id).task_id)
         except KeyError:
             return _refused("no such trajectory", 404)
         note = " ".join(said.note.split())

@@ -31,7 +31,7 @@ from webgym.report.overview import Figures, Overview, is_whole, overview_html
 from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
 from webgym.report.template import Page
 from webgym.rollout.files import TASKS, TRAJECTORIES, disk_errors
-from webgym.rollout.records import CorruptLine, read_at
+from webgym.rollout.records import CorruptLine, Entry, read_at
 from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import VerdictReader
 
@@ -87,6 +87,18 @@ class LiveRun:
         made_from = [len(self.catalogue), self.catalogue.version, self.reader.summary, self.reader.config]
         return hashlib.sha256(repr(made_from).encode()).hexdigest()
 
+    def entry(self, attempt_id: str) -> Entry:
+        """Where a trajectory lies; one that is not known may have been written since.
+
+        Raises:
+            KeyError: there is none of this id.
+        """
+        try:
+            return self.catalogue.entry(attempt_id)
+        except KeyError:
+            self.refresh()
+            return self.catalogue.entry(attempt_id)
+
     def trajectory(self, attempt_id: str) -> Trajectory:
         """One trajectory.
 
@@ -94,7 +106,7 @@ class LiveRun:
             KeyError: there is none of this id.
             StoreCorrupt: its record changed since it was indexed.
         """
-        entry = self.catalogue.entry(attempt_id)
+        entry = self.entry(attempt_id)
         with disk_errors(f"reading {self.reader.path}"):
             return read_at(self.reader.path / TRAJECTORIES / entry.shard, entry)
 
@@ -141,6 +153,8 @@ class _Pages:
         return json_reply(await self.read(self._rows, wanted, int(after), min(int(count), _MOST_ROWS)))
 
     def _rows(self, wanted: Wanted, after: int, count: int) -> dict[str, Any]:
+        if not len(self._run.catalogue):
+            self._run.refresh()
         total, rows = self._run.catalogue.find(wanted, after, count)
         return {"total": total, "rows": rows}
 

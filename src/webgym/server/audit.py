@@ -24,6 +24,7 @@ class Audit:
     def __init__(self, handler: logging.Handler | None = None) -> None:
         self._handler = handler
         self._open: dict[str, tuple[float, str]] = {}
+        """When each began, and the name of its token."""
 
     def opened(self, session: str, *, token: str, client: str, address: str) -> None:
         """A session begins.
@@ -33,21 +34,22 @@ class Audit:
             client: what the client calls itself.
             address: where it called from.
         """
-        self._open[session] = (time.time(), token)
+        self._open[session] = (time.monotonic(), token)
         self._write("opened", session, token=token, client=client, address=address)
 
     def ended(self, session: str) -> None:
         """A session is over, however it ended."""
         if (known := self._open.pop(session, None)) is not None:
             began, token = known
-            self._write("ended", session, token=token, seconds=round(time.time() - began, 3))
+            self._write("ended", session, token=token, seconds=round(time.monotonic() - began, 3))
 
     def _write(self, event: str, session: str, **more: Any) -> None:
         if self._handler is None:
             return
-        line = {"time": round(time.time(), 3), "event": event, "session": session} | more
-        text = msgspec.json.encode(line).decode()
-        self._handler.handle(_log.makeRecord(_log.name, logging.INFO, __file__, 0, "%s", (text,), None))
+        record = _log.makeRecord(_log.name, logging.INFO, __file__, 0, "", (), None)
+        line = {"time": round(record.created, 3), "event": event, "session": session} | more
+        record.msg = msgspec.json.encode(line).decode()
+        self._handler.handle(record)
 
 
 @contextmanager

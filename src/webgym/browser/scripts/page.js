@@ -90,7 +90,7 @@
   };
   // To scroll is a change, but it is the agent's own; what the page makes of it is a reaction.
   const changed = (isReaction = true, nodes = []) => {
-    state.changedAt = Date.now();
+    state.changedAt = performance.now();
     state.changes += 1;
     if (isReaction) state.reactions += 1;
     state.onChange(nodes);
@@ -130,11 +130,13 @@
     }
   };
 
+  webgym.now = () => performance.now();
+
   // For frames of other origins, which the tab's own `quiet` does not see: how often they changed, and how
   // many milliseconds ago. Asked from outside, for no timer runs in a frame without scripts.
   webgym.still = () => {
     webgym.attach();
-    return { changes: state.changes, ago: Date.now() - state.changedAt };
+    return { changes: state.changes, ago: performance.now() - state.changedAt };
   };
 
   // --- the same picture for the same page ---------------------------------------------------------

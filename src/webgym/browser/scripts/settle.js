@@ -242,7 +242,7 @@
       await pause(tick);
       elapsed += tick;
       const isMoving = moving(busy).length > 0;
-      if (isMoving) movedAt = Date.now();
+      if (isMoving) movedAt = performance.now();
       if (state.changes !== known || isMoving) {
         known = state.changes;
         still = 0;

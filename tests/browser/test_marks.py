@@ -267,7 +267,7 @@ async def compare(tab: Tab, kind_of: dict[str, str]) -> None:
     assert not wrong, "\n".join(wrong)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 async def test_boxes_agree_with_the_document(site: Site, open_tab: Open, seed: int) -> None:
     kinds = [*CASES, *random.Random(seed).choices([*CASES], k=PER_PAGE)]
     tab = await open_tab("marks")
@@ -293,7 +293,7 @@ ZOOMED = {
 }
 
 
-@MODES
+@pytest.mark.parametrize("mode", ["marks", pytest.param("coordinates", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("style", ZOOMED.values(), ids=ZOOMED.keys())
 async def test_zoomed_and_turned_pages(site: Site, open_tab: Open, mode: str, style: str) -> None:
     names = [f"b{number}" for number in range(12)]

@@ -129,19 +129,30 @@ async def circle_center(hand: Hand) -> None:
 
 @solves("hot-cold")
 async def hot_cold(hand: Hand) -> None:
-    """Three circles would do; a narrowing grid of places is what a person does."""
+    """Feel for the place in ever smaller steps, each around where the last said that it is near."""
     left, top, width, height = await hand.box("#touch-area")
-    for step in (28, 12, 5):
-        best: list[Point] = []
-        for y in range(3, int(height), step):
-            for x in range(3, int(width), step):
-                await hand.hover((left + x, top + y))
-                said = (await hand.texts("#display"))[0]
-                if said == "HOT":
-                    await hand.click((left + x, top + y))
-                if said == "WARM" or (said == "COLD" and step == 28):
-                    best.append((x, y))
-    raise Unsolved(f"no hot place, the best are {best}")
+    centre, reach = (left + width / 2, top + height / 2), max(width, height) / 2
+    for step, near in ((28, {"COLD", "WARM", "HOT"}), (13, {"WARM", "HOT"}), (6, {"HOT"})):
+        places = [
+            (x, y)
+            for y in _steps(centre[1] - reach, centre[1] + reach, step)
+            for x in _steps(centre[0] - reach, centre[0] + reach, step)
+            if left + 1 < x < left + width - 1 and top + 1 < y < top + height - 1
+        ]
+        for place in places:
+            await hand.hover(place)
+            if (await hand.texts("#display"))[0] in near:
+                break
+        else:
+            raise Unsolved(f"nothing is {near}")
+        centre, reach = place, 40 if step == 28 else 10
+    await hand.click(centre)
+
+
+def _steps(first: float, last: float, step: float) -> list[float]:
+    """Places no further apart than this, from the first to the last."""
+    count = math.ceil((last - first) / step)
+    return [first + (index + 0.5) * (last - first) / count for index in range(count)]
 
 
 @solves("drag-box")
@@ -248,12 +259,6 @@ async def resize_textarea(hand: Hand) -> None:
     await hand.submit()
 
 
-@solves("hover-shape")
-async def hover_shape(hand: Hand) -> None:
-    while True:
-        await hand.hover("#highlight")
-
-
 @solves("chase-circle")
 async def chase_circle(hand: Hand) -> None:
     while True:
@@ -292,3 +297,14 @@ async def draw_line(hand: Hand) -> None:
     else:
         await hand.drag((x, y - 15), (x, y + 40))
     await hand.submit()
+
+
+@solves("drag-cube")
+async def drag_cube(hand: Hand) -> None:
+    number = hand.quoted()[0]
+    x, y = middle(await hand.box("#wrapper .viewport"))
+    for across, down in ((30, 0),) * 8 + ((0, 30),) * 8 + ((0, -30), (30, 0)) * 16:
+        if (await hand.texts(".cube-image.active"))[:1] == [number]:
+            await hand.submit()
+        await hand.drag((x - across / 2, y - down / 2), (x + across / 2, y + down / 2))
+    raise Unsolved(f"{number} does not come to the front")

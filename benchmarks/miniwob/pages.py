@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import sys
 import threading
 import zipfile
 from collections.abc import Iterator
@@ -19,7 +20,10 @@ def install(cache: Path) -> Path:
     folder = cache / "miniwob/html"
     if not folder.is_dir():
         cache.mkdir(parents=True, exist_ok=True)
-        subprocess.run(["pip", "download", "--quiet", "--no-deps", "--dest", cache, PACKAGE], check=True)
+        subprocess.run(
+            [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--dest", cache, PACKAGE],
+            check=True,
+        )
         with zipfile.ZipFile(next(cache.glob("miniwob-*.whl"))) as wheel:
             wheel.extractall(cache)
     return folder

@@ -10,8 +10,6 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response, StreamingResponse
 
 from webgym.browser import BrowserConfig
-from webgym.browser.observe import capture
-from webgym.browser.page import Page
 from webgym.core.action import LeftClick, Target
 
 from .conftest import Open, Site, Tab
@@ -201,7 +199,7 @@ async def test_the_deadline_is_hard_and_said(site: Site, open_tab: Open) -> None
     assert settle_ms(tab) < 3000
 
 
-async def test_a_picture_taken_ahead_is_of_the_page_as_it_is(site: Site, tab: Tab) -> None:
+async def test_a_picture_is_of_the_page_as_it_is(site: Site, tab: Tab) -> None:
     """What changes at once, a little later or not at all after a click is in the picture."""
     await tab.goto(
         site.page(
@@ -214,20 +212,3 @@ async def test_a_picture_taken_ahead_is_of_the_page_as_it_is(site: Site, tab: Ta
         look = await tab.step(NOWHERE)
         assert tab.text == [str(clicks)]
         assert look.image == await tab.slot.screenshot()
-
-
-async def test_a_page_that_is_quiet_at_once_is_pictured_once(
-    site: Site, tab: Tab, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    taken: list[bytes] = []
-
-    async def count(page: Page) -> bytes:
-        taken.append(await capture(page))
-        return taken[-1]
-
-    monkeypatch.setattr("webgym.browser.observe.capture", count)
-    await tab.goto(site.page("<p>text</p>"))
-    await tab.step(NOWHERE)
-    await tab.step(NOWHERE)
-    assert tab.slot.page.still_since is not None
-    assert len(taken) == 3

@@ -10,13 +10,12 @@ from typing import TypeVar
 
 import msgspec
 
-from webgym.browser.cdp import CommandFailed, TargetGone
+from webgym.browser.cdp import CommandFailed
 from webgym.browser.page import Page
 from webgym.browser.settle import settle
 from webgym.browser.wire import Screenshot
 from webgym.browser.worlds import DocumentGone
-from webgym.core.action import Scroll
-from webgym.core.errors import BrowserCrashed, BrowserTimeout
+from webgym.core.errors import BrowserTimeout
 from webgym.core.observation import Element, Notice, Observation
 
 T = TypeVar("T")
@@ -93,13 +92,12 @@ class Seen(msgspec.Struct, frozen=True):
         return (Notice("shortened", named),) if named else ()
 
 
-async def look(page: Page, settled: str, milliseconds: dict[str, float], ahead: Ahead | None = None) -> Look:
+async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look:
     """Look at the page as it is now.
 
     Args:
         settled: why the wait for it ended.
         milliseconds: wall time of the operations so far; completed here.
-        ahead: a picture that was begun before the wait ended; no marks are in it.
 
     Raises:
         BrowserTimeout: no picture within the deadline.
@@ -110,7 +108,7 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], ahead: 
     seen = await _see(page)
     between = time.perf_counter()
     try:
-        image = (await ahead.picture() if ahead is not None else None) or await capture(page)
+        image = await capture(page)
     finally:
         if marks:
             page.post("unmark")
@@ -238,53 +236,3 @@ async def capture(page: Page) -> bytes:
                 return shot.data
     except TimeoutError:
         raise BrowserTimeout(f"no screenshot within {config.screenshot_seconds:g} s") from None
-
-
-class Ahead:
-    """A picture that is taken while it is still waited whether the page is quiet.
-
-    A step on a page that is quiet at once is two waits, one for nothing to happen and one for the picture,
-    and they overlap. The picture is good if nothing changed and nothing was loaded since it was asked for.
-
-    Args:
-        page: the action has been carried out on it.
-        delay: seconds until the picture is taken, for what the action changes at once.
-    """
-
-    def __init__(self, page: Page, delay: float) -> None:
-        self._page = page
-        self._delay = delay
-        self._asked_at = 0.0
-        """On the document's own clock, milliseconds."""
-        self._loads = page.traffic.loads
-        self._task = asyncio.get_running_loop().create_task(self._take())
-
-    async def _take(self) -> bytes | None:
-        await self._page.rest(self._delay)
-        try:
-            self._asked_at = await self._page.run("now", reply=float)
-            return await capture(self._page)
-        except (DocumentGone, CommandFailed, TargetGone, BrowserTimeout, BrowserCrashed):
-            return None  # whoever asks for the next picture is told
-
-    async def picture(self) -> bytes | None:
-        """The picture, now that the page is quiet; ``None`` if it does not show what the page has become."""
-        still_since = self._page.still_since
-        is_good = still_since is not None and still_since < self._asked_at
-        if is_good and self._loads == self._page.traffic.loads:
-            return await self._task
-        await self.cancel()
-        return None
-
-    async def cancel(self) -> None:
-        """Do without it. Safe to call twice."""
-        self._task.cancel()
-        await asyncio.gather(self._task, return_exceptions=True)
-
-
-def look_ahead(page: Page, action: object) -> Ahead | None:
-    """Begin to take a picture ahead after an action, if it is likely to be good."""
-    if page.still_since is None or page.options.mode == "marks" or not page.traffic.is_idle():
-        return None  # the last step took longer, or marks are to be drawn first
-    # What is scrolled moves with the next frame.
-    return Ahead(page, page.config.tick_seconds * (2 if isinstance(action, Scroll) else 1))

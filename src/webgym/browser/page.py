@@ -118,9 +118,6 @@ class Page:
         self.timers = timers
         self.timers_set = 0
         """Timers that the document had set when it was last seen quiet."""
-        self.still_since: float | None = None
-        """When the document last changed, milliseconds of its own clock; ``None`` if the last wait did not
-        find it quiet at once."""
         self.idlers = Idlers()
         """Timers that were waited for and brought nothing to see."""
         self.acted = time.monotonic()

@@ -40,7 +40,6 @@ class _Quiet(msgspec.Struct, frozen=True):
     """What ``webgym.quiet`` found. The page's timers are counted since its document began.
 
     Attributes:
-        moved: when something changed or moved last, milliseconds of the document's own clock.
         planned: timers set before the action's first event; ``None`` if none was seen.
         target: number of the element that the action's first event went to; 0 if none was seen.
         typed: whether a key was among the events.
@@ -51,7 +50,6 @@ class _Quiet(msgspec.Struct, frozen=True):
 
     reason: Literal["unchanged", "quiet", "busy"]
     changes: int
-    moved: float
     planned: int | None
     target: int
     typed: bool
@@ -122,17 +120,11 @@ class _Settling:
         self._target = ""
         self._has_typed = False
         self._changes = page.changes
-        self._rounds = 0
-        self._is_at_once = False
-        """Whether the first round is the last, and nothing was loading."""
-        page.still_since = None
 
     async def run(self) -> Reason:
         page = self._page
         while True:
             self._has_loaded = self._has_loaded or not page.traffic.is_idle()
-            self._is_at_once = self._rounds == 0 and not self._has_loaded and page.traffic.is_idle()
-            self._rounds += 1
             page.workers.ask()
             await page.traffic.idle(self._patience)
             try:
@@ -187,8 +179,6 @@ class _Settling:
     def _end(self, seen: _Quiet) -> Reason:
         page = self._page
         page.changes, page.timers_set = seen.changes, seen.timers
-        if self._is_at_once and not seen.loading and seen.reason != "busy":
-            page.still_since = seen.moved
         page.idlers.learn(self._vain, self._target, brought=False)
         if seen.loading:
             page.post("overlook")

@@ -22,7 +22,7 @@ from webgym.browser.document import Document, ReadRequest, read
 from webgym.browser.effect import traced, untraced
 from webgym.browser.egress import Door, Egress
 from webgym.browser.gestures import AnyAction, carry_out
-from webgym.browser.observe import Ahead, Look, Metadata, ask, capture, look, look_ahead
+from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
@@ -103,7 +103,6 @@ class Slot:
         self._episodes = 0
         self._milliseconds: dict[str, float] = {}
         self._settled = ""
-        self._ahead: Ahead | None = None
 
     # --- the browser --------------------------------------------------------------------------------
 
@@ -351,11 +350,8 @@ class Slot:
 
     # --- one step -----------------------------------------------------------------------------------
 
-    async def act(self, action: AnyAction, *, with_picture: bool = False) -> None:
+    async def act(self, action: AnyAction) -> None:
         """Carry an action out and wait until the page is quiet. What the page refuses is kept as a notice.
-
-        Args:
-            with_picture: :meth:`observe` comes next; its picture may be taken meanwhile.
 
         Raises:
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
@@ -372,8 +368,6 @@ class Slot:
             async with self._traced(page, action):
                 await self._perform(page, action)
                 self._milliseconds[operation] = (time.perf_counter() - start) * 1000
-                if with_picture:
-                    self._ahead = look_ahead(page, action)
                 self._settled = await settle_timed(page, self._milliseconds)
             if isinstance(action, GoBack):
                 await self._go_past(page, action)
@@ -437,7 +431,7 @@ class Slot:
         page = self._living_page()
         milliseconds, self._milliseconds = self._milliseconds, {}
         try:
-            return await self._look_at(page, lambda: look(page, self._settled, milliseconds, self._ahead))
+            return await self._look_at(page, lambda: look(page, self._settled, milliseconds))
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
 
@@ -456,16 +450,11 @@ class Slot:
         self, action: AnyAction | None = None, *, between: Callable[[], Awaitable[None]] | None = None
     ) -> Look:
         """Act, then look. What is awaited ``between`` the two may put the slot to sleep."""
-        try:
-            if action is not None:
-                await self.act(action, with_picture=True)
-                if between is not None:
-                    await between()
-            return await self.observe()
-        finally:
-            ahead, self._ahead = self._ahead, None
-            if ahead is not None:
-                await ahead.cancel()
+        if action is not None:
+            await self.act(action)
+            if between is not None:
+                await between()
+        return await self.observe()
 
     async def screenshot(self) -> bytes:
         """The bare picture, without marks and without waiting."""

@@ -93,8 +93,6 @@ class Traffic:
         """Endpoints that did not answer in time when they were last asked."""
         self._unread: set[str] = set()
         """Endpoints whose answers did not end in time: only their heads are waited for."""
-        self.loads = 0
-        """What began or ended to load, counted."""
         self._asked: Counter[str] = Counter()
         """How often addresses were asked since the wait began, numbers in them left out."""
         self._polled: set[str] = set()
@@ -139,14 +137,12 @@ class Traffic:
         is_request: bool = True,
     ) -> None:
         """Something is in flight and waited for until it ends, ``seconds`` at most."""
-        self.loads += 1
         limit = 0.0 if endpoint in self._outlasting else seconds
         self._in_flight[key] = _InFlight(self._clock(), limit, endpoint, is_patient and limit > 0, is_request)
         self._changed.set()
 
     def end(self, key: str) -> None:
         """It is no longer in flight."""
-        self.loads += 1
         ended = self._in_flight.pop(key, None)
         if ended is None:
             return

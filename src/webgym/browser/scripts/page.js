@@ -130,8 +130,6 @@
     }
   };
 
-  webgym.now = () => performance.now();
-
   // For frames of other origins, which the tab's own `quiet` does not see: how often they changed, and how
   // many milliseconds ago. Asked from outside, for no timer runs in a frame without scripts.
   webgym.still = () => {

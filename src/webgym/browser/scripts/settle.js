@@ -217,14 +217,14 @@
     state.hasTyped = false;
     webgym.attach();
     const early = timers.asked();
-    let [elapsed, still, known, isCounting, movedAt] = [0, 0, state.changes, false, 0];
+    let [elapsed, still, known, isCounting] = [0, 0, state.changes, false];
     let found = null;
     const patience = () => (found === true || found[1] === isTurning ? linger / 2 : linger);
     const verdict = (reason) => {
       webgym.census(false);
       state.settled = state.reactions;
       return {
-        reason, changes: state.changes, moved: Math.max(state.changedAt, movedAt), loading: Boolean(found),
+        reason, changes: state.changes, loading: Boolean(found),
         planned, target, typed: hasTyped, early, timers: timers.asked(), handles: timers.given(),
       };
     };
@@ -241,9 +241,7 @@
     for (;;) {
       await pause(tick);
       elapsed += tick;
-      const isMoving = moving(busy).length > 0;
-      if (isMoving) movedAt = performance.now();
-      if (state.changes !== known || isMoving) {
+      if (state.changes !== known || moving(busy).length) {
         known = state.changes;
         still = 0;
         webgym.attach();

@@ -629,7 +629,8 @@ def test_browsers_that_go_in_the_middle_leave_nothing(run: Run) -> None:
                     writer.transport.abort()
                 await until(lambda: not egress.waiting and not egress._books.transports)
                 assert egress.load.results["abandoned"] >= 5
-                assert not egress._dialer._resolver._flights, "what nobody waits for is not asked any more"
+                # Nobody waits for it: not asked any more, and forgotten a turn of the loop later.
+                await until(lambda: not egress._dialer._resolver._flights)
 
     run(scene())
 

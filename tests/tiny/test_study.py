@@ -20,6 +20,7 @@ from tests.train.worlds import training_of
 from webgym.core.errors import ConfigError, RunFolderError, UsageError
 from webgym.tiny import study
 from webgym.tiny.study import Result, carry_out, read_study, table, write
+from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig, Training
 
 STUDY = read_study([])
@@ -139,3 +140,32 @@ async def test_a_training_that_was_begun_with_other_settings_is_not_gone_on_with
     with pytest.raises(RunFolderError, match="was made with other settings"):
         await carry_out(other, tmp_path / "weights", ["reference"], 1, tmp_path, print)
     assert len((tmp_path / "study.md").read_text().splitlines()) == 2, "no figures yet"
+
+
+async def test_the_first_weights_are_evaluated_once_for_all_rows_with_the_same_agent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    evaluated: list[str] = []
+
+    class Evaluating:
+        def __init__(self, folder: TrainingFolder) -> None:
+            self.folder = folder
+
+        async def run(self) -> None:
+            if not self.folder.is_evaluated(0):
+                evaluated.append(self.folder.path.parent.name)
+                self.folder.evaluation(0).mkdir(parents=True)
+                (self.folder.evaluation(0) / "summary.json").write_text("{}")
+                self.folder.write_evaluation(0, {"success_rate": {"overall": 0.25}})
+
+    @asynccontextmanager
+    async def opened(held: TrainConfig, out: Path, **_: Any) -> AsyncIterator[Evaluating]:
+        yield Evaluating(TrainingFolder(out))
+
+    monkeypatch.setattr(study, "open_training", opened)
+    monkeypatch.setattr(study, "result_of", lambda _, row, seed: Result(row, seed, [0, 640], [0.25, 0.5]))
+    (first := tmp_path / "weights").mkdir()
+    rows = ["reference", "without memory", "shorter horizon, uniform", "groups with importance weights"]
+    await carry_out(STUDY, first, rows, 2, tmp_path, print)
+    assert evaluated == ["reference", "without-memory"]  # which has a prompt of its own
+    assert (tmp_path / "trainings/reference/seed-2/evaluations/0000/summary.json").is_file()

@@ -11,6 +11,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import torch
@@ -21,6 +22,11 @@ from webgym.core.trajectory import ImageRef, Message, TextPart
 
 THINK_START = "<think>"
 THINK_END = "</think>"
+
+_SMALL = 256 * 256
+"""Pixels of a picture that is worth remembering: half of a small website's looks are at pages seen before."""
+_REMEMBERED = 256
+"""Small pictures; at most 0.4 GB in patches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +73,7 @@ class Renderer:
         self.pad_id: int = (
             tokenizer.eos_token_id if tokenizer.pad_token_id is None else tokenizer.pad_token_id
         )
+        self._remembered = lru_cache(_REMEMBERED)(self._pixels_of)
 
     def prompt(self, messages: Sequence[Message], images: Mapping[str, bytes]) -> Encoded:
         """A request as the model reads it.
@@ -131,11 +138,19 @@ class Renderer:
         refs = pictures_of(messages)
         if not refs:
             return None
-        decoded = [_decoded(images[ref.screenshot]) for ref in refs]
-        for ref, picture in zip(refs, decoded, strict=True):
-            if picture.size != (ref.width, ref.height):
-                raise PolicyError(f"a picture of {picture.size} was to be sent as {ref.width} x {ref.height}")
-        made = self.image_processor(images=decoded, return_tensors="pt")
+        found = [
+            (self._remembered if ref.width * ref.height <= _SMALL else self._pixels_of)(
+                images[ref.screenshot], ref.width, ref.height
+            )
+            for ref in refs
+        ]
+        return Pixels(torch.cat([each.values for each in found]), torch.cat([each.grid for each in found]))
+
+    def _pixels_of(self, data: bytes, width: int, height: int) -> Pixels:
+        decoded = _decoded(data)
+        if decoded.size != (width, height):
+            raise PolicyError(f"a picture of {decoded.size} was to be sent as {width} x {height}")
+        made = self.image_processor(images=[decoded], return_tensors="pt")
         return Pixels(made["pixel_values"], made["image_grid_thw"])
 
     def image_tokens(self, messages: Sequence[Message]) -> list[int]:

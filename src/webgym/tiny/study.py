@@ -13,6 +13,7 @@ import asyncio
 import hashlib
 import json
 import re
+import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from statistics import mean, stdev
@@ -135,13 +136,14 @@ async def carry_out(
         RunFolderError: ``study.json`` cannot be read, or a training in it was begun with other settings.
     """
     results = {(each.row, each.seed): each for each in _read(out / RESULTS)}
+    evaluated: dict[str, TrainingFolder] = {}  # the first weights are, once for all rows with the same agent
     first = await asyncio.to_thread(_hash_of, weights)
     wanted = [(row, seed) for seed in range(1, seeds + 1) for row in rows]
     for number, (row, seed) in enumerate(wanted, start=1):
         config = study.training(row, seed, weights)
         folder = TrainingFolder(out / "trainings" / _slug(row) / f"seed-{seed}")
         tell(f"training {number} of {len(wanted)}: {row}, seed {seed}")
-        settings = _settings(config, first)
+        settings, same = _settings(config, first), evaluated.get(_evaluation_of(config))
         begun = results.setdefault((row, seed), Result(row, seed, [], [], settings))
         if begun.settings not in ("", settings):
             raise RunFolderError(
@@ -155,10 +157,27 @@ async def carry_out(
             resume = (folder.path / CONFIG).exists()
             held = read_config(folder.path) if resume else config
             async with open_training(held, folder.path, resume=resume, tell=tell) as training:
+                if same is not None and not folder.is_evaluated(0):
+                    _copy_evaluation(same, folder)
                 await training.run()
+        if folder.is_evaluated(0):
+            evaluated.setdefault(_evaluation_of(config), folder)
         results[row, seed] = msgspec.structs.replace(result_of(folder, row, seed), settings=settings)
         write(study, list(results.values()), out)
     return [results[each] for each in wanted]
+
+
+def _evaluation_of(config: TrainConfig) -> str:
+    """What an evaluation of the first weights depends on; not on what is drawn and learned from."""
+    budgets = {f"budget_{difficulty}" for difficulty in ("easy", "medium", "hard")}
+    learning: Any = dict.fromkeys(("loop", "sampler", "learn", "seed"), True)
+    return config.model_dump_json(exclude=learning | {"rollout": {"attempt": budgets, "samples": True}})
+
+
+def _copy_evaluation(made: TrainingFolder, folder: TrainingFolder) -> None:
+    source, own = made.evaluation(0), folder.evaluation(0)
+    shutil.copytree(source, own, dirs_exist_ok=True)
+    shutil.copy(source.with_suffix(".json"), own.with_suffix(".json"))  # last: it says that all is there
 
 
 def _read(path: Path) -> list[Result]:

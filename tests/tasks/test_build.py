@@ -77,6 +77,7 @@ class Command:
                     "plaintext": ["browsecomp"] if plaintext else [],
                     "today": TODAY,
                     "split": {"test_tasks": count},
+                    "figures": False,
                     "duplicates": {"per_template": 3},
                 }
             )
@@ -228,7 +229,6 @@ def check(out: Path, command: Command) -> None:
     assert failed["rubrics"]
     assert dropped["duplicates", "same"]
     assert (out / "statistics.json").exists()
-    assert list((out / "figures").glob("*.svg"))
 
 
 async def test_ctrl_c_is_one_line_and_loses_nothing(tmp_path: Path) -> None:
@@ -244,20 +244,14 @@ async def test_ctrl_c_is_one_line_and_loses_nothing(tmp_path: Path) -> None:
             _, wrong = await process.communicate()
         assert (process.returncode, wrong.decode()) == (130, STOPPED)
         endpoint.hold_after = None
-        await command.build(out)
+        await command.build(out, figures=True)
         assert max(endpoint.paid.values()) == 1
-
-
-@pytest.fixture
-def _plain(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without figures, which take longer than the rest."""
-    monkeypatch.setattr("webgym.tasks.figures.draw_figures", lambda found, folder: [])
+        assert list((out / "figures").glob("*.svg"))
 
 
 PRICES = {"*": {"prompt": 1, "completion": 4}}
 
 
-@pytest.mark.usefixtures("_plain")
 async def test_a_dry_run_counts_before_it_asks_and_measures_what_is_there(tmp_path: Path) -> None:
     async with serve() as endpoint:
         command = Command(endpoint, tmp_path, count=6)
@@ -293,7 +287,6 @@ async def test_a_dry_run_counts_before_it_asks_and_measures_what_is_there(tmp_pa
         assert trial.dollars is None
 
 
-@pytest.mark.usefixtures("_plain")
 async def test_a_budget_stops_the_build_and_a_larger_one_goes_on(tmp_path: Path) -> None:
     async with serve() as endpoint:
         command = Command(endpoint, tmp_path, count=4)
@@ -311,7 +304,6 @@ async def test_a_budget_stops_the_build_and_a_larger_one_goes_on(tmp_path: Path)
         assert {purpose for purpose, _ in spent.rows} == {"website", "rubric", "rewriting"}
 
 
-@pytest.mark.usefixtures("_plain")
 async def test_batch_files_in_place_of_calls(tmp_path: Path) -> None:
     async with serve() as endpoint:
         command = Command(endpoint, tmp_path, count=4)
@@ -349,7 +341,6 @@ async def answer_batches(endpoint: Endpoint, paths: Sequence[Path], out: Path) -
         assert (await import_results(cache, results)).unanswered == []
 
 
-@pytest.mark.usefixtures("_plain")
 async def test_encrypted_sources_stay_out_unless_they_are_named(tmp_path: Path) -> None:
     async with serve() as endpoint:
         endpoint.misbehaves = False
@@ -365,7 +356,6 @@ async def test_encrypted_sources_stay_out_unless_they_are_named(tmp_path: Path) 
         assert [task for task in all_tasks(tmp_path / "named") if task.source == "browsecomp"]
 
 
-@pytest.mark.usefixtures("_plain")
 async def test_an_endpoint_that_cannot_be_used_ends_it_and_the_next_run_goes_on(tmp_path: Path) -> None:
     async with serve() as endpoint:
         endpoint.misbehaves = False
@@ -378,7 +368,6 @@ async def test_an_endpoint_that_cannot_be_used_ends_it_and_the_next_run_goes_on(
         assert (await command.build(tmp_path / "out")).written
 
 
-@pytest.mark.usefixtures("_plain")
 async def test_the_day_of_the_first_run_stays_and_the_config_is_there_to_read(tmp_path: Path) -> None:
     async with serve() as endpoint:
         endpoint.misbehaves = False
@@ -432,7 +421,6 @@ async def test_a_manifest_does_not_outlive_its_set(tmp_path: Path, monkeypatch: 
     assert not (out / "manifest.json").exists(), "it would tell of a set that is no longer there"
 
 
-@pytest.mark.usefixtures("_plain")
 async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
     rows = [
         {

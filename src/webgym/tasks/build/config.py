@@ -116,6 +116,9 @@ class BuildConfig(BaseModel):
     assumptions: Assumptions = Assumptions()
     """For ``--dry-run``."""
 
+    figures: bool = True
+    """Whether the figures of the statistics are drawn, which takes seconds."""
+
     endpoint_failures: int = Field(default=20, ge=1)
     """So many calls in a row that the endpoint fails, for whatever reason, end the build."""
 

@@ -44,8 +44,6 @@ def write_build(build: Build, out: Path, today: date, stages: Stages) -> list[Pa
         BooksDoNotBalance: the set contradicts itself.
         TaskFileError: the folder cannot be written.
     """
-    from webgym.tasks.figures import draw_figures  # matplotlib: seconds that a dry run need not wait
-
     report = validate(build.tasks)
     if not report.ok:
         raise BooksDoNotBalance(f"the set would contradict itself: {report.offenders[0]}")
@@ -67,7 +65,10 @@ def write_build(build: Build, out: Path, today: date, stages: Stages) -> list[Pa
             statistics = describe(build.tasks)
             written.append(out / "statistics.json")
             _write(written[-1], _indented(statistics))
-            written += draw_figures(statistics, out / "figures")
+            if build.config.figures:
+                from webgym.tasks.figures import draw_figures  # matplotlib: seconds that others need not wait
+
+                written += draw_figures(statistics, out / "figures")
             advance(len(build.tasks))
         written.append(out / MANIFEST)
         _write(written[-1], _indented(manifest(build, today)))
@@ -102,7 +103,7 @@ def _lists(build: Build) -> dict[str, Iterable[msgspec.Struct | dict[str, Any]]]
 def manifest(build: Build, today: date) -> dict[str, Any]:
     """What was built from what, and where every task went; nothing that changes from run to run."""
     config = build.config.model_dump(
-        mode="json", exclude={"budget", "assumptions", "today", "endpoint_failures"}
+        mode="json", exclude={"budget", "assumptions", "today", "endpoint_failures", "figures"}
     )
     stages: dict[str, dict[str, Any]] = {}
     for row in build.books.rows:

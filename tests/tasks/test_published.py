@@ -281,7 +281,7 @@ def test_any_values_are_a_task_or_a_reason(told: dict[str, Any]) -> None:
 
 
 @given(content=published_files())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_any_file_is_written_again_byte_for_byte_by_way_of_every_format(
     tmp_path_factory: pytest.TempPathFactory, content: bytes
 ) -> None:

@@ -13,7 +13,7 @@ import pytest
 from webgym.core.text import fold, says
 from webgym.offline.families._phrases import nice_between
 from webgym.offline.families.encyclopedia import Encyclopedia, stock
-from webgym.offline.families.encyclopedia.schema import NONE
+from webgym.offline.families.encyclopedia.schema import NONE, STOCK
 from webgym.offline.look import look
 from webgym.offline.website import Response, State, Visit, slug
 
@@ -68,7 +68,7 @@ def test_websites_differ() -> None:
 
 
 def test_every_subject_can_be_built() -> None:
-    for subject in stock.SUBJECTS:
+    for subject in STOCK.subjects:
         assert len(stock.make(3, subject).articles) > 24, subject.noun
 
 
@@ -201,7 +201,7 @@ def test_nice_numbers_lie_between(low: int, high: int, nice: int) -> None:
 
 def test_every_subject_has_its_picture() -> None:
     site = made(100)
-    for subject in stock.SUBJECTS:
+    for subject in STOCK.subjects:
         drawn = ask(site, f"/picture/{subject.picture}/Tom%20%26%20Co.svg").body
         ElementTree.fromstring(drawn)
         assert drawn != ask(site, f"/picture/{subject.picture}/Another.svg").body

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from webgym.offline.families.government import Government
-from webgym.offline.families.government.words import BODIES, SERVICES
+from webgym.offline.families.government.words import WORDS
 from webgym.offline.look import look
 from webgym.offline.seeds import number
 from webgym.offline.website import Response, State, Visit, slug
@@ -108,7 +108,7 @@ def test_minutes_add_up_and_offices_are_open_in_the_right_order(index: int) -> N
 
 
 def test_no_name_of_a_service_is_part_of_another_on_the_same_website() -> None:
-    for body in BODIES.values():
-        offered = [name.casefold() for group in body.groups for name in SERVICES[group]]
+    for body in WORDS.bodies.values():
+        offered = [name.casefold() for group in body.groups for name in WORDS.services[group]]
         assert len(set(offered)) == len(offered)
         assert not [(a, b) for a in offered for b in offered if a != b and a in b]

@@ -14,7 +14,8 @@ import pytest
 
 from webgym.core.text import fold, says
 from webgym.offline.families.shop import Shop, art
-from webgym.offline.families.shop.catalogue import SECTORS, sector_of
+from webgym.offline.families.shop.catalogue import sector_of
+from webgym.offline.families.shop.schema import SECTORS
 from webgym.offline.families.shop.words import SERIES
 from webgym.offline.look import look
 from webgym.offline.seeds import number
@@ -135,9 +136,7 @@ def test_a_picture_of_goods_is_well_formed_and_follows_from_the_name(cover: bool
 
 
 def test_most_goods_have_a_picture_of_their_own() -> None:
-    nouns = [
-        noun for s in SECTORS if s.naming == "series" for c in s.categories for noun in c.nouns.split(", ")
-    ]
+    nouns = [noun for s in SECTORS if s.naming == "series" for c in s.categories for noun in c.nouns]
     boxes = [noun for noun in nouns if art.shape_of(noun) == "box"]
     assert len(boxes) < len(nouns) / 20
     assert art.shape_of("Alma Whistling Kettle") == "kettle"

@@ -18,8 +18,8 @@ from webgym.core.task import Task
 from webgym.core.truth import AnswerTruth, Click, Done, Evidence, Give, Remember, StateCheck
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
+from webgym.offline.data import load
 from webgym.offline.engine.compose import Mix, compose
-from webgym.offline.engine.data import load
 from webgym.offline.engine.design import HELD_OUT, design, design_data, side
 from webgym.offline.engine.questions import Phrases
 from webgym.offline.engine.screen import COLUMNS, ROWS, Tile, bar_room, capacity, placed

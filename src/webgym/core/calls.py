@@ -16,8 +16,7 @@ from typing import Final
 import msgspec
 
 BROWSER_CALLS: Final = ("allocate", "navigate", "execute", "screenshot", "metadata", "release")
-CALLS: Final = (*BROWSER_CALLS, "policy", "judge")
-"""The kinds of calls that a collector makes."""
+"""The kinds of calls that a collector makes of browsers."""
 
 
 class CallLoad(msgspec.Struct, frozen=True):

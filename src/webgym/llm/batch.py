@@ -11,7 +11,7 @@ import asyncio
 import hashlib
 import os
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -283,10 +283,6 @@ async def import_results(cache: ReplyCache, paths: Iterable[Path], prices: Price
         except OSError as error:
             raise UsageError(f"{path} cannot be read: {error.strerror}") from error
     return imported
-
-
-def _some_of(lines: Iterator[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-    return list(islice(lines, _LINES_AT_ONCE))
 
 
 async def _import_chunk(

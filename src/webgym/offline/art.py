@@ -15,10 +15,10 @@ def _color(hue: float, saturation: float, lightness: float) -> str:
     return f"#{round(red * 255):02x}{round(green * 255):02x}{round(blue * 255):02x}"
 
 
-def _frame(body: str, background: str, width: int = 480, height: int = 360) -> str:
+def _frame(body: str, background: str) -> str:
     return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" '
-        f'height="{height}"><rect width="{width}" height="{height}" fill="{background}"/>{body}</svg>'
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 480 360" width="480" height="360">'
+        f'<rect width="480" height="360" fill="{background}"/>{body}</svg>'
     )
 
 

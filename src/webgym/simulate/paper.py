@@ -26,6 +26,7 @@ from webgym.simulate.model import Found, simulate
 STRAGGLERS: Final = 0.95
 """The share of trajectories after which the asynchronous collector gives the rest two minutes (paper §4)."""
 
+CPUS: Final = (64, 128, 256)
 MANY: Final = System(cpus=768, environments=2048, browsers_per_cpu=4)
 """Of the paper's measurement over GPU nodes, 768 CPUs; the number of environments is assumed."""
 
@@ -93,18 +94,18 @@ class Reproduced(msgspec.Struct, frozen=True):
                 )
 
 
-def reproduce(costs: Costs, workload: Workload, cpus: tuple[int, ...] = (64, 128, 256)) -> Reproduced:
+def reproduce(costs: Costs, workload: Workload) -> Reproduced:
     """Simulate the paper's measurements: 1,800 trajectories, 256 environments, 24 GPUs."""
     minutes: dict[int, dict[Schedule, float]] = {}
     traces: dict[Schedule, Found] = {}
     schedules: tuple[Schedule, ...] = ("async", "step_barrier", "episode_barrier")
-    for count in cpus:
+    for count in CPUS:
         minutes[count] = {}
         for schedule in schedules:
             system = System(cpus=count, schedule=schedule, straggler_share=STRAGGLERS)
             found = simulate(system, costs, workload, trace_seconds=10.0)
             minutes[count][schedule] = found.seconds / 60
-            if count == cpus[0]:
+            if count == CPUS[0]:
                 traces[schedule] = found
     steps = {}
     for nodes in (1, 2, 3):

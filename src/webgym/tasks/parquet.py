@@ -23,7 +23,6 @@ from webgym.core.truth import Truth
 from webgym.tasks.files import Findings
 from webgym.tasks.published import looks_published, task_of
 
-MAGIC: Final = b"PAR1"
 VERSION: Final = 1
 """Of the columns. A reader refuses a file with a higher one."""
 _VERSION_KEY: Final = b"webgym.tasks"

@@ -14,7 +14,7 @@ import msgspec
 from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.websites import host_of
-from webgym.llm import Completes, Completion, Sampling, ask_for
+from webgym.llm import Completes, Completion, ask_for
 from webgym.tasks import prompts
 from webgym.tasks.rewriting import USUAL, WritingLimits, refused_rewriting
 from webgym.tasks.rules import Asked, Draft, DraftGroup, Finding, check_rubric
@@ -39,9 +39,7 @@ class Inferred(msgspec.Struct, frozen=True):
     subdomain: str
 
 
-async def infer_website(
-    model: Completes, task: SourceTask, *, sampling: Sampling | None = None, limits: WritingLimits = USUAL
-) -> Inferred:
+async def infer_website(model: Completes, task: SourceTask, *, limits: WritingLimits = USUAL) -> Inferred:
     """The website of a task that has none, and its domain and subdomain. A website that is given stays.
 
     Raises:
@@ -60,7 +58,6 @@ async def infer_website(
         prompts.WebsiteReply,
         check=check,
         tries=limits.tries,
-        sampling=sampling,
     )
     website = task.website if task.website is not None else _url(reply.website)
     return Inferred(website, DOMAIN_OF[reply.subdomain], reply.subdomain)
@@ -93,9 +90,7 @@ class Written(msgspec.Struct, frozen=True):
     findings: tuple[Finding, ...]
 
 
-async def write_rubric(
-    model: Completes, task: SourceTask, *, sampling: Sampling | None = None, limits: WritingLimits = USUAL
-) -> Written:
+async def write_rubric(model: Completes, task: SourceTask, *, limits: WritingLimits = USUAL) -> Written:
     """A task's rubric. What breaks a rule of severity ``error`` (:mod:`webgym.tasks.rules`) is not taken.
 
     Raises:
@@ -116,7 +111,6 @@ async def write_rubric(
         prompts.RubricReply,
         check=check,
         tries=limits.tries,
-        sampling=sampling,
     )
     groups = (
         FactGroup(group.id, _line(group.description), tuple(map(_line, group.facts)))
@@ -155,7 +149,6 @@ async def rewrite(
     task: Task,
     groups: Sequence[FactGroup],
     *,
-    sampling: Sampling | None = None,
     limits: WritingLimits = USUAL,
 ) -> str:
     """The text of the task that asks for these of a task's groups alone.
@@ -170,7 +163,6 @@ async def rewrite(
         messages,
         check=lambda text: refused_rewriting(text, task, groups, limits),
         tries=limits.tries,
-        sampling=sampling,
     )
 
 
@@ -180,14 +172,13 @@ async def _ask_for_text(
     *,
     check: Callable[[str], str | None],
     tries: int,
-    sampling: Sampling | None,
 ) -> str:
     """As :func:`webgym.llm.ask_for`, for plain text."""
     asked = list(messages)
     replies: list[str] = []
     reason = ""
     for _ in range(tries):
-        completion = await model.complete(asked, sampling)
+        completion = await model.complete(asked)
         said = completion.text or completion.refusal
         text = _without_thinking(said)
         reason = _no_text(completion, text) or check(text) or ""

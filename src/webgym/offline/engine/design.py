@@ -14,7 +14,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from webgym.offline.engine.data import load
+from webgym.offline.data import load
 from webgym.offline.engine.signs import Ink, shaded, sign_data
 from webgym.offline.seeds import stream
 from webgym.offline.website import Split

@@ -13,7 +13,7 @@ from typing import Literal
 
 import msgspec
 
-from webgym.offline.engine.data import load
+from webgym.offline.data import load
 
 CELL = 32
 """Side of a cell, CSS pixels: what one image token of a Qwen3-VL covers."""

@@ -1,7 +1,7 @@
 """The kinds of websites of the offline web, one package each.
 
 A family's package defines its :class:`~webgym.offline.website.Website`; the modules beside it hold its
-stock of words, its catalogue, its pages' helpers and its tasks. The private modules here are shared.
+catalogue, its pages' helpers and its tasks, TOML files its words. The private modules here are shared.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import ClassVar
 
 from webgym.core.truth import Click, Move
-from webgym.offline.engine.data import load
+from webgym.offline.data import load
 from webgym.offline.engine.questions import NAME, Phrases, Questions, some
 from webgym.offline.engine.screen import Tile, capacity, singles
 from webgym.offline.engine.signs import Sign, control, number_sign, numbers

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 from urllib.parse import quote
 
 from webgym.core.truth import Click, Move
+from webgym.offline.data import load
 from webgym.offline.engine import form as forms
-from webgym.offline.engine.data import load
 from webgym.offline.engine.form import Form, Input, Wanted
 from webgym.offline.engine.questions import NAME, Phrases, Questions, answer_is
 from webgym.offline.engine.screen import Block, Tile, capacity, singles

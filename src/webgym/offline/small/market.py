@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, ClassVar
 
+from webgym.offline.data import load
 from webgym.offline.engine import cart
-from webgym.offline.engine.data import load
 from webgym.offline.engine.questions import Phrases, Questions, some
 from webgym.offline.engine.screen import Block, Tile, singles
 from webgym.offline.engine.signs import Sign, control, numbers

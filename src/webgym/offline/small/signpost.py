@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import ClassVar, Literal
 
 from webgym.core.truth import Click, Evidence, Home, Move, Remember
-from webgym.offline.engine.data import load
+from webgym.offline.data import load
 from webgym.offline.engine.questions import NAME, Phrases, Questions, answer_is, seen, some
 from webgym.offline.engine.screen import Block, Tile, singles
 from webgym.offline.engine.signs import Sign

@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 import msgspec
 
 from webgym.core.truth import Click, Evidence, Move, Remember
-from webgym.offline.engine.data import load
+from webgym.offline.data import load
 from webgym.offline.engine.questions import answer_is, check_placeholders
 from webgym.offline.engine.screen import Tile, capacity, singles
 from webgym.offline.engine.signs import Sign, number_sign, numbers

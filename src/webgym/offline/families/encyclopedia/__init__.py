@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from webgym.offline.families.encyclopedia import pictures, stock, tasks
 from webgym.offline.families.encyclopedia.help import Topic, topics
-from webgym.offline.families.encyclopedia.schema import NONE, Article, Person, Subject
+from webgym.offline.families.encyclopedia.schema import NONE, STOCK, Article, Person, Subject
 from webgym.offline.families.encyclopedia.stock import Catalogue
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
@@ -92,12 +92,12 @@ class Encyclopedia(Website):
     @classmethod
     def christen(cls, stem: str, seed: int) -> tuple[str, str]:
         """A name that tells the subject."""
-        brand = f"{stem} {pick(pick(stock.SUBJECTS, seed, 'subject').brands, seed, 'brand')}"
+        brand = f"{stem} {pick(pick(STOCK.subjects, seed, 'subject').brands, seed, 'brand')}"
         return brand, slug(brand)
 
     def build(self) -> None:
         """Choose the subject, and write all articles."""
-        self.subject = pick(stock.SUBJECTS, self.seed, "subject")
+        self.subject = pick(STOCK.subjects, self.seed, "subject")
         self.domain, self.subdomain = self.subject.domain, self.subject.subdomain
         self.stock = stock.make(self.seed, self.subject)
         self.topics = topics(self.seed, self.host, self.word("entry"))

@@ -5,12 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import date
 
+from webgym.offline.data import Row, Table, load
+
 NONE = "None"
 """What an infobox says where something is missing."""
 
 
-@dataclass(frozen=True)
-class Measure:
+class Measure(Row, frozen=True):
     """A number in the infobox.
 
     Attributes:
@@ -35,8 +36,7 @@ class Measure:
         return f"{value:,} {self.unit}".strip()
 
 
-@dataclass(frozen=True)
-class Trait:
+class Trait(Row, frozen=True):
     """A word in the infobox, one of a few."""
 
     key: str
@@ -44,8 +44,7 @@ class Trait:
     values: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Lack:
+class Lack(Row, frozen=True):
     """Something that one article of every group has not got.
 
     Attributes:
@@ -59,8 +58,7 @@ class Lack:
     phrase: str
 
 
-@dataclass(frozen=True)
-class Detail:
+class Detail(Row, frozen=True):
     """A number that stands in the running text alone.
 
     Attributes:
@@ -79,8 +77,7 @@ class Detail:
     high: int
 
 
-@dataclass(frozen=True)
-class Section:
+class Section(Row, frozen=True):
     """A section of running text with one detail in it."""
 
     title: str
@@ -88,8 +85,7 @@ class Section:
     detail: Detail
 
 
-@dataclass(frozen=True)
-class Subject:
+class Subject(Table, frozen=True):
     """An encyclopedia's subject.
 
     Attributes:
@@ -98,8 +94,9 @@ class Subject:
         brands: second parts of the website's name.
         picture: kind of illustration.
         group_label: what a group is called: ``"Order"``.
-        groups: name of a group, and the last words of its members' names (empty: those of the subject).
-        first, second: words of names.
+        groups: last words of names, by group; without any, those of the subject.
+        first: the list of :class:`Stock` that first words of names come from.
+        second: last words of names.
         pattern: of a name.
         measures: numbers; a website takes four.
         traits: words; a website takes all.
@@ -119,10 +116,8 @@ class Subject:
     brands: tuple[str, ...]
     picture: str
     group_label: str
-    groups: tuple[tuple[str, str], ...]
+    groups: dict[str, tuple[str, ...]]
     first: str
-    second: str
-    pattern: str
     measures: tuple[Measure, ...]
     traits: tuple[Trait, ...]
     lack: Lack
@@ -131,7 +126,31 @@ class Subject:
     profession: str
     place: str
     sections: tuple[Section, ...]
+    second: tuple[str, ...] = ()
+    pattern: str = "{first} {second}"
     era: tuple[int, int] = (1702, 1940)
+
+
+class Stock(Table, frozen=True):
+    """``subjects.toml``.
+
+    Attributes:
+        words: first words of names, for one subject or several.
+
+    Raises:
+        ValueError: a subject names a list that is not there.
+    """
+
+    words: dict[str, tuple[str, ...]]
+    subjects: tuple[Subject, ...]
+
+    def __post_init__(self) -> None:
+        for subject in self.subjects:
+            if subject.first not in self.words:
+                raise ValueError(f"{subject.plural}: there are no words {subject.first!r}")
+
+
+STOCK = load("webgym.offline.families.encyclopedia", "subjects.toml", Stock)
 
 
 @dataclass(frozen=True)

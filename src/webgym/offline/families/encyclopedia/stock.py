@@ -8,9 +8,9 @@ from datetime import timedelta
 from functools import cached_property
 
 from webgym.offline import names
-from webgym.offline.families.encyclopedia import art, earth, life, works
 from webgym.offline.families.encyclopedia.schema import (
     NONE,
+    STOCK,
     Article,
     Measure,
     Person,
@@ -19,13 +19,6 @@ from webgym.offline.families.encyclopedia.schema import (
 )
 from webgym.offline.seeds import stream
 from webgym.offline.website import TODAY, slug
-
-SUBJECTS: tuple[Subject, ...] = (
-    *life.SUBJECTS,
-    *earth.SUBJECTS,
-    *art.SUBJECTS,
-    *works.SUBJECTS,
-)
 
 FILLERS = (
     "Early accounts of {title} disagree on almost everything but its name.",
@@ -134,7 +127,7 @@ def make(seed: int, subject: Subject) -> Catalogue:
     """The contents that belong to a seed."""
     rng = stream(seed, "encyclopedia")
     measures = tuple(rng.sample(subject.measures, 4))
-    groups = rng.sample(subject.groups, min(len(subject.groups), rng.randint(5, 6)))
+    groups = rng.sample(list(subject.groups.items()), min(len(subject.groups), rng.randint(5, 6)))
     per_group = rng.randint(6, 9)
     titles = _titles(rng, subject, groups, per_group)
     people = _people(rng, subject, max(6, len(titles) // 4))
@@ -172,14 +165,15 @@ def make(seed: int, subject: Subject) -> Catalogue:
 
 
 def _titles(
-    rng: random.Random, subject: Subject, groups: list[tuple[str, str]], per_group: int
+    rng: random.Random, subject: Subject, groups: list[tuple[str, tuple[str, ...]]], per_group: int
 ) -> list[tuple[str, str]]:
     """Different titles with their groups; in one group a first word comes once."""
     found: dict[str, str] = {}
     for group, seconds in groups:
         size = per_group + rng.randint(-1, 2)
-        for first in rng.sample(subject.first.split(), len(subject.first.split())):
-            second = rng.choice((seconds or subject.second).split())
+        firsts = STOCK.words[subject.first]
+        for first in rng.sample(firsts, len(firsts)):
+            second = rng.choice(seconds or subject.second)
             title = subject.pattern.format(first=first, second=second)
             if title not in found:
                 found[title] = group

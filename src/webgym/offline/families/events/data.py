@@ -9,7 +9,7 @@ from datetime import date, timedelta
 from functools import cached_property
 
 from webgym.offline import names
-from webgym.offline.families.events.kinds import ABOUT, ACCESS, STREETS, Kind
+from webgym.offline.families.events.kinds import WORDS, Kind
 from webgym.offline.seeds import pick, stream
 from webgym.offline.website import TODAY, slug
 
@@ -164,10 +164,11 @@ class Season:
         return Venue(
             name=name,
             slug=slug(name),
-            address=f"{rng.randint(1, 140)} {rng.choice(STREETS)} {rng.choice(('Street', 'Lane', 'Square'))}",
+            address=f"{rng.randint(1, 140)} {rng.choice(WORDS.streets)} "
+            f"{rng.choice(('Street', 'Lane', 'Square'))}",
             seats=rng.choice((10, 10, 100 if self.kind.league else 10)) * rng.randint(8, 190),
             opened=rng.randint(1860, 2021),
-            stop=f"{rng.choice(STREETS)} {rng.choice(('Cross', 'Gate', 'Green', 'Corner'))}",
+            stop=f"{rng.choice(WORDS.streets)} {rng.choice(('Cross', 'Gate', 'Green', 'Corner'))}",
             walk=rng.randint(2, 19),
             phone=f"0{rng.randint(200, 989)} {rng.randint(100, 999)} {rng.randint(1000, 9999)}",
             box_office=(opens, rng.randrange(16 * 60, 20 * 60, 30)),
@@ -187,7 +188,7 @@ class Season:
             home = towns[nth] if self.kind.league else rng.choice(towns)
             since = rng.randint(1871, 1990) if self.kind.league else rng.randint(1948, 2003)
             found.append(
-                Person(name, slug(name), home, since, rng.choice(self.kind.role[1]), rng.choice(ABOUT))
+                Person(name, slug(name), home, since, rng.choice(self.kind.role[1]), rng.choice(WORDS.about))
             )
         return sorted(found, key=lambda person: person.name)
 
@@ -230,8 +231,8 @@ class Season:
                     age=rng.choice((0, 0, 6, 8, 12, 14, 16)),
                     people=people,
                     bands=self._bands(rng),
-                    access=tuple(sorted(rng.sample(ACCESS, rng.randint(1, 4)))),
-                    about=" ".join(rng.sample(ABOUT, 2)),
+                    access=tuple(sorted(rng.sample(WORDS.access, rng.randint(1, 4)))),
+                    about=" ".join(rng.sample(WORDS.about, 2)),
                 )
             )
         return sorted(found, key=lambda event: (event.day, event.start, event.title))

@@ -54,10 +54,9 @@ class Desk:
         self.taken.add(chosen.title)
         return chosen
 
-    def fresh_user(self, users: list[User] | None = None) -> User | None:
+    def fresh_user(self) -> User | None:
         """A member that is not spoken of yet."""
-        pool = self.stock.users if users is None else users
-        free = [user for user in pool if user.name not in self.taken]
+        free = [user for user in self.stock.users if user.name not in self.taken]
         if not free:
             return None
         chosen = self.rng.choice(free)

@@ -7,13 +7,14 @@ from datetime import date, datetime
 from functools import cached_property
 from typing import Literal, TypeAlias
 
+from webgym.offline.data import Row, Table, load
+
 Kind: TypeAlias = Literal["start", "craft", "gear", "show", "market", "talk"]
 KINDS: tuple[Kind, ...] = ("start", "craft", "gear", "show", "market", "talk")
 """What boards are for: beginners, technique, equipment, showing, buying and selling, everything else."""
 
 
-@dataclass(frozen=True)
-class Ask:
+class Ask(Row, frozen=True):
     """A question that everyone answers with a number.
 
     Attributes:
@@ -32,8 +33,7 @@ class Ask:
     high: int
 
 
-@dataclass(frozen=True)
-class Hobby:
+class Hobby(Table, frozen=True):
     """A subject of forums.
 
     Attributes:
@@ -50,6 +50,15 @@ class Hobby:
     things: tuple[str, ...]
     tags: tuple[str, ...]
     questions: tuple[Ask, ...]
+
+
+class Stock(Table, frozen=True):
+    """``hobbies.toml``."""
+
+    hobbies: tuple[Hobby, ...]
+
+
+HOBBIES = load("webgym.offline.families.forum", "hobbies.toml", Stock).hobbies
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from datetime import date, datetime, time, timedelta
 from functools import cached_property
 
 from webgym.offline import names
-from webgym.offline.families.forum import hobbies, pursuits
 from webgym.offline.families.forum.schema import (
     KINDS,
     Ask,
@@ -22,8 +21,6 @@ from webgym.offline.families.forum.schema import (
 )
 from webgym.offline.seeds import stream
 from webgym.offline.website import TODAY, slug
-
-HOBBIES: tuple[Hobby, ...] = (*hobbies.HOBBIES, *pursuits.HOBBIES)
 
 USERS = 32
 NOW = datetime.combine(TODAY, time(9, 30))

@@ -26,7 +26,7 @@ from webgym.offline.families.government.catalog import (
     make_services,
     make_tariff,
 )
-from webgym.offline.families.government.words import BODIES, Body
+from webgym.offline.families.government.words import WORDS, Body
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import number, pick, stream
@@ -96,19 +96,19 @@ class Government(Website):
     @classmethod
     def christen(cls, stem: str, seed: int) -> tuple[str, str]:
         """The second word fits the kind of authority."""
-        brand = f"{stem} {pick(BODIES[cls.kind_of(seed)].suffixes, seed, 'brand')}"
+        brand = f"{stem} {pick(WORDS.bodies[cls.kind_of(seed)].suffixes, seed, 'brand')}"
         return brand, slug(brand)
 
     @staticmethod
     def kind_of(seed: int) -> str:
         """The kind of authority."""
-        return pick(sorted(BODIES), seed, "kind")
+        return pick(sorted(WORDS.bodies), seed, "kind")
 
     def build(self) -> None:
         """Fill the catalogue."""
         self.domain, self.subdomain = "Misc.", "Legal & Government Services"
         self.kind = self.kind_of(self.seed)
-        self.body = BODIES[self.kind]
+        self.body = WORDS.bodies[self.kind]
         self.tagline = pick(self.body.taglines, self.seed, "tagline")
         self.says = {name: pick(texts, self.seed, "says", name) for name, texts in _SAYS.items()}
         self.says["rounds"] = pick(self.body.rounds[0], self.seed, "says", "rounds")

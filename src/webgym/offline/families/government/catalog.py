@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 
 from webgym.offline import names
-from webgym.offline.families.government.words import OFFICES, PAPERS, SERVICES, STREETS, Body
+from webgym.offline.families.government.words import WORDS, Body
 from webgym.offline.seeds import stream
 from webgym.offline.website import TODAY, slug
 
@@ -129,10 +129,10 @@ def make_offices(seed: int) -> tuple[Office, ...]:
     """Four to six offices; exactly one has steps."""
     rng = stream(seed, "offices")
     count = rng.randint(4, 6)
-    streets = rng.sample(STREETS, count)
+    streets = rng.sample(WORDS.streets, count)
     stepped = rng.randrange(count)
     found = []
-    for nth, name in enumerate(rng.sample(OFFICES, count)):
+    for nth, name in enumerate(rng.sample(WORDS.offices, count)):
         hours: list[tuple[str, str] | None] = []
         for weekday in WEEKDAYS:
             if (weekday == "Saturday" and rng.random() < 0.6) or (
@@ -156,7 +156,9 @@ def make_services(seed: int, body: Body, offices: tuple[Office, ...]) -> tuple[S
     """Every service of the body's groups, by name."""
     rng = stream(seed, "services")
     found = [
-        _service(rng, name, group, rng.choice(offices)) for group in body.groups for name in SERVICES[group]
+        _service(rng, name, group, rng.choice(offices))
+        for group in body.groups
+        for name in WORDS.services[group]
     ]
     return tuple(sorted(found, key=lambda service: service.name))
 
@@ -185,7 +187,7 @@ def _service(rng: random.Random, name: str, group: str, office: Office) -> Servi
         fee=rng.choice((0, *range(4, 180, 3))),
         days=rng.randint(1, 60),
         valid=rng.choice((1, 2, 3, 5, 10)) if any(word in name for word in _RUNS_OUT) else 0,
-        papers=tuple(rng.sample(PAPERS, rng.randint(2, 5))),
+        papers=tuple(rng.sample(WORDS.papers, rng.randint(2, 5))),
         office=office,
         steps=(
             first,
@@ -225,7 +227,7 @@ def make_meetings(seed: int, body: Body) -> tuple[Meeting, ...]:
 def make_rounds(seed: int, kinds: int) -> tuple[Round, ...]:
     """Dates of every kind in 14 to 18 streets."""
     rng = stream(seed, "rounds")
-    streets = sorted(rng.sample(STREETS, rng.randint(14, 18)))
+    streets = sorted(rng.sample(WORDS.streets, rng.randint(14, 18)))
     ahead = [day for day in range(1, 27) if (TODAY + timedelta(days=day)).weekday() != SUNDAY]
     return tuple(
         Round(street, tuple(TODAY + timedelta(days=day) for day in rng.sample(ahead, kinds)))

@@ -28,7 +28,7 @@ from webgym.offline.families.jobs.catalog import (
     make_pay,
     sector_of,
 )
-from webgym.offline.families.jobs.words import SECTORS, Sector
+from webgym.offline.families.jobs.words import WORDS, Sector
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import number, pick, stream
@@ -103,13 +103,13 @@ class Jobs(Website):
     @classmethod
     def christen(cls, stem: str, seed: int) -> tuple[str, str]:
         """The second word fits the sector."""
-        brand = f"{stem} {pick(SECTORS[cls.sector_of(seed)].suffixes, seed, 'brand')}"
+        brand = f"{stem} {pick(WORDS.sectors[cls.sector_of(seed)].suffixes, seed, 'brand')}"
         return brand, slug(brand)
 
     @staticmethod
     def sector_of(seed: int) -> str:
         """The sector of a website."""
-        return pick(sorted(SECTORS), seed, "sector")
+        return pick(sorted(WORDS.sectors), seed, "sector")
 
     def build(self) -> None:
         """Fill the catalogue."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 
 from webgym.offline import names
-from webgym.offline.families.jobs.words import ADVICE, BENEFITS, SECTORS, STAGES, Sector
+from webgym.offline.families.jobs.words import WORDS, Sector
 from webgym.offline.seeds import stream
 from webgym.offline.website import TODAY, slug
 
@@ -132,7 +132,7 @@ def make_companies(seed: int, sector: Sector, towns: list[str]) -> tuple[Company
                 f"Growing in {town} and around, and looking for people who like to build things up.",
             )
         )
-        benefits = tuple(rng.sample(BENEFITS, rng.randint(3, 5)))
+        benefits = tuple(rng.sample(WORDS.benefits, rng.randint(3, 5)))
         found.append(Company(slug(name), name, town, year, size, rating / 10, benefits, about))
     return tuple(found)
 
@@ -212,9 +212,10 @@ def make_guides(seed: int) -> tuple[Guide, ...]:
     """Four pieces of advice."""
     rng = stream(seed, "guides")
     found = []
-    for title, steps, keys in rng.sample(ADVICE, 4):
-        key = rng.choice(keys)
-        found.append(Guide(slug(title), title, tuple(step.format(key=key) for step in steps), key))
+    for advice in rng.sample(WORDS.advice, 4):
+        key = rng.choice(advice.keys)
+        steps = tuple(step.format(key=key) for step in advice.steps)
+        found.append(Guide(slug(advice.title), advice.title, steps, key))
     return tuple(found)
 
 
@@ -222,7 +223,7 @@ def make_account(seed: int, jobs: tuple[Job, ...]) -> Account:
     """A visitor with three applications under way, no two at the same stage."""
     rng = stream(seed, "account")
     name = names.person(rng)
-    stages = rng.sample(STAGES, 3)
+    stages = rng.sample(WORDS.stages, 3)
     days = rng.sample(range(2, 30), 3)
     applications = tuple(
         Application(job, TODAY - timedelta(days=rng.randint(2, 30)), stage, TODAY + timedelta(days=day))
@@ -235,4 +236,4 @@ def make_account(seed: int, jobs: tuple[Job, ...]) -> Account:
 
 def sector_of(name: str) -> Sector:
     """The sector with this name."""
-    return SECTORS[name]
+    return WORDS.sectors[name]

@@ -25,7 +25,7 @@ from webgym.offline.families.recipes.catalog import (
     make_howtos,
     make_recipes,
 )
-from webgym.offline.families.recipes.cuisines import CUISINES
+from webgym.offline.families.recipes.words import WORDS
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import pick, stream
@@ -111,19 +111,19 @@ class Recipes(Website):
     @classmethod
     def christen(cls, stem: str, seed: int) -> tuple[str, str]:
         """The second word fits the cuisine."""
-        brand = f"{stem} {pick(CUISINES[cls.style_of(seed)].suffixes, seed, 'brand')}"
+        brand = f"{stem} {pick(WORDS.cuisines[cls.style_of(seed)].suffixes, seed, 'brand')}"
         return brand, slug(brand)
 
     @staticmethod
     def style_of(seed: int) -> str:
         """The cuisine of a website."""
-        return pick(sorted(CUISINES), seed, "style")
+        return pick(sorted(WORDS.cuisines), seed, "style")
 
     def build(self) -> None:
         """Fill the catalogue."""
         self.domain, self.subdomain = "Lifestyle & Leisure", "Food & Cooking"
         self.style = self.style_of(self.seed)
-        self.tagline = pick(CUISINES[self.style].taglines, self.seed, "tagline")
+        self.tagline = pick(WORDS.cuisines[self.style].taglines, self.seed, "tagline")
         self.says = {name: pick(texts, self.seed, "says", name) for name, texts in _SAYS.items()}
         self.members = stream(self.seed, "members").random() < 0.4
         self.cooks = make_cooks(self.seed, self.style)

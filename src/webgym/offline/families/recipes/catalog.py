@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 
 from webgym.offline import names
-from webgym.offline.families.recipes.cuisines import CUISINES
-from webgym.offline.families.recipes.words import FORMS, INGREDIENTS, MAINS, SWEET, Cuisine, Form, Ingredient
+from webgym.offline.families.recipes.words import INGREDIENTS, WORDS, Cuisine, Form, Ingredient
 from webgym.offline.seeds import stream
 from webgym.offline.website import TODAY, slug
 
@@ -157,13 +156,13 @@ _ROLES = ("Head of recipes", "Food writer", "Test cook", "Guest cook", "Pastry c
 
 def _shape(rng: random.Random, cuisine: Cuisine) -> tuple[Form, str, str, str]:
     """A form, its main ingredient, its flavour's ingredient, and the title."""
-    groups = set(cuisine.mains or MAINS)
-    kinds = [kind for kind in cuisine.names if groups & set(FORMS[kind].mains)]
+    groups = set(cuisine.mains or WORDS.mains)
+    kinds = [kind for kind in cuisine.names if groups & set(WORDS.forms[kind].mains)]
     kind = rng.choice(kinds)
-    form = FORMS[kind]
+    form = WORDS.forms[kind]
     group = rng.choice([group for group in form.mains if group in groups])
-    word, main = rng.choice([item for item in MAINS[group].items() if item[0] not in cuisine.without])
-    flavours = SWEET if group == "fruit" else cuisine.flavours
+    word, main = rng.choice([item for item in WORDS.mains[group].items() if item[0] not in cuisine.without])
+    flavours = WORDS.sweet if group == "fruit" else cuisine.flavours
     flavour, spice = rng.choice(list(flavours.items()))
     return form, main, spice, f"{flavour} {word} {rng.choice(cuisine.names[kind])}"
 
@@ -191,7 +190,7 @@ def _reviews(rng: random.Random) -> tuple[Review, ...]:
 def make_recipes(seed: int, style: str, cooks: tuple[Cook, ...]) -> tuple[Recipe, ...]:
     """Between 36 and 60 recipes, no title of which is part of another."""
     rng = stream(seed, "recipes")
-    cuisine = CUISINES[style]
+    cuisine = WORDS.cuisines[style]
     count = rng.randint(36, 60)
     days = rng.sample(range(2, 900), count)
     found: list[Recipe] = []

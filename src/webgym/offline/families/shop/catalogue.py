@@ -10,14 +10,9 @@ from itertools import pairwise
 
 from webgym.offline import names
 from webgym.offline.families.shop import words
-from webgym.offline.families.shop.care import CARE
-from webgym.offline.families.shop.home import HOME
-from webgym.offline.families.shop.leisure import LEISURE
-from webgym.offline.families.shop.schema import Category, Sector
+from webgym.offline.families.shop.schema import SECTORS, Category, Sector
 from webgym.offline.seeds import number, stream
 from webgym.offline.website import TODAY, slug
-
-SECTORS = HOME + LEISURE + CARE
 
 
 @dataclass(frozen=True)
@@ -163,7 +158,7 @@ def make_products(seed: int, sector: Sector, categories: tuple[Category, ...]) -
         sold_out = set(rng.sample(range(count), rng.choice((1, 1, 2))))
         unrated = rng.randrange(count) if rng.random() < 0.5 else None
         for place in range(count):
-            noun = rng.choice(category.nouns.split(", "))
+            noun = rng.choice(category.nouns)
             stem = fresh_names[len(found)]
             name = stem if sector.naming == "title" else f"{stem} {noun}"
             measured = {figure: values[place] for figure, values in figures.items()}
@@ -197,7 +192,7 @@ def _product(
     rated: bool,
     measured: dict[str, float],
 ) -> Product:
-    facet = rng.choice(sector.facet[1].split(", "))
+    facet = rng.choice(sector.facet[1])
     was = None
     if rng.random() < 0.22:
         was = cents + max(100, round(cents * rng.choice((0.1, 0.15, 0.2, 0.25, 0.3)) / 50) * 50)
@@ -208,10 +203,9 @@ def _product(
     ]
     kept = []
     for label, values in sector.options:
-        all_values = values.split(", ")
-        chosen = set(rng.sample(all_values, rng.randint(min(3, len(all_values)), len(all_values))))
-        kept.append((label, tuple(value for value in all_values if value in chosen)))
-    use = rng.choice(sector.uses.split(", "))
+        chosen = set(rng.sample(values, rng.randint(min(3, len(values)), len(values))))
+        kept.append((label, tuple(value for value in values if value in chosen)))
+    use = rng.choice(sector.uses)
     called = f"“{name}”" if sector.naming == "title" else f"the {name}"
     first = rng.choice(words.DESCRIPTIONS).format(
         Name=called[0].upper() + called[1:], name=called, maker=maker, use=use

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
-from functools import cached_property
+from webgym.offline.data import Row, Table, load
 
 
-@dataclass(frozen=True)
-class Figure:
+class Figure(Row, frozen=True):
     """A measured property: ``"Weight 600-1600 g"``.
 
     Attributes:
@@ -22,45 +19,31 @@ class Figure:
     low: float
     high: float
     decimals: int
-    unit: str
+    unit: str = ""
 
     def written(self, value: float) -> str:
         """The value with its unit."""
         return f"{value:.{self.decimals}f} {self.unit}".strip()
 
 
-@dataclass(frozen=True)
-class Category:
+class Category(Row, frozen=True):
     """A category of products.
 
     Attributes:
         name: plural, as the menu has it.
-        nouns: what its products are, comma separated; the last word of a product's name.
+        nouns: what its products are; the last word of a product's name.
         low, high: prices.
-        measured: figures, separated by semicolons.
+        figures: what is measured.
     """
 
     name: str
-    nouns: str
+    nouns: tuple[str, ...]
     low: int
     high: int
-    measured: str
-
-    @cached_property
-    def figures(self) -> tuple[Figure, ...]:
-        """The figures, read from :attr:`measured`."""
-        found = []
-        for text in self.measured.split("; "):
-            match = re.fullmatch(r"(.+?) ([\d.]+)-([\d.]+)(?: (.+))?", text)
-            assert match is not None, text
-            name, low, high, unit = match.groups()
-            decimals = len(low.partition(".")[2])
-            found.append(Figure(name, float(low), float(high), decimals, unit or ""))
-        return tuple(found)
+    figures: tuple[Figure, ...]
 
 
-@dataclass(frozen=True)
-class Sector:
+class Sector(Table, frozen=True):
     """A branch of retail.
 
     Attributes:
@@ -82,11 +65,17 @@ class Sector:
     suffixes: tuple[str, ...]
     taglines: tuple[str, ...]
     maker: str
-    facet: tuple[str, str]
-    options: tuple[tuple[str, str], ...]
-    uses: str
+    facet: tuple[str, tuple[str, ...]]
+    uses: tuple[str, ...]
     categories: tuple[Category, ...]
+    options: tuple[tuple[str, tuple[str, ...]], ...] = ()
     naming: str = "series"
 
 
-LIFESTYLE = "Lifestyle & Leisure"
+class Stock(Table, frozen=True):
+    """``sectors.toml``."""
+
+    sectors: tuple[Sector, ...]
+
+
+SECTORS = load("webgym.offline.families.shop", "sectors.toml", Stock).sectors

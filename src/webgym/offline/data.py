@@ -12,6 +12,14 @@ from webgym.core.errors import SitesError
 T = TypeVar("T")
 
 
+class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of a file: values by key."""
+
+
+class Row(Table, frozen=True, array_like=True):
+    """An array of a file: values in the order of the fields."""
+
+
 def load(package: str, file: str, shape: type[T]) -> T:
     """The contents of a TOML file of a package.
 

@@ -114,10 +114,13 @@ async def test_what_html_makes_draggable_is_dragged(site: Site, tab: Tab) -> Non
     assert len(log(tab)) == 2, "nothing is held any more"
 
 
-FORGED = LOG + """<script>
+FORGED = (
+    LOG
+    + """<script>
 addEventListener('mousemove', (e) => e.buttons && dispatchEvent(new Event('dragstart', { bubbles: true })));
 addEventListener('mouseup', () => say('up'));
 </script>"""
+)
 
 
 async def test_a_drag_that_only_the_page_speaks_of_is_none(site: Site, tab: Tab) -> None:

@@ -41,6 +41,7 @@ from webgym.core.task import Task
 from webgym.judge import Judge
 from webgym.judge.factory import JudgeChoice, check_judge, open_judge, refuse_unjudgeable
 from webgym.llm.config import ChatConfig
+from webgym.llm.trouble import telling, watched
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
 from webgym.offline.client import SitesClient
@@ -122,8 +123,8 @@ class PolicyChoice(_Settings):
     """Of the openai policy: endpoint and model."""
 
     check: bool = True
-    """Of the openai policy: ask for one reply before anything else starts, and refuse a model that does not
-    reply with an action (:mod:`webgym.agent.preflight`)."""
+    """Ask for a reply before anything else starts: one of the openai policy, which must hold an action
+    (:mod:`webgym.agent.preflight`), and one of every model of a rubric judge."""
 
     @model_validator(mode="before")
     @classmethod
@@ -308,7 +309,8 @@ async def collect(
     check_installed(config.trackers)
     refuse_taken(out)  # before anything is asked or started; the folder itself is made later
     if policy is not None:
-        config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
+        own = PolicyChoice(name=policy.name, check=config.policy.check)
+        config = config.model_copy(update={"policy": own})
     config = resolved(config, policy, tell)
     given = tasks
     # A file of hundreds of thousands of tasks takes seconds, and the caller's loop has others to serve.
@@ -453,6 +455,7 @@ class _Company:
     agent: Agent
     judge: Judge
     calls: dict[str, CallQueue]
+    trouble: Callable[[], str]
 
 
 @asynccontextmanager
@@ -464,15 +467,18 @@ async def _company(
         choice.name, mistake_rate=choice.mistakes, chat=choice.chat, profile=profile
     )
     async with AsyncExitStack() as stack:
+        trouble = stack.enter_context(watched())
         judge = await stack.enter_async_context(open_judge(config.judge))
         agent = await stack.enter_async_context(Agent(policy, config.agent, profile))
-        if is_ours and choice.name == "openai" and choice.check:
-            await check_policy(agent, config.attempt.viewport)
-            await check_judge(config.judge)
+        async with telling(trouble, tell) if tell else nullcontext():
+            if choice.check and is_ours and choice.name == "openai":
+                await check_policy(agent, config.attempt.viewport)
+            if choice.check:
+                await check_judge(config.judge)
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
         backstage, client = await stack.enter_async_context(_places(config, secrets, tasks, tell, calls))
-        yield _Company(backstage, client, agent, judge, calls)
+        yield _Company(backstage, client, agent, judge, calls, trouble)
 
 
 @asynccontextmanager
@@ -541,7 +547,7 @@ async def _collected(
         total=plan.total,
         levels={task.id: task.level for task in tasks},
         note=oracle_note(name) if name in ORACLES else "",
-        trouble=lambda: getattr(company.agent.policy, "trouble", ""),
+        trouble=company.trouble,
     )
     judge = company.judge
     stage = Stage(

@@ -77,7 +77,11 @@ class _Settings(BaseModel):
 
 
 FEW: Final = 20
-"""Tasks of a run that does not say how many, where nobody has put a file together for it."""
+"""Tasks of a run that does not say how many, unless somebody has put a file of no more than :data:`MANY`
+together for it."""
+
+MANY: Final = 100
+"""Tasks that are attempted without being asked for by number."""
 
 
 class TaskChoice(Selection):
@@ -87,9 +91,9 @@ class TaskChoice(Selection):
     """A task file; without one, the tasks of the offline web."""
 
     count: Annotated[int, Field(ge=1)] | Literal["all"] | None = None
-    """How many, drawn at random without replacement, or ``all``. By default all of a file, and
-    :data:`FEW` of the offline web, which has thousands. With a ``ratio``, which needs a count, a task comes
-    again once all of its level have come."""
+    """How many, drawn at random without replacement, or ``all``. By default all of a file of up to 100, and
+    20 of a larger one and of the offline web, which has thousands. With a ``ratio``, which needs a count, a
+    task comes again once all of its level have come."""
 
     spread: bool = False
     """Draw from every website, all of a brand's being one, before drawing from one again: small samples
@@ -101,11 +105,10 @@ class TaskChoice(Selection):
             raise ValueError("a ratio needs a count, and goes without spread")
         return self
 
-    @property
-    def drawn(self) -> int | None:
-        """How many are drawn; ``None`` for all."""
+    def drawn(self, there: int) -> int | None:
+        """How many are drawn of those that are there; ``None`` for all."""
         if self.count is None:
-            return FEW if self.file is None else None
+            return FEW if self.file is None or there > MANY else None
         return None if self.count == "all" else self.count
 
 
@@ -271,7 +274,7 @@ def _given(tasks: Sequence[Task], config: RunConfig) -> Chosen:
 
 
 def _drawn(tasks: list[Task], config: RunConfig) -> list[Task]:
-    choice, count = config.tasks, config.tasks.drawn
+    choice, count = config.tasks, config.tasks.drawn(len(tasks))
     if choice.ratio is not None and count is not None:
         selected_already = SamplerConfig(split="all", ratio=choice.ratio, seed=config.seed)
         return Sampler(tasks, selected_already).draw(count)

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from tests.llm.endpoint import Endpoint, serve
+from tests.rollout.test_summary import task
 
 from webgym import collection
 from webgym.agent.prompts import render_reply
@@ -22,6 +23,7 @@ from webgym.judge.config import JudgeConfig
 from webgym.judge.factory import JudgeChoice
 from webgym.llm.config import ChatConfig, Retry
 from webgym.offline.app import SitesConfig
+from webgym.tasks import write_tasks
 
 SMALL = SitesConfig(per_family=1)
 CLICK = render_reply(LeftClick(Target(coordinate=(90.0, 80.0))), "memory", description="Click")
@@ -161,6 +163,22 @@ def test_a_model_without_an_endpoint_is_refused(tmp_path: Path) -> None:
     )
     assert done.returncode != 0
     assert "needs an endpoint and a model" in done.stderr
+
+
+@pytest.mark.parametrize(("there", "drawn"), [(100, 100), (101, 20)])
+async def test_a_large_file_is_drawn_from_and_that_is_told(tmp_path: Path, there: int, drawn: int) -> None:
+    write_tasks(tmp_path / "tasks.jsonl", [task(f"t{number}", 1) for number in range(there)])
+    given = RunConfig(
+        tasks=TaskChoice(file=tmp_path / "tasks.jsonl", split="all"), judge=JudgeChoice(name="operator:eq")
+    )
+    assert len(collection.choose_tasks(given).tasks) == drawn
+    told: list[str] = []
+    with pytest.raises(WebGymError, match="far enough"):
+        await collect(given, tmp_path / "run", tell=told.append)
+    said = "20 of 101 tasks are drawn; --limit (tasks.count) takes another number, or all"
+    assert told == ([said] if drawn < there else [])
+    whole = given.model_copy(update={"tasks": given.tasks.model_copy(update={"count": "all"})})
+    assert len(collection.choose_tasks(whole).tasks) == there
 
 
 def test_a_run_without_a_count_is_small() -> None:

@@ -41,6 +41,7 @@ from webgym.core.task import Task
 from webgym.judge import Judge
 from webgym.judge.factory import JudgeChoice, check_judge, open_judge, refuse_unjudgeable
 from webgym.llm.config import ChatConfig
+from webgym.llm.trouble import telling, watched
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
 from webgym.offline.client import SitesClient
@@ -76,7 +77,11 @@ class _Settings(BaseModel):
 
 
 FEW: Final = 20
-"""Tasks of a run that does not say how many, where nobody has put a file together for it."""
+"""Tasks of a run that does not say how many, unless somebody has put a file of no more than :data:`MANY`
+together for it."""
+
+MANY: Final = 100
+"""Tasks that are attempted without being asked for by number."""
 
 
 class TaskChoice(Selection):
@@ -86,9 +91,9 @@ class TaskChoice(Selection):
     """A task file; without one, the tasks of the offline web."""
 
     count: Annotated[int, Field(ge=1)] | Literal["all"] | None = None
-    """How many, drawn at random without replacement, or ``all``. By default all of a file, and
-    :data:`FEW` of the offline web, which has thousands. With a ``ratio``, which needs a count, a task comes
-    again once all of its level have come."""
+    """How many, drawn at random without replacement, or ``all``. By default all of a file of up to 100, and
+    20 of a larger one and of the offline web, which has thousands. With a ``ratio``, which needs a count, a
+    task comes again once all of its level have come."""
 
     spread: bool = False
     """Draw from every website, all of a brand's being one, before drawing from one again: small samples
@@ -100,11 +105,10 @@ class TaskChoice(Selection):
             raise ValueError("a ratio needs a count, and goes without spread")
         return self
 
-    @property
-    def drawn(self) -> int | None:
-        """How many are drawn; ``None`` for all."""
+    def drawn(self, there: int) -> int | None:
+        """How many are drawn of those that are there; ``None`` for all."""
         if self.count is None:
-            return FEW if self.file is None else None
+            return FEW if self.file is None or there > MANY else None
         return None if self.count == "all" else self.count
 
 
@@ -122,8 +126,8 @@ class PolicyChoice(_Settings):
     """Of the openai policy: endpoint and model."""
 
     check: bool = True
-    """Of the openai policy: ask for one reply before anything else starts, and refuse a model that does not
-    reply with an action (:mod:`webgym.agent.preflight`)."""
+    """Ask for a reply before anything else starts: one of the openai policy, which must hold an action
+    (:mod:`webgym.agent.preflight`), and one of every model of a rubric judge."""
 
     @model_validator(mode="before")
     @classmethod
@@ -270,7 +274,7 @@ def _given(tasks: Sequence[Task], config: RunConfig) -> Chosen:
 
 
 def _drawn(tasks: list[Task], config: RunConfig) -> list[Task]:
-    choice, count = config.tasks, config.tasks.drawn
+    choice, count = config.tasks, config.tasks.drawn(len(tasks))
     if choice.ratio is not None and count is not None:
         selected_already = SamplerConfig(split="all", ratio=choice.ratio, seed=config.seed)
         return Sampler(tasks, selected_already).draw(count)
@@ -308,7 +312,8 @@ async def collect(
     check_installed(config.trackers)
     refuse_taken(out)  # before anything is asked or started; the folder itself is made later
     if policy is not None:
-        config = config.model_copy(update={"policy": PolicyChoice(name=policy.name)})
+        own = PolicyChoice(name=policy.name, check=config.policy.check)
+        config = config.model_copy(update={"policy": own})
     config = resolved(config, policy, tell)
     given = tasks
     # A file of hundreds of thousands of tasks takes seconds, and the caller's loop has others to serve.
@@ -453,6 +458,7 @@ class _Company:
     agent: Agent
     judge: Judge
     calls: dict[str, CallQueue]
+    trouble: Callable[[], str]
 
 
 @asynccontextmanager
@@ -464,15 +470,18 @@ async def _company(
         choice.name, mistake_rate=choice.mistakes, chat=choice.chat, profile=profile
     )
     async with AsyncExitStack() as stack:
+        trouble = stack.enter_context(watched())
         judge = await stack.enter_async_context(open_judge(config.judge))
         agent = await stack.enter_async_context(Agent(policy, config.agent, profile))
-        if is_ours and choice.name == "openai" and choice.check:
-            await check_policy(agent, config.attempt.viewport)
-            await check_judge(config.judge)
+        async with telling(trouble, tell) if tell else nullcontext():
+            if choice.check and is_ours and choice.name == "openai":
+                await check_policy(agent, config.attempt.viewport)
+            if choice.check:
+                await check_judge(config.judge)
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
         backstage, client = await stack.enter_async_context(_places(config, secrets, tasks, tell, calls))
-        yield _Company(backstage, client, agent, judge, calls)
+        yield _Company(backstage, client, agent, judge, calls, trouble)
 
 
 @asynccontextmanager
@@ -541,7 +550,7 @@ async def _collected(
         total=plan.total,
         levels={task.id: task.level for task in tasks},
         note=oracle_note(name) if name in ORACLES else "",
-        trouble=lambda: getattr(company.agent.policy, "trouble", ""),
+        trouble=company.trouble,
     )
     judge = company.judge
     stage = Stage(

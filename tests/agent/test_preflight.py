@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import subprocess
 import sys
 from collections.abc import AsyncIterator
@@ -10,9 +11,11 @@ from typing import Any
 
 import pytest
 from tests.llm.endpoint import Endpoint, serve
+from tests.rollout.test_summary import task
 
 from webgym import collection
 from webgym.agent.prompts import render_reply
+from webgym.agent.random_policy import RandomPolicy
 from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import ConfigError, JudgeError, RunFolderError, WebGymError
@@ -20,6 +23,7 @@ from webgym.judge.config import JudgeConfig
 from webgym.judge.factory import JudgeChoice
 from webgym.llm.config import ChatConfig, Retry
 from webgym.offline.app import SitesConfig
+from webgym.tasks import write_tasks
 
 SMALL = SitesConfig(per_family=1)
 CLICK = render_reply(LeftClick(Target(coordinate=(90.0, 80.0))), "memory", description="Click")
@@ -93,14 +97,43 @@ async def test_it_can_be_let_through(endpoint: Endpoint, tmp_path: Path, started
     assert started
 
 
+def judged_by(endpoint: Endpoint, behaviour: str) -> JudgeChoice:
+    chat = ChatConfig(base_url=endpoint.url(behaviour), model="judge", retry=Retry(first_seconds=60))
+    return JudgeChoice(name="rubric", rubric=JudgeConfig(chat=chat))
+
+
+@pytest.mark.parametrize("policy", ["openai", "scripted", "one's own"])
 async def test_a_judge_that_refuses_the_key_stops_it_too(
-    endpoint: Endpoint, tmp_path: Path, started: list[str]
+    endpoint: Endpoint, tmp_path: Path, started: list[str], policy: str
 ) -> None:
-    chat = ChatConfig(base_url=endpoint.url("401"), model="judge")
-    judge = JudgeChoice(name="rubric", rubric=JudgeConfig(chat=chat))
+    """Whoever plays."""
+    given = config(endpoint, judge=judged_by(endpoint, "401"))
+    if policy != "openai":
+        given = given.model_copy(update={"policy": PolicyChoice(name="scripted")})
+    own = RandomPolicy() if policy == "one's own" else None
     with pytest.raises(JudgeError, match=r"the judge's model does not reply: .*401"):
-        await collect(config(endpoint, judge=judge), tmp_path / "run")
+        await collect(given, tmp_path / "run", policy=own)
     assert not started
+
+
+@pytest.mark.parametrize("who", ["policy", "judge"])
+async def test_what_the_first_replies_wait_for_is_told(
+    endpoint: Endpoint, tmp_path: Path, started: list[str], who: str
+) -> None:
+    endpoint.fails_left = 1  # 429
+    given = config(endpoint, judge=judged_by(endpoint, "flaky"))
+    if who == "policy":
+        chat = ChatConfig(base_url=endpoint.url("flaky"), model="tiny", retry=Retry(first_seconds=60))
+        given = config(endpoint, policy=PolicyChoice(chat=chat))
+    told = asyncio.Queue[str]()
+    waiting = asyncio.create_task(collect(given, tmp_path / "run", tell=told.put_nowait))
+    async with asyncio.timeout(30):
+        while "requests are sent again: " not in (line := await told.get()):
+            pass
+    assert "answered 429 Too Many Requests: slow down" in line
+    assert not started
+    waiting.cancel()
+    await asyncio.gather(waiting, return_exceptions=True)
 
 
 async def test_a_folder_that_holds_a_run_is_refused_before_anything_is_asked(
@@ -130,6 +163,22 @@ def test_a_model_without_an_endpoint_is_refused(tmp_path: Path) -> None:
     )
     assert done.returncode != 0
     assert "needs an endpoint and a model" in done.stderr
+
+
+@pytest.mark.parametrize(("there", "drawn"), [(100, 100), (101, 20)])
+async def test_a_large_file_is_drawn_from_and_that_is_told(tmp_path: Path, there: int, drawn: int) -> None:
+    write_tasks(tmp_path / "tasks.jsonl", [task(f"t{number}", 1) for number in range(there)])
+    given = RunConfig(
+        tasks=TaskChoice(file=tmp_path / "tasks.jsonl", split="all"), judge=JudgeChoice(name="operator:eq")
+    )
+    assert len(collection.choose_tasks(given).tasks) == drawn
+    told: list[str] = []
+    with pytest.raises(WebGymError, match="far enough"):
+        await collect(given, tmp_path / "run", tell=told.append)
+    said = "20 of 101 tasks are drawn; --limit (tasks.count) takes another number, or all"
+    assert told == ([said] if drawn < there else [])
+    whole = given.model_copy(update={"tasks": given.tasks.model_copy(update={"count": "all"})})
+    assert len(collection.choose_tasks(whole).tasks) == there
 
 
 def test_a_run_without_a_count_is_small() -> None:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
+from webgym.browser import BrowserConfig
+from webgym.browser.cdp import Session
 from webgym.core.action import (
     DoubleClick,
     Drag,
@@ -108,6 +112,41 @@ async def test_what_html_makes_draggable_is_dragged(site: Site, tab: Tab) -> Non
     assert tab.text.index("Two") > tab.text.index("Bin")
     await tab.step(LeftClick(at(100, 30)))
     assert len(log(tab)) == 2, "nothing is held any more"
+
+
+FORGED = (
+    LOG
+    + """<script>
+addEventListener('mousemove', (e) => e.buttons && dispatchEvent(new Event('dragstart', { bubbles: true })));
+addEventListener('mouseup', () => say('up'));
+</script>"""
+)
+
+
+async def test_a_drag_that_only_the_page_speaks_of_is_none(site: Site, tab: Tab) -> None:
+    await tab.goto(site.page(FORGED))
+    await tab.step(Drag(at(100, 70), at(100, 130)))
+    assert log(tab) == ["up"]
+
+
+@pytest.fixture
+def not_handed_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chromium says nothing of the drags that it intercepts."""
+    on = Session.on
+
+    def deaf(self: Session, event: str, *more: Any) -> Any:
+        return on(self, event.replace("dragIntercepted", "none"), *more)
+
+    monkeypatch.setattr(Session, "on", deaf)
+
+
+@pytest.mark.usefixtures("not_handed_over")
+async def test_a_drag_that_is_not_handed_over_ends_with_the_button_up(site: Site, open_tab: Open) -> None:
+    tab = await open_tab(config=BrowserConfig(execute_seconds=2.0))
+    await tab.goto(site.page(SORTED))
+    await tab.step(Drag(at(100, 70), at(100, 130)))
+    await tab.step(LeftClick(at(100, 30)))
+    assert [entry for entry in log(tab) if entry.startswith("drop")] == []
 
 
 async def test_what_follows_the_mouse_is_dragged(site: Site, tab: Tab) -> None:

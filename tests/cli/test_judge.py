@@ -226,6 +226,23 @@ def test_settings_from_a_file(run: Path, judge_model: JudgeModel, tmp_path: Path
     assert len(held) == 1
 
 
+def test_who_waits_for_the_judges_model_is_told_why(
+    run: Path,
+    judge_model: JudgeModel,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("webgym.llm.trouble._LOOK_SECONDS", 0.01)
+    judge_model._endpoint.fails_left = 1
+    url = judge_model.url.replace("/judge/", "/flaky/")
+    chat = f"{{base_url: '{url}', model: judge-1, retry: {{first_seconds: 2}}}}"
+    file = tmp_path / "judge.yaml"
+    file.write_text(f"name: rubric\nrubric: {{chat: {chat}}}\n")
+    webgym("judge", run, "--config", file, "--limit", "1")
+    assert "requests are sent again: the endpoint" in capsys.readouterr().out
+
+
 def test_help_is_enough(capsys: pytest.CaptureFixture[str]) -> None:
     assert webgym("judge", "--help") == 0
     assert "webgym judge RUN" in capsys.readouterr().out

@@ -90,7 +90,7 @@ class World:
         retry = Retry(tries=20, first_seconds=0.05, longest_seconds=0.2)
         chat = ChatConfig(base_url=f"{self.url('model')}/v1", model="m", retry=retry)
         return RunConfig(
-            tasks=TaskChoice(file=file, split="all"),
+            tasks=TaskChoice(file=file, split="all", count="all"),
             policy=PolicyChoice(chat=chat, check=False),
             agent=AgentConfig(image_max_side=None),
             judge=JudgeChoice(name="tests.rollout.stand_in_judge:judge"),

@@ -14,9 +14,11 @@ import pytest
 from tests.rollout.running import Run, World, a_world, books, outcomes, until
 from tests.rollout.stand_in_judge import ADDRESS
 
-from webgym.bench.stand_ins import StandInModel
+from webgym.bench.stand_ins import TOKEN, StandInModel
+from webgym.core.errors import LeaseLost, ServerUnreachable
 from webgym.rollout.attempt import AttemptConfig
 from webgym.rollout.lockstep import Lockstep
+from webgym.server import BrowserClient, ClientLimits
 
 
 @pytest.fixture
@@ -209,6 +211,29 @@ async def test_a_machine_that_is_slow_is_no_failure_of_the_agents(tmp_path: Path
     assert outcomes(tmp_path / "run") == {"environment_error": 2}
     codes = {each.episode.failure.code for each in books(tmp_path / "run") if each.episode.failure}
     assert codes == {"attempt_overdue"}
+
+
+async def test_waits_in_the_servers_queues_are_not_the_attempts_own_time(
+    tmp_path: Path, world: World
+) -> None:
+    """Nor do they use up the time in which a call is answered."""
+    world.browsers._step_seconds, world.browsers._queued_seconds = (lambda: 0.3), 1e6
+    limits = ClientLimits(reply_seconds=0.1)
+    await Run().start(world.config(tmp_path, 2, limits=limits, retries=0), tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 2}
+
+
+async def test_a_step_that_hangs_without_waiting_is_given_up(world: World) -> None:
+    world.browsers._step_seconds = lambda: 3600.0
+    limits = ClientLimits(reply_seconds=0.1)
+    async with BrowserClient(world.url("browsers"), token=TOKEN, limits=limits) as client:
+        session = await client.open()
+        with pytest.raises(ServerUnreachable, match="in time"):
+            await session.step()
+        # The server knows better what became of a session that ended meanwhile.
+        world.browsers._step_seconds = lambda: world.browsers.sessions.clear() or 3600.0  # type: ignore[func-returns-value]
+        with pytest.raises(LeaseLost):
+            await session.step()
 
 
 # --- figures --------------------------------------------------------------------------------------------

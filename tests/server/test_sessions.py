@@ -23,6 +23,8 @@ from webgym.server import (
     SessionOptions,
     running_server,
 )
+from webgym.server.admission import Gatekeeper
+from webgym.server.config import Admission
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepReply, StepRequest
 from webgym.server.operations import STEP
 
@@ -208,6 +210,21 @@ async def test_a_thinking_model_keeps_its_lease(site: Site, client: BrowserClien
     await asyncio.sleep(1)  # the model thinks
     assert (await session.metadata()).title == "Home"
     await session.close()
+
+
+async def test_a_holder_can_ask_how_long_its_call_waits(
+    session: Session, server: RunningServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gate = Gatekeeper(Admission(fewest=1, most=1))
+    monkeypatch.setattr(server.service, "gate", gate)
+    async with asyncio.timeout(60):
+        async with gate.permit("navigate"):
+            step = asyncio.create_task(session.step())
+            while not (waited := (await session.heartbeat()).queued_seconds):
+                await asyncio.sleep(0.01)
+        told = (await step).observation.milliseconds["queued"]
+    assert waited * 1000 <= told == pytest.approx((await session.heartbeat()).queued_seconds * 1000)
+    await gate.stop()
 
 
 async def test_a_session_is_closed_while_it_works(site: Site, client: BrowserClient) -> None:

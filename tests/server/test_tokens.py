@@ -107,6 +107,10 @@ async def test_a_server_of_several_people(file: Path, tmp_path: Path) -> None:
         assert (await direct.metadata()).url == (await relayed.metadata()).url == "about:blank"
         with pytest.raises(TooManySessions):  # a name is one client, however it calls itself
             await again.open()
+        # The worker's own address is known, but it opens sessions for its gateway alone.
+        async with BrowserClient(gateway.gateway.workers[0].url, token=ALICE) as around:
+            with pytest.raises(Unauthorized, match="gateway"):
+                await around.open()
         file.write_text(f"alice {ALICE}\n")
 
         async def refused() -> bool:

@@ -108,7 +108,7 @@ async def measure(
         file = folder.with_suffix(".jsonl")
         file.parent.mkdir(parents=True, exist_ok=True)
         write_tasks(file, tasks)
-        settings = config.model_copy(update={"tasks": TaskChoice(file=file, split="all")})
+        settings = config.model_copy(update={"tasks": TaskChoice(file=file, split="all", count="all")})
         return _outcomes(folder, await collect(settings, folder, policy=policy))
 
     won = await run(SOLVED, beside, ScriptedPolicy()) if beside else {}

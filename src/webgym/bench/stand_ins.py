@@ -45,6 +45,7 @@ class StandInBrowsers:
 
     Args:
         step_seconds: how long the next step takes.
+        queued_seconds: how long it says that each step has waited in its queues, beside that.
 
     Attributes:
         sessions: pages shown so far, by session.
@@ -54,11 +55,12 @@ class StandInBrowsers:
         steps: steps so far.
     """
 
-    def __init__(self, step_seconds: Callable[[], float] = lambda: 0.0) -> None:
+    def __init__(self, step_seconds: Callable[[], float] = lambda: 0.0, queued_seconds: float = 0.0) -> None:
         self.sessions: dict[str, int] = {}
         self.log: list[tuple[str, str]] = []
         self.most = self.opened = self.steps = 0
         self._step_seconds = step_seconds
+        self._queued_seconds = queued_seconds
 
     def app(self) -> web.Application:
         """What is to be served."""
@@ -105,14 +107,14 @@ class StandInBrowsers:
             "A page",
             (1280, 768),
             status=200,
-            milliseconds={"execute": seconds * 1000},
+            milliseconds={"execute": seconds * 1000, "queued": self._queued_seconds * 1000},
         )
         reply = msgspec.msgpack.encode(StepReply(seen, image))
         return web.Response(body=reply, content_type=MSGPACK)
 
     async def _renew(self, request: web.Request) -> web.Response:
         self._named(request)
-        return _json(Renewed(_TTL_SECONDS))
+        return _json(Renewed(_TTL_SECONDS, self._queued_seconds))
 
     async def _close(self, request: web.Request) -> web.Response:
         del self.sessions[name := self._named(request)]
@@ -179,7 +181,7 @@ def _json(body: msgspec.Struct) -> web.Response:
 
 def _refusal(error: WebGymError) -> web.HTTPException:
     body = msgspec.json.encode(ErrorReply(ErrorBody(error.code, error.message, error.hint)))
-    return web.HTTPGone(body=body, content_type=JSON)
+    return web.HTTPGone(text=body.decode(), content_type=JSON)
 
 
 @asynccontextmanager

@@ -139,7 +139,6 @@ async def drag(page: Page, start: Point, end: Point) -> None:
     What the page makes draggable by HTML is dragged as the system would: Chromium hands the drag over, and
     is told where it passes and is dropped.
     """
-    held_down = {"button": "left", "buttons": 1}
     with contextlib.ExitStack() as stack:
         taken: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
 
@@ -152,19 +151,32 @@ async def drag(page: Page, start: Point, end: Point) -> None:
         page.session.send("Input.setInterceptDrags", {"enabled": True})
         await mouse(page, "mouseMoved", start)
         await mouse(page, "mousePressed", start, button="left", buttons=1, clickCount=1)
-        data: dict[str, Any] | None = None
-        for place in _way(start, end):
-            if data is not None:
-                await _drag_event(page, "dragOver", place, data)
-                continue
-            await mouse(page, "mouseMoved", place, **held_down)
-            if await _has_drag_begun(page):
-                async with asyncio.timeout(page.config.execute_seconds):
-                    data = await taken
-                await _drag_event(page, "dragEnter", place, data)
+        try:
+            await _carry(page, _way(start, end), taken)
+        finally:
+            await mouse(page, "mouseReleased", end, button="left", clickCount=1)
+
+
+async def _carry(page: Page, way: Sequence[Point], taken: asyncio.Future[dict[str, Any]]) -> None:
+    """Pass these places with the button down, and drop at the last what Chromium hands over on the way.
+
+    A drag that the page began and Chromium does not hand over goes on as one without.
+    """
+    data: dict[str, Any] | None = None
+    is_asked = True
+    for place in way:
         if data is not None:
-            await _drag_event(page, "drop", end, data)
-        await mouse(page, "mouseReleased", end, button="left", clickCount=1)
+            await _drag_event(page, "dragOver", place, data)
+            continue
+        await mouse(page, "mouseMoved", place, button="left", buttons=1)
+        if is_asked and await _has_drag_begun(page):
+            done, _ = await asyncio.wait({taken}, timeout=page.config.execute_seconds)
+            is_asked = bool(done)
+            if done:
+                data = taken.result()
+                await _drag_event(page, "dragEnter", place, data)
+    if data is not None:
+        await _drag_event(page, "drop", way[-1], data)
 
 
 def _way(start: Point, end: Point) -> list[Point]:

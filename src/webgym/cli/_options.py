@@ -54,6 +54,16 @@ Limit: TypeAlias = Annotated[
         metavar="N|all",
         parser=_count,
         help="Draw so many tasks.",
+        show_default="all of a file of up to 100, else 20",
+    ),
+]
+LimitOfTest: TypeAlias = Annotated[
+    Any,
+    typer.Option(
+        "--limit",
+        metavar="N|all",
+        parser=_count,
+        help="Draw so many tasks.",
         show_default="all of a file, 20 of the offline web",
     ),
 ]

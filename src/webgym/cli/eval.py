@@ -38,7 +38,7 @@ def command(
         help="train, test, all, or unsplit (tasks that do not say); whatever --config says.",
         show_default="test; every task where none says its split",
     ),
-    limit: options.Limit = None,
+    limit: options.LimitOfTest = None,
     samples: options.Samples = None,
     budget: str | None = typer.Option(
         None, "--budget", help="Steps for easy, medium and hard tasks.", show_default="30,50,70"
@@ -191,8 +191,8 @@ def _budgets(told: str | None) -> dict[str, int]:
 def _as_a_test(settings: RunConfig) -> RunConfig:
     """Settings with what tests differ in from training, where nobody has set it.
 
-    The paper's test budgets; and no attempt is cut short by the clock because others have ended: in a test
-    that would take from the slow ones what the fast ones had.
+    The paper's test budgets; all of a task file; and no attempt is cut short by the clock because others have
+    ended: in a test that would take from the slow ones what the fast ones had.
     """
     from webgym.rollout.evaluation import TEST_BUDGET
 
@@ -205,9 +205,11 @@ def _as_a_test(settings: RunConfig) -> RunConfig:
     collector = settings.collector
     if "straggler_share" not in collector.model_fields_set:
         collector = collector.model_copy(update={"straggler_share": 1.0})
-    return settings.model_copy(
-        update={"attempt": settings.attempt.model_copy(update=attempt), "collector": collector}
-    )
+    tasks = settings.tasks
+    if tasks.file is not None and tasks.count is None:
+        tasks = tasks.model_copy(update={"count": "all"})
+    attempts = settings.attempt.model_copy(update=attempt)
+    return settings.model_copy(update={"attempt": attempts, "collector": collector, "tasks": tasks})
 
 
 def _new_folder() -> Path:

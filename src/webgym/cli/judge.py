@@ -111,8 +111,10 @@ def judge_a_run(
     from webgym.cli._judge import judge_choice, own_choice
     from webgym.cli._judging import print_account, showing, spent_since
     from webgym.cli._run import run as run_job
+    from webgym.cli._run import tell_on
     from webgym.judge.factory import open_judge, refuse_unjudgeable
     from webgym.llm import Ledger, Prices, ReplyCache
+    from webgym.llm.trouble import telling, watched
     from webgym.rollout.files import VERDICTS, disk_errors
     from webgym.rollout.rejudge import RejudgeConfig, judge_run, verdicts_of
     from webgym.rollout.rejudge import compare as compare_verdicts
@@ -148,8 +150,11 @@ def judge_a_run(
         async with ReplyCache(folder / REPLIES) as cache:
             ledger = Ledger(cache, prices=known)
             before = msgspec.structs.replace(ledger.totals.all)
-            async with open_judge(choice, cache=cache, ledger=ledger) as opened:
-                with showing(console) as show:
+            with watched() as trouble, showing(console) as show:
+                async with (
+                    telling(trouble, tell_on(console)),
+                    open_judge(choice, cache=cache, ledger=ledger) as opened,
+                ):
                     state = await judge_run(run, opened, settings, show=show)
             if choice.name == "rubric":
                 print_account(ledger, console)

@@ -36,6 +36,7 @@ from webgym.llm.ledger import Ledger
 from webgym.llm.pools import Pools
 from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text, most_tokens
+from webgym.llm.trouble import note_opened
 from webgym.llm.usage import Call
 
 _TRY_AGAIN: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
@@ -124,6 +125,7 @@ class ChatClient:
             timeout=httpx.Timeout(config.read_seconds, connect=config.connect_seconds, pool=None),
             trust_env=not is_loopback(config.base_url),
         )
+        note_opened(self)
         return self
 
     async def __aexit__(

@@ -129,8 +129,8 @@ class AttemptConfig(BaseModel):
 
     longest_seconds: float = Field(default=3600.0, gt=0)
     """How long an attempt may take of its own: replies, and actions and looks in its browser, without waits
-    in queues; and no single call may take longer. An attempt that does ends without a reward, as the
-    environment's failure: the agent's own limit is its budget of steps."""
+    in queues. An attempt that does ends without a reward, as the environment's failure: the agent's own limit
+    is its budget of steps."""
 
     record_text: bool = True
     """Record the text that is visible in each screenshot; the offline judge reads it."""
@@ -312,14 +312,7 @@ class Attempt:
     async def _act(self, session: BrowserSession, action: BrowserAction | None) -> View:
         """A step in the browser."""
         self._move("acting")
-        deadline = asyncio.timeout(longest := self._stage.config.longest_seconds)
-        try:
-            async with deadline:
-                view = await session.step(action)
-        except TimeoutError as error:
-            if not deadline.expired():
-                raise
-            raise AttemptOverdue(f"the browser took longer than {longest:g} s for a step") from error
+        view = await session.step(action)
         taken = view.observation.milliseconds
         self._spend(sum(taken.values()) / 1000 - taken.get("queued", 0.0) / 1000)
         return view

@@ -84,16 +84,19 @@ class _Queue:
 
 
 class Permit:
-    """The right to run, which a call of :meth:`Gatekeeper.permit` holds.
-
-    Attributes:
-        waited: seconds that it has waited for its turns.
-    """
+    """The right to run, which a call of :meth:`Gatekeeper.permit` holds."""
 
     def __init__(self, gate: Gatekeeper) -> None:
-        self.waited = 0.0
+        self._waited = 0.0
+        self._waits_since: float | None = None
         self._gate = gate
         self._held: tuple[_Queue, _Grant] | None = None
+
+    @property
+    def waited(self) -> float:
+        """Seconds that it has waited for its turns, until now."""
+        since = self._waits_since
+        return self._waited + (0.0 if since is None else asyncio.get_running_loop().time() - since)
 
     async def exchange(self, queue: QueueName, stopped: Callable[[], AbstractContextManager[None]]) -> None:
         """Give it back, and wait for one of another queue.
@@ -109,7 +112,7 @@ class Permit:
 
     async def take(self, own: _Queue, turn: _Turn) -> None:
         """Wait for a turn, and hold the permit that comes with it."""
-        began = asyncio.get_running_loop().time()
+        began = self._waits_since = asyncio.get_running_loop().time()
         try:
             self._held = own, await turn
         except asyncio.CancelledError:
@@ -119,7 +122,8 @@ class Permit:
             raise
         finally:
             waited = asyncio.get_running_loop().time() - began
-            self.waited += waited
+            self._waited += waited
+            self._waits_since = None
             own.waited += waited
 
     def give_back(self) -> None:
@@ -150,9 +154,16 @@ class Gatekeeper:
         self._adapting: asyncio.Task[None] | None = None
 
     @asynccontextmanager
-    async def permit(self, queue: QueueName) -> AsyncIterator[Permit]:
-        """Wait in this queue for a turn, and hold a run permit for the block."""
+    async def permit(
+        self, queue: QueueName, on_queue: Callable[[Permit], None] = lambda _: None
+    ) -> AsyncIterator[Permit]:
+        """Wait in this queue for a turn, and hold a run permit for the block.
+
+        Args:
+            on_queue: is given the permit before it is waited for.
+        """
         permit = Permit(self)
+        on_queue(permit)
         await permit.take(*self.line_up(queue))
         try:
             yield permit

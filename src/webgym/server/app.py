@@ -9,12 +9,13 @@ import msgspec
 from starlette.applications import Starlette
 from starlette.requests import Request
 
+from webgym.core.errors import Unauthorized
 from webgym.server.front import Front, application, decode, while_connected
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionGrant, SessionOptions
 from webgym.server.operations import ALLOCATE, OPERATIONS, Operation
 from webgym.server.quota import Quota, client_of
 from webgym.server.service import Service
-from webgym.server.tokens import Tokens
+from webgym.server.tokens import OWN, Tokens
 
 
 def create_app(service: Service, tokens: Tokens, *, instance: str = "", endpoint: str = "") -> Starlette:
@@ -62,6 +63,10 @@ class _Calls:
         return await getattr(self._service, operation.name)(*arguments)
 
     async def _allocate(self, request: Request, options: SessionOptions) -> SessionGrant:
+        if self._service.config.name and request.state.caller != OWN:
+            raise Unauthorized(
+                "a worker opens sessions for its gateway alone, which counts them", hint="ask the gateway"
+            )
         client = client_of(request)
         with self._quota.asking(client):
             grant = await while_connected(request, self._service.allocate(options), self._undo)

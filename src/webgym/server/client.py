@@ -13,9 +13,10 @@ import contextlib
 import logging
 import secrets
 import socket
+import time
 from collections import OrderedDict
-from collections.abc import Mapping
-from typing import NamedTuple, TypeVar
+from collections.abc import Coroutine, Mapping
+from typing import Any, NamedTuple, TypeVar
 
 import aiohttp
 import msgspec
@@ -314,9 +315,14 @@ class BrowserClient:
             headers = headers | {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
         content = None if body is None else msgspec.json.encode(body)
         pool = self.calls[queue].turn() if queue else contextlib.nullcontext()
+        limit = seconds or self.limits.reply_seconds
         try:
-            async with pool, asyncio.timeout(seconds or self.limits.reply_seconds):
-                return await self._exchange(operation.method, base_url + path, content, headers)
+            async with pool:
+                exchange = self._exchange(operation.method, base_url + path, content, headers)
+                if grant is None or operation in (HEARTBEAT, RELEASE):
+                    async with asyncio.timeout(limit):
+                        return await exchange
+                return await self._answered(exchange, limit, base_url, grant)
         except (aiohttp.InvalidURL, ValueError) as error:
             told = ServerUnreachable(f"{base_url} is not an http address: {error}", hint="check --server")
             raise _Broken(told, was_sent=False) from None
@@ -332,6 +338,32 @@ class BrowserClient:
                 hint="it may have been carried out: look before you act again",
             )
             raise _Broken(told, was_sent=True) from None
+
+    async def _answered(
+        self, exchange: Coroutine[Any, Any, _Response], limit: float, base_url: str, grant: SessionGrant
+    ) -> _Response:
+        """The answer to a session's call. Only the server knows how long the call has waited in its queues:
+        it is asked when the time is up, and what it says of a session that is over is the answer.
+
+        Raises:
+            TimeoutError: the call took longer, without that wait.
+        """
+        call, began, left = asyncio.create_task(exchange), time.monotonic(), limit
+        try:
+            while not (await asyncio.wait({call}, timeout=left))[0]:
+                try:
+                    said = await self._send(base_url, HEARTBEAT, None, grant, None, limit)
+                except _Broken as broken:
+                    raise TimeoutError from broken
+                if not said.is_success:
+                    return said
+                queued = self._decode(HEARTBEAT, Renewed, said).queued_seconds
+                if (left := limit + queued - (time.monotonic() - began)) <= 0 and not call.done():
+                    raise TimeoutError
+            return call.result()
+        finally:
+            call.cancel()
+            await asyncio.gather(call, return_exceptions=True)
 
     async def _exchange(
         self, method: str, url: str, content: bytes | None, headers: dict[str, str]

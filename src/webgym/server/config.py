@@ -253,7 +253,8 @@ class ClientLimits(BaseModel):
     """Until a connection is up."""
 
     reply_seconds: float = Field(default=120.0, gt=0)
-    """Until a call is answered. Longer than the server's own deadlines and its longest line together."""
+    """Until a call is answered, without the time for which a session's call waits in the server's queues.
+    Longer than the server's own deadlines, and than its line for a free slot."""
 
     release_seconds: float = Field(default=10.0, gt=0)
     """Until a session is given back. The lease runs out by itself, so nobody waits for long."""

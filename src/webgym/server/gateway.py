@@ -106,7 +106,8 @@ class Gateway:
         client = client_of(request)
         self._asked += 1
         with self._quota.asking(client):
-            work = self._open(list(_passed_on(request)), body)
+            headers = [header for header in _passed_on(request) if header[0] != b"authorization"]
+            work = self._open(headers, body)
             worker, grant = await while_connected(request, work, self._undo)
             if not worker.is_lost:  # else it has ended already
                 worker.sessions[grant.session_id] = grant.generation
@@ -137,7 +138,7 @@ class Gateway:
     async def _ask(self, worker: Worker, headers: list[Header], body: bytes) -> SessionGrant:
         worker.pending += 1
         try:
-            async with worker.relay.call(ALLOCATE.method, ALLOCATE.path, headers, body) as answer:
+            async with worker.allocate(headers, body) as answer:
                 said = await answer.body()
         except NotSent:
             worker.sent -= 1

@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from webgym.browser import Slot
 from webgym.core.errors import LeaseLost
+from webgym.server.admission import Permit
 
 log = logging.getLogger(__name__)
 
@@ -31,6 +32,7 @@ class Lease:
         ttl_seconds: time to live without renewal.
         expires: when it runs out, on the loop's clock.
         ends: when it runs out for good, renewed or not.
+        permit: of its call, or of its last one.
     """
 
     id: str
@@ -40,6 +42,7 @@ class Lease:
     ttl_seconds: float
     expires: float
     ends: float
+    permit: Permit | None = None
     is_over: bool = False
     over: asyncio.Event = field(default_factory=asyncio.Event)
     """Set when nothing of the lease touches the slot any more."""

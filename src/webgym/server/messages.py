@@ -109,9 +109,14 @@ class PageMetadata(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Renewed(msgspec.Struct, frozen=True):
-    """A lease's new remaining time."""
+    """A lease's new remaining time.
+
+    Attributes:
+        queued_seconds: how long the session's call, or its last one, has waited for its turns so far.
+    """
 
     ttl_seconds: float
+    queued_seconds: float = 0.0
 
 
 class Closed(msgspec.Struct, frozen=True):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
@@ -81,11 +81,21 @@ class Service:
         await self.pool.stop()
 
     @asynccontextmanager
-    async def _running(self, slot: Slot, queue: QueueName) -> AsyncIterator[Permit]:
+    async def _running(
+        self, slot: Slot, queue: QueueName, on_queue: Callable[[Permit], None] = lambda _: None
+    ) -> AsyncIterator[Permit]:
         """Wait for a run permit, and let the slot's processes run for the block."""
-        async with self.gate.permit(queue) as permit:
+        async with self.gate.permit(queue, on_queue) as permit:
             with slot.awake():
                 yield permit
+
+    def _serving(self, lease: Lease, queue: QueueName) -> AbstractAsyncContextManager[Permit]:
+        """The same for a call of a session, whose holder can ask how long it has waited."""
+
+        def note(permit: Permit) -> None:
+            lease.permit = permit
+
+        return self._running(lease.slot, queue, note)
 
     async def _take_back(self, slot: Slot) -> None:
         try:
@@ -149,7 +159,7 @@ class Service:
 
     async def heartbeat(self, lease: Lease) -> Renewed:
         """Renew a lease."""
-        return Renewed(lease.renew())
+        return Renewed(lease.renew(), lease.permit.waited if lease.permit else 0.0)
 
     # --- calls of a session -------------------------------------------------------------------------
 
@@ -158,7 +168,7 @@ class Service:
         slot, action = lease.slot, request.action
 
         async def work() -> StepReply:
-            async with self._running(slot, _queue_of(action)) as permit:
+            async with self._serving(lease, _queue_of(action)) as permit:
                 look = await slot.step(action, between=lambda: permit.exchange("screenshot", slot.asleep))
             spent = look.observation.milliseconds | {"queued": permit.waited * 1000}
             observation = msgspec.structs.replace(look.observation, milliseconds=spent)
@@ -180,7 +190,7 @@ class Service:
         slot = lease.slot
 
         async def work() -> PageMetadata:
-            async with self._running(slot, "metadata"):
+            async with self._serving(lease, "metadata"):
                 return _told(await slot.metadata())
 
         return await self._run(lease, work)
@@ -190,7 +200,7 @@ class Service:
         slot = lease.slot
 
         async def work() -> Document:
-            async with self._running(slot, "metadata"):
+            async with self._serving(lease, "metadata"):
                 return await slot.read(request)
 
         return await self._run(lease, work)
@@ -200,7 +210,7 @@ class Service:
         slot = lease.slot
 
         async def work() -> bytes:
-            async with self._running(slot, "screenshot"):
+            async with self._serving(lease, "screenshot"):
                 return await slot.screenshot()
 
         return await self._run(lease, work)
@@ -209,7 +219,7 @@ class Service:
         slot = lease.slot
 
         async def work() -> PageMetadata:
-            async with self._running(slot, _queue_of(action)):
+            async with self._serving(lease, _queue_of(action)):
                 await slot.act(action)
                 return _told(await slot.metadata())
 

@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import math
-from collections.abc import AsyncIterator, Callable, Collection
+from collections.abc import AsyncIterator, Callable, Collection, Iterable
+from contextlib import AbstractAsyncContextManager
 from typing import Protocol
 
 import msgspec
@@ -24,7 +25,7 @@ from webgym.server.messages import (
     SessionGrant,
     Watched,
 )
-from webgym.server.operations import HEALTH, RELEASE, WATCH
+from webgym.server.operations import ALLOCATE, HEALTH, RELEASE, WATCH
 from webgym.server.relay import Answer, Header, Interrupted, NotSent, Relay
 
 log = logging.getLogger(__name__)
@@ -165,6 +166,14 @@ class Worker:
         for session in ended:
             del self.sessions[session]
         return ended
+
+    def allocate(self, headers: Iterable[Header], body: bytes) -> AbstractAsyncContextManager[Answer]:
+        """Ask for a session, in our own name: it opens none in another's.
+
+        Raises:
+            NotSent, Interrupted: here or in the block: it could not be asked.
+        """
+        return self.relay.call(ALLOCATE.method, ALLOCATE.path, [*self._credentials, *headers], body)
 
     async def get(self, path: str) -> bytes:
         """The body of a small answer.

@@ -213,7 +213,8 @@ class Training:
         self._show = show
         self._tell = tell or (lambda _line: None)
         self._track: Track = lambda _row: None
-        self._rollout = config.rollout.model_copy(update={"server": where})
+        unchecked = config.rollout.policy.model_copy(update={"check": False})  # before the training began
+        self._rollout = config.rollout.model_copy(update={"server": where, "policy": unchecked})
         blocklist = Blocklist(config.rollout.blocklist)
         sampling = config.sampler.model_copy(update={"seed": config.seed})
         frontier = config.learn.frontier
@@ -243,7 +244,7 @@ class Training:
             secrets: of those.
             track: is given each finished iteration's row of ``metrics.jsonl``.
         """
-        self._rollout = self.config.rollout.model_copy(update={"server": where})
+        self._rollout = self._rollout.model_copy(update={"server": where})
         self._secrets, self._track = secrets, track
 
     async def run(self) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from webgym.collection import Secrets, all_tasks, resolved, services
 from webgym.core.errors import RunFolderError
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
-from webgym.judge.factory import refuse_unjudgeable
+from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.rollout.files import CONFIG
 from webgym.rollout.trackers import tracking
 from webgym.settings import first_problem, settings_of
@@ -74,6 +74,8 @@ async def open_training(
     )
     await asyncio.to_thread(load_renderer, config.learn.model)
     refuse_unjudgeable(config.rollout.judge, tasks)
+    if config.rollout.policy.check:
+        await check_judge(config.rollout.judge)  # once: iterations outlast a judge that is away for a while
     async with serving, services(config.rollout, secrets or Secrets()) as (where, tokens):
         if not resume:
             folder.create(config.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))

@@ -50,8 +50,10 @@
   let begun = null;
   webgym.listen(
     ['mousedown', () => (begun = null), { capture: true, passive: true }],
-    ['dragstart', (event) => (begun = event), { capture: true, passive: true }],
+    ['dragstart', (event) => event.isTrusted && (begun = event), { capture: true, passive: true }],
+    ['dragend', (event) => event.isTrusted && (begun = null), { capture: true, passive: true }],
   );
-  // Whether a drag of the system began since the button was pressed, and the page let it.
+  // Whether a drag of the system began since the button was pressed, and the page let it. An event that the page
+  // made itself is no drag, and one that Chromium gives up ends at once.
   webgym.hasDragBegun = () => Boolean(begun && !begun.defaultPrevented);
 })();

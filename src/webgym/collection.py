@@ -519,6 +519,7 @@ async def _carry_out(
             samples=config.samples,
             retries=config.retries,
             recorded=list(store.attempts.values()),
+            retired=store.retired,
             retry_errors=retry_errors,
             hardest_first=config.collector.order == "hardest_first",
             claims=claims,

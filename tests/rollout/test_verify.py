@@ -135,7 +135,7 @@ class Judge:
     def __init__(self) -> None:
         self.asked: list[str] = []
 
-    async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:  # noqa: ARG002
+    async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         self.asked.append(episode.attempt_id)
         return Verdict(self.name, 1, (), Judgement(False, "no"))
 
@@ -149,8 +149,9 @@ async def test_what_is_made_again_has_a_name_of_its_own_so_that_no_verdict_on_th
     async with a_world() as world:
         await Run().start(world.config(tmp_path, 3), run).end()
         await judge_run(run, judge)
-        lines = _shard(run).read_bytes().splitlines(keepends=True)
-        _shard(run).write_bytes(b"".join(line.replace(*change) if b'"t0#' in line else line for line in lines))
+        for line in _shard(run).read_bytes().splitlines():
+            if b'"t0#' in line:
+                _change(_shard(run), line, line.replace(*change))
         assert verify(run, set_aside=True).problems
         await Run().start(None, run).end()
     assert {each.episode.attempt_id for each in books(run)} == {"t0#0.1", "t1#0.0", "t2#0.0"}

@@ -64,8 +64,8 @@ class Plan:
         samples: attempts wanted for every time that a task comes.
         retries: how often a sample is attempted again after an error.
         recorded: what a run that is resumed has on disk.
-        retired: names of attempts that were recorded and cannot be trusted any more. They are not given again:
-            verdicts and labels go by them.
+        retired: names of attempts that were recorded and cannot be trusted any more. They are not given
+            again: verdicts and labels go by them.
         retry_errors: begin anew with the retries of samples whose last attempt ended in an error.
         hardest_first: hand out the tasks with the most facts first.
         claims: where the tasks are shared with other collectors; what they do counts as done.
@@ -90,7 +90,7 @@ class Plan:
         self._taken: list[Planned] = []
         """What other collectors have claimed; they may die."""
         self.elsewhere: set[tuple[str, int]] = set()
-        """Samples, by task and number, that other collectors have done."""
+        """Samples, by task and number, that other collectors have done or taken over."""
         self._in_flight = 0
         self._done = 0
         self._changed = asyncio.Condition()
@@ -173,11 +173,16 @@ class Plan:
             self._in_flight += 1
             return self._waiting.popleft()
 
-    async def holds(self, planned: Planned) -> bool:
-        """Whether an attempt that was taken is still ours to record, and not another collector's by now."""
-        if self._claims is None:
+    async def holds(self, task_id: str, sample: int) -> bool:
+        """Whether a sample that was ours still is, and not another collector's by now.
+
+        Raises:
+            StoreError: the disk that is shared cannot be read.
+        """
+        if self._claims is None or await asyncio.to_thread(self._claims.holds, task_id, sample):
             return True
-        return await asyncio.to_thread(self._claims.holds, planned.task.id, planned.sample)
+        self.elsewhere.add((task_id, sample))
+        return False
 
     async def settle(self, planned: Planned, outcome: Outcome, *, is_final: bool = False) -> None:
         """Say how an attempt that was taken ended, after it was recorded.

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import asyncio
 import uuid
-from collections.abc import AsyncIterator, Callable, Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Mapping, Sequence
 from contextlib import (
     AbstractAsyncContextManager,
     AsyncExitStack,
@@ -528,6 +529,7 @@ async def _carry_out(
             samples=config.samples,
             retries=config.retries,
             recorded=list(store.attempts.values()),
+            retired=store.retired,
             retry_errors=retry_errors,
             hardest_first=config.collector.order == "hardest_first",
             claims=claims,
@@ -575,10 +577,11 @@ async def _collected(
                 blocklist = Blocklist(config.blocklist)
                 pictures = _pictures(store.path)
                 await Collector(stage, judge, pictures, config.collector, blocklist).run(plan, finishing)
-                await judge_again(stage, tasks, judge, pictures, config.collector, blocklist)
+                await judge_again(stage, tasks, judge, pictures, config.collector, blocklist, plan)
     finally:
         # Also of a run that was stopped: what is on disk has a summary.
-        summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge, plan.elsewhere)
+        elsewhere = Counter(task_id for task_id, _ in plan.elsewhere)
+        summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge, elsewhere)
         await store.write_summary(summary)
     return summary
 
@@ -726,7 +729,7 @@ def _pictures(run: Path) -> Callable[[str], Any]:
 
 
 def _summarise(
-    run: Path, tasks: Sequence[Task], config: RunConfig, judge: Judge, elsewhere: Collection[tuple[str, int]]
+    run: Path, tasks: Sequence[Task], config: RunConfig, judge: Judge, elsewhere: Mapping[str, int]
 ) -> Summary:
     reader = RunReader(run, skip_corrupt=True)
     return summarise(

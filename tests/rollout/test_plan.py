@@ -56,16 +56,23 @@ async def carry_out(plan: Plan, rng: random.Random, *, stop_after: int | None = 
 
 
 def test_a_plan_and_its_resumption_add_up() -> None:
+    """Also if records are lost between them, as those that ``webgym verify --set-aside`` moves."""
     drawn = st.lists(st.sampled_from(TASKS), min_size=1, max_size=8)  # some twice, as a sampler may draw them
+    numbers = (st.integers(0, 2**32), st.integers(1, 3), st.integers(0, 3), st.integers(0, 20))
 
-    @given(drawn, st.integers(0, 2**32), st.integers(1, 3), st.integers(0, 3), st.integers(0, 20))
-    def check(tasks: list[Task], seed: int, samples: int, retries: int, stop_after: int) -> None:
+    @given(drawn, *numbers, st.sampled_from([0.0, 0.4]))
+    def check(
+        tasks: list[Task], seed: int, samples: int, retries: int, stop_after: int, losses: float
+    ) -> None:
         rng = random.Random(seed)
 
         async def both() -> list[Entry]:
             first = await carry_out(Plan(tasks, samples=samples, retries=retries), rng, stop_after=stop_after)
-            resumed = Plan(tasks, samples=samples, retries=retries, recorded=first)
+            lost = {each.attempt_id for each in first if rng.random() < losses}
+            first[:] = [each for each in first if each.attempt_id not in lost]
+            resumed = Plan(tasks, samples=samples, retries=retries, recorded=first, retired=lost)
             second = await carry_out(resumed, rng)
+            assert not lost & {each.attempt_id for each in second}, "a name is given once"
             assert resumed.done == resumed.total == samples * len(tasks)
             return first + second
 
@@ -130,6 +137,25 @@ async def test_what_exhausted_its_retries_is_attempted_again_if_asked_for() -> N
         tried.append(planned.attempt_id)
         await plan.settle(planned, Outcome.ENVIRONMENT_ERROR)
     assert tried == ["t0#0.2", "t0#0.3"], "as often as the run allows, under names of their own"
+
+
+@pytest.mark.parametrize("retry_errors", [False, True])
+async def test_the_number_of_an_attempt_is_above_all_that_are_and_were_there(retry_errors: bool) -> None:
+    """Counting what is left would give a name again that is taken, and the run could never end."""
+    recorded = [entry(Planned(TASKS[0], 0, 1), Outcome.ENVIRONMENT_ERROR)]
+    retired = ["t0#0.0", "t1#0.2", "t9#0.0", "a name of somebody else's"]
+    plan = Plan(
+        TASKS[:3],
+        samples=1,
+        retries=1,
+        recorded=recorded,
+        retired=retired,
+        retry_errors=retry_errors,
+    )
+    taken = [await plan.take() for _ in range(3)]
+    assert [each.attempt_id for each in taken if each] == ["t0#0.2", "t1#0.3", "t2#0.0"]
+    assert taken[0] is not None
+    assert taken[0].failures == (0 if retry_errors else 1)
 
 
 @pytest.mark.parametrize("outcome", [Outcome.SUCCESS, Outcome.BLOCKED, Outcome.JUDGE_ERROR])

@@ -9,12 +9,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.rollout.running import Run, World, a_world, books, until
+from tests.rollout.running import Run, World, a_world, books, outcomes, until
+from tests.rollout.stand_in_judge import ADDRESS
+from tests.rollout.test_plan import entry
 from tests.rollout.test_summary import task
 
 from webgym.core.errors import ConfigError
+from webgym.core.outcome import Outcome
+from webgym.report.overview import Overview
+from webgym.rollout.plan import Plan
 from webgym.rollout.sharing import Claim, Claims, SharingConfig
 from webgym.rollout.store import RunReader
+from webgym.rollout.summary import digest_of
+from webgym.rollout.verify import verify
 
 TASKS = [task(f"t{number}", 1) for number in range(4)]
 
@@ -39,7 +46,6 @@ def test_a_sample_is_one_collectors_until_it_is_done(tmp_path: Path) -> None:
     assert one.claim("t0", 0) is Claim.OURS  # made again after an error, or by a resumed run
     one.finish("t0", 0)
     assert two.claim("t0", 0) is Claim.DONE
-    assert one.claim("t0", 0) is Claim.DONE
 
 
 def test_of_many_who_take_over_from_the_dead_one_wins_and_the_dead_is_told(tmp_path: Path) -> None:
@@ -58,6 +64,35 @@ def test_who_leaves_is_taken_over_from_at_once(tmp_path: Path) -> None:
     assert one.claim("t0", 0) is Claim.OURS
     one.leave()
     assert two.claim("t0", 0) is Claim.OURS
+
+
+async def test_what_its_own_run_wants_to_attempt_again_is_no_others(tmp_path: Path) -> None:
+    """Once its retries are spent a sample is done, for all others; who asks for more gets them."""
+    one, two = collector(tmp_path, "one"), collector(tmp_path, "two")
+    plan = Plan(TASKS[:1], samples=1, retries=0, claims=one)
+    spent = await plan.take()
+    assert spent is not None
+    await plan.settle(spent, Outcome.ENVIRONMENT_ERROR)
+    recorded = [entry(spent, Outcome.ENVIRONMENT_ERROR)]
+    assert two.claim("t0", 0) is Claim.DONE
+    again = Plan(TASKS[:1], samples=1, retries=0, recorded=recorded, retry_errors=True, claims=one)
+    more = await again.take()
+    assert more is not None
+    assert more.attempt_id == "t0#0.1"
+    assert two.claim("t0", 0) is Claim.TAKEN, "it is being attempted"
+    await again.settle(more, Outcome.SUCCESS)
+    assert two.claim("t0", 0) is Claim.DONE
+    assert not again.elsewhere
+
+
+def test_what_a_dead_collector_has_on_its_disk_stays_its_own(tmp_path: Path) -> None:
+    """It is another that says so for it, and it may still find that its record is lost."""
+    dead, other = collector(tmp_path, "dead"), collector(tmp_path, "other")
+    assert dead.claim("t0", 0) is Claim.OURS
+    dead.leave()
+    other._finished_by = lambda owner: frozenset({("t0", 0)} if owner == "dead" else ())  # type: ignore[method-assign]
+    assert other.claim("t0", 0) is Claim.DONE
+    assert dead.claim("t0", 0) is Claim.OURS
 
 
 def test_collectors_of_different_lists_do_not_share(tmp_path: Path) -> None:
@@ -81,6 +116,13 @@ async def test_three_collectors_do_every_sample_once(tmp_path: Path, world: Worl
     assert len(made) == len(samples) == 40 == world.browsers.opened
     assert sum(summary["planned"]["overall"] for summary in summaries) == 40
     assert all(summary["success_rate_of_planned"]["overall"] in (1.0, None) for summary in summaries)
+    for name, summary in zip("abc", summaries, strict=True):
+        overview = Overview(RunReader(tmp_path / name))
+        for each in books(tmp_path / name):
+            overview.add(digest_of(each))
+        shown = overview.figures().summary
+        assert shown["by_level"] == summary["by_level"]
+        assert shown["planned"] == summary["planned"], "the report says what summary.json says"
 
 
 async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_recorded_is_not(
@@ -101,3 +143,43 @@ async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_
     assert len(RunReader(tmp_path / "a").attempts) == len(books(tmp_path / "a"))
     again = {each.episode.task_id for each in books(tmp_path / "a") if not each.outcome.is_retried}
     assert again == ended
+
+
+async def test_a_record_that_was_set_aside_is_made_again_by_whose_run_it_was(
+    tmp_path: Path, world: World
+) -> None:
+    config = world.config(tmp_path, 6, shared(tmp_path))
+    runs = [await Run().start(config, tmp_path / name).end() for name in "ab"]
+    assert [run["planned"]["overall"] for run in runs] == [6, 0]
+    shard = tmp_path / "a/trajectories/00000.jsonl"
+    shard.write_bytes(shard.read_bytes().replace(b'"outcome":"success"', b'"outcome":"failure"', 1))
+    verify(tmp_path / "a", set_aside=True)
+    made = world.browsers.opened
+    again = [await Run().start(None, tmp_path / name).end() for name in "ba"]
+    assert world.browsers.opened == made + 1
+    assert [run["planned"]["overall"] for run in again] == [0, 6]
+    assert again[1]["success_rate_of_planned"]["overall"] == 1.0
+
+
+async def test_what_was_taken_over_while_it_waited_for_a_verdict_has_no_reward_in_two_runs(
+    tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(ADDRESS, world.url("judge"))
+    world.judge.lets.clear()
+    config = world.config(tmp_path, 3, shared(tmp_path, beat_seconds=600.0))
+    first = Run().start(config, tmp_path / "a")
+    await until(lambda: world.judge.asked == 3)
+    [life] = (tmp_path / "shared/collectors").iterdir()
+    os.utime(life, (1, 1))  # its host sleeps, say
+    second = Run().start(config, tmp_path / "b")
+    await until(lambda: world.judge.asked == 6)
+    first.task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await first.end()
+    assert outcomes(tmp_path / "a") == {"judge_error": 3}
+    world.judge.lets.set()
+    await second.end()
+    resumed = await Run().start(None, tmp_path / "a").end()
+    assert (outcomes(tmp_path / "a"), outcomes(tmp_path / "b")) == ({"cancelled": 3}, {"success": 3})
+    assert resumed["planned"]["overall"] == 0
+    assert world.judge.asked == 6, "it is not judged twice either"

@@ -10,11 +10,16 @@ from pathlib import Path
 
 import pytest
 from tests.report.conftest import build_run
+from tests.rollout.running import Run, a_world, books
 
 from webgym.cli import main
 from webgym.core.errors import RunFolderError, StoreLocked
-from webgym.core.trajectory import Trajectory
+from webgym.core.task import Task
+from webgym.core.trajectory import Episode, Trajectory
+from webgym.core.verdict import Judgement, Verdict
+from webgym.judge import Pictures
 from webgym.rollout.records import pictures
+from webgym.rollout.rejudge import judge_run, verdicts_of
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.verify import Findings, verify
 
@@ -120,6 +125,40 @@ async def test_attempts_that_show_a_broken_picture_go_with_it_and_can_be_made_ag
     async with await RunWriter.reopen(run) as writer:
         assert not set(lost) & set(writer.attempts)
         assert len(writer.attempts) == 12 - len(lost)
+
+
+class Judge:
+    """Passes everything, and notes whom it was asked about."""
+
+    name = "passing/1"
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+
+    async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
+        self.asked.append(episode.attempt_id)
+        return Verdict(self.name, 1, (), Judgement(False, "no"))
+
+
+@pytest.mark.parametrize("change", [(b'"outcome":"success"', b'"outcome":"failure"'), (b'"t0#', b'"t1#')])
+async def test_what_is_made_again_has_a_name_of_its_own_so_that_no_verdict_on_the_lost_one_counts(
+    tmp_path: Path, change: tuple[bytes, bytes]
+) -> None:
+    """Also where the record that was lost does not tell its name any more."""
+    run, judge = tmp_path / "run", Judge()
+    async with a_world() as world:
+        await Run().start(world.config(tmp_path, 3), run).end()
+        await judge_run(run, judge)
+        for line in _shard(run).read_bytes().splitlines():
+            if b'"t0#' in line:
+                _change(_shard(run), line, line.replace(*change))
+        assert verify(run, set_aside=True).problems
+        await Run().start(None, run).end()
+    assert {each.episode.attempt_id for each in books(run)} == {"t0#0.1", "t1#0.0", "t2#0.0"}
+    assert "t0#0.0" not in verdicts_of(run, judge.name)[1]
+    judge.asked.clear()
+    assert (await judge_run(run, judge)).earlier == 2
+    assert judge.asked == ["t0#0.1"]
 
 
 def test_settings_and_tasks_stay(run: Path, capsys: pytest.CaptureFixture[str]) -> None:

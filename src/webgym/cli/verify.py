@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.progress import Progress, TextColumn
 
 from webgym.core.text import plain
-from webgym.rollout.verify import SET_ASIDE, verify
+from webgym.rollout.files import SET_ASIDE
+from webgym.rollout.verify import verify
 
 
 def command(

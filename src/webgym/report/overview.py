@@ -59,7 +59,7 @@ class Overview:
             self._lengths[task.level][digest.steps, digest.outcome.value] += 1
 
     def figures(self) -> Figures:
-        """What was counted. Names, seed and wall time are the collector's own where it has told them."""
+        """What was counted. What no trajectory tells is the collector's own where it has told it."""
         told = self._reader.summary or {}
         config = self._reader.config
         summary = self._tally.summary(
@@ -67,6 +67,7 @@ class Overview:
             policy=told.get("policy") or None,
             judge=told.get("judge") or None,
             wall_seconds=told.get("wall_seconds") if is_whole(self._reader, self.count) else None,
+            elsewhere=told.get("elsewhere"),
         )
         lengths = {
             level: [(*key, n) for key, n in counted.items()] for level, counted in self._lengths.items()

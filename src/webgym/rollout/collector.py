@@ -33,7 +33,7 @@ from webgym.judge.base import Judge, Pictures
 from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import Attempt, BrowserSession, Stage
 from webgym.rollout.blocklist import Blocklist
-from webgym.rollout.judging import JUDGED, Found, find
+from webgym.rollout.judging import JUDGED, TAKEN_OVER, Found, find
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
 from webgym.rollout.sharing import SharingConfig
@@ -258,8 +258,8 @@ class Collector:
         try:
             try:
                 judged, seconds = await self._find(planned, episode)
-                if is_lost := not await plan.holds(planned):
-                    judged = _TAKEN_OVER
+                if is_lost := not await plan.holds(planned.task.id, planned.sample):
+                    judged = TAKEN_OVER
             except asyncio.CancelledError:
                 # What the browser did is not done again: a resumed run judges it.
                 await asyncio.shield(self._record(episode, _unjudged(episode)))
@@ -332,13 +332,6 @@ class Collector:
 async def _close(plan: Plan, finishing: asyncio.Event) -> None:
     await finishing.wait()
     await plan.close()
-
-
-_TAKEN_OVER = Found(
-    None,
-    Failure("taken_over", "another collector thought this one dead, and has the task"),
-    Outcome.CANCELLED,
-)
 
 
 def _unjudged(episode: Episode) -> Found:

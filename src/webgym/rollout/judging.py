@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
+from typing import Final
 
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Ending, Outcome, outcome_of
@@ -29,6 +30,14 @@ class Found:
     verdict: Verdict | None
     failure: Failure | None
     outcome: Outcome
+
+
+TAKEN_OVER: Final = Found(
+    None,
+    Failure("taken_over", "another collector thought this one dead, and has the task"),
+    Outcome.CANCELLED,
+)
+"""What becomes of an episode whose sample is another collector's by now."""
 
 
 async def find(judge: Judge, task: Task, episode: Episode, pictures: Pictures, seconds: float) -> Found:

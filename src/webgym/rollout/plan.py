@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections import Counter, deque
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +21,7 @@ class Planned:
         task: the task.
         sample: which of the planned attempts at the task, from 0; a task that was drawn twice has twice
             as many.
-        retry: how many attempts at this sample have been recorded before.
+        retry: above that of every attempt at this sample that was ever recorded: no two have one name.
         failures: how many of those ended in an error of the environment or the policy. One that was
             cancelled is made again as often as it takes.
     """
@@ -38,8 +38,19 @@ class Planned:
 
     def after(self, outcome: Outcome) -> Planned:
         """The attempt that follows if this one ended so."""
-        failed = outcome is not Outcome.CANCELLED
-        return replace(self, retry=self.retry + 1, failures=self.failures + failed)
+        return replace(self, retry=self.retry + 1, failures=self.failures + _has_failed(outcome))
+
+
+def _has_failed(outcome: Outcome) -> bool:
+    return outcome.is_retried and outcome is not Outcome.CANCELLED
+
+
+def _number(attempt_id: str) -> tuple[str, int, int]:
+    """Task, sample and retry of an attempt, by its name; a sample that none has, if it is no name of ours."""
+    task_id, _, number = attempt_id.rpartition("#")
+    sample, _, retry = number.partition(".")
+    is_ours = sample.isdecimal() and retry.isdecimal()
+    return (task_id, int(sample), int(retry)) if is_ours else (attempt_id, -1, 0)
 
 
 class Plan:
@@ -53,6 +64,8 @@ class Plan:
         samples: attempts wanted for every time that a task comes.
         retries: how often a sample is attempted again after an error.
         recorded: what a run that is resumed has on disk.
+        retired: names of attempts that were recorded and cannot be trusted any more. They are not given
+            again: verdicts and labels go by them.
         retry_errors: begin anew with the retries of samples whose last attempt ended in an error.
         hardest_first: hand out the tasks with the most facts first.
         claims: where the tasks are shared with other collectors; what they do counts as done.
@@ -65,6 +78,7 @@ class Plan:
         samples: int,
         retries: int,
         recorded: Iterable[Entry] = (),
+        retired: Iterable[str] = (),
         retry_errors: bool = False,
         hardest_first: bool = False,
         claims: Claims | None = None,
@@ -76,29 +90,30 @@ class Plan:
         self._taken: list[Planned] = []
         """What other collectors have claimed; they may die."""
         self.elsewhere: set[tuple[str, int]] = set()
-        """Samples, by task and number, that other collectors have done."""
+        """Samples, by task and number, that other collectors have done or taken over."""
         self._in_flight = 0
         self._done = 0
         self._changed = asyncio.Condition()
-        done: dict[tuple[str, int], list[Outcome]] = {}
-        for entry in sorted(recorded, key=lambda entry: entry.retry):
-            done.setdefault((entry.task_id, entry.sample), []).append(entry.outcome)
+        ended: defaultdict[tuple[str, int], list[Outcome]] = defaultdict(list)
+        names = [*map(_number, retired)]
+        for entry in recorded:
+            names.append((entry.task_id, entry.sample, entry.retry))
+            ended[entry.task_id, entry.sample].append(entry.outcome)
+        following: defaultdict[tuple[str, int], int] = defaultdict(int)
+        for task_id, sample, retry in names:
+            following[task_id, sample] = max(following[task_id, sample], retry + 1)
         self._waiting: deque[Planned] = deque()
         taken: Counter[str] = Counter()
         for _ in range(samples):
             for task in tasks:
                 sample = taken[task.id]
                 taken[task.id] += 1
-                planned: Planned | None = Planned(task, sample)
-                outcomes = done.get((task.id, sample), [])
-                for outcome in outcomes:
-                    planned = self._next(planned, outcome) if planned else None
-                if retry_errors and outcomes and outcomes[-1].is_retried:
-                    planned = Planned(task, sample, retry=len(outcomes))
-                if planned is None:
+                outcomes = ended.get((task.id, sample), [])
+                failures = 0 if retry_errors else sum(map(_has_failed, outcomes))
+                if failures > retries or not all(outcome.is_retried for outcome in outcomes):
                     self._done += 1
                 else:
-                    self._waiting.append(planned)
+                    self._waiting.append(Planned(task, sample, following.get((task.id, sample), 0), failures))
         if hardest_first:
             self._waiting = deque(sorted(self._waiting, key=lambda planned: -planned.task.difficulty))
         self.total = samples * len(tasks)
@@ -158,11 +173,16 @@ class Plan:
             self._in_flight += 1
             return self._waiting.popleft()
 
-    async def holds(self, planned: Planned) -> bool:
-        """Whether an attempt that was taken is still ours to record, and not another collector's by now."""
-        if self._claims is None:
+    async def holds(self, task_id: str, sample: int) -> bool:
+        """Whether a sample that was ours still is, and not another collector's by now.
+
+        Raises:
+            StoreError: the disk that is shared cannot be read.
+        """
+        if self._claims is None or await asyncio.to_thread(self._claims.holds, task_id, sample):
             return True
-        return await asyncio.to_thread(self._claims.holds, planned.task.id, planned.sample)
+        self.elsewhere.add((task_id, sample))
+        return False
 
     async def settle(self, planned: Planned, outcome: Outcome, *, is_final: bool = False) -> None:
         """Say how an attempt that was taken ended, after it was recorded.

@@ -8,6 +8,8 @@ anything that reads JSON lines.
 from __future__ import annotations
 
 import hashlib
+import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -126,6 +128,25 @@ def decode(line: bytes) -> Trajectory:
     return trajectory
 
 
+_NAME = re.compile(rb'"attempt_id":("(?:[^"\\]|\\.)*")')
+
+
+def name_in(line: bytes) -> str | None:
+    """The name of the attempt that a line was about which cannot be trusted, if it can still be read."""
+    found = _NAME.search(line)
+    try:
+        return msgspec.json.decode(found.group(1), type=str) if found else None
+    except ValueError:
+        return None
+
+
+def names_in(folder: Path) -> Iterator[str]:
+    """The names in all lines of the shards of a folder, whole or not."""
+    for shard in folder.glob("*.jsonl"):
+        with shard.open("rb") as lines:
+            yield from filter(None, map(name_in, lines))
+
+
 def pictures(trajectory: Trajectory) -> set[str]:
     """The names of all pictures that a trajectory shows or sent."""
     names = {seen.screenshot for seen in trajectory.episode.observations}
@@ -159,6 +180,7 @@ class Index:
     Attributes:
         entries: the whole records by attempt id, in order.
         corrupt: the lines that are none.
+        retired: names of the attempts that these were about, as far as they can be read.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -166,6 +188,7 @@ class Index:
         self._read: dict[str, tuple[int, int]] = {}
         self.entries: dict[str, Entry] = {}
         self.corrupt: list[CorruptLine] = []
+        self.retired: set[str] = set()
 
     def shards(self) -> list[Path]:
         """The files of trajectories, oldest first."""
@@ -193,6 +216,8 @@ class Index:
                     self._add(_heads.decode(unseal(line)), shard.name, offset, len(line))
                 except (ValueError, RecursionError) as error:
                     self._note(shard, number, error)
+                    if name := name_in(line):
+                        self.retired.add(name)
                 offset += len(line)
         self._read[shard.name] = (offset, number)
 
@@ -202,6 +227,7 @@ class Index:
         with shard.open("rb") as file:
             self._note(shard, file.read(entry.offset).count(b"\n") + 1, error)
         del self.entries[entry.attempt_id]
+        self.retired.add(entry.attempt_id)
 
     def _note(self, shard: Path, number: int, error: BaseException) -> None:
         self.corrupt.append(CorruptLine(f"{self._folder.name}/{shard.name}", number, str(error)))

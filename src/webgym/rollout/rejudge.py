@@ -263,7 +263,7 @@ def compare(one: Mapping[str, Judged], other: Mapping[str, Judged]) -> Compariso
 
 
 def verdicts_of(run: Path, judge: str) -> tuple[str, dict[str, Judged]]:
-    """A judge's verdicts on a run.
+    """A judge's verdicts on the attempts that a run holds.
 
     Args:
         run: the run folder.
@@ -285,7 +285,8 @@ def verdicts_of(run: Path, judge: str) -> tuple[str, dict[str, Judged]]:
             f"{'no judge' if not fitting else 'more than one judge'} of this run is called {judge!r}",
             hint=f"there are: {known}",
         )
-    return fitting[0], held[fitting[0]]
+    attempts = RunReader(run, skip_corrupt=True).attempts
+    return fitting[0], {key: judged for key, judged in held[fitting[0]].items() if key in attempts}
 
 
 def recorded(run: Path) -> dict[str, Judged]:

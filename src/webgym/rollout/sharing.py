@@ -9,16 +9,16 @@ that all see the same modification times. No collector's clock is looked at.
       tasks                the digest of the list: collectors of another are refused
       collectors/ID        the run folder of a collector; it lives if this was touched lately
       claims/ab/KEY.N      who has claimed a sample; the highest N counts
-      done/ab/KEY          the sample needs no further attempt
+      done/ab/KEY          whose run holds the end of the sample: it needs no further attempt
 
 A claim is never changed, only followed by another, so that of several who take over one wins. A collector
-that was thought dead finds its claim followed, and drops the attempt.
+that was thought dead finds its claim followed, and drops the attempt. What a collector has done and wants to
+attempt again, because its record is lost or somebody asked for it, is its own as before.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import hashlib
 import os
 import uuid
@@ -76,7 +76,6 @@ class Claims:
         self._folder = config.folder
         self._name = name
         self._life = self._folder / "collectors" / name
-        self._content = self._folder / "collectors" / f".{name}.claim"
         self._finished: dict[tuple[str, int], frozenset[tuple[str, int]]] = {}
         """Samples that dead collectors had finished, by name and last sign of life."""
 
@@ -96,14 +95,12 @@ class Claims:
         digest = hashlib.sha256(told).hexdigest().encode()
         with disk_errors(f"sharing tasks in {self._folder}"):
             self._life.parent.mkdir(parents=True, exist_ok=True)
-            with contextlib.suppress(FileExistsError):
-                self._link_new(self._folder / "tasks", digest)
+            self._link_new(self._folder / "tasks", digest)
             if (self._folder / "tasks").read_bytes() != digest:
                 raise ConfigError(
                     f"{self._folder} is shared for another list of tasks",
                     hint="give all collectors the same tasks, seed and samples, or another folder",
                 )
-            write_whole(self._content, self._name.encode())
             write_whole(self._life, str(run.resolve()).encode())
 
     def leave(self) -> None:
@@ -124,8 +121,11 @@ class Claims:
         """
         key = _key(task_id, sample)
         with disk_errors(f"sharing tasks in {self._folder}"):
-            if self._done(key).exists():
+            whose = self._finisher(key)
+            if whose not in (None, self._name):
                 return Claim.DONE
+            if whose is not None:  # our run does not hold it any more, or is to attempt it once more
+                self._done(key).unlink(missing_ok=True)
             number, owner = self._newest(key)
             if owner == self._name:
                 return Claim.OURS
@@ -133,13 +133,9 @@ class Claims:
                 if self._lives(owner):
                     return Claim.TAKEN
                 if (task_id, sample) in self._finished_by(owner):
-                    self._mark_done(key)
+                    self._mark_done(key, owner)
                     return Claim.DONE
-            place = self._claim(key, number)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            try:
-                os.link(self._content, place)
-            except FileExistsError:
+            if not self._link_new(self._claim(key, number), self._name.encode()):
                 return Claim.TAKEN
             # Between our looks its owner may have ended: what is done is not done again.
             return Claim.DONE if self._done(key).exists() else Claim.OURS
@@ -153,12 +149,17 @@ class Claims:
     def finish(self, task_id: str, sample: int) -> None:
         """A sample of ours needs no further attempt, and is on disk."""
         with disk_errors(f"sharing tasks in {self._folder}"):
-            self._mark_done(_key(task_id, sample))
+            self._mark_done(_key(task_id, sample), self._name)
 
-    def _mark_done(self, key: str) -> None:
-        done = self._done(key)
-        done.parent.mkdir(parents=True, exist_ok=True)
-        done.touch()
+    def _mark_done(self, key: str, whose: str) -> None:
+        self._link_new(self._done(key), whose.encode())
+
+    def _finisher(self, key: str) -> str | None:
+        """Whose run holds the end of a sample; ``None`` if it has none."""
+        try:
+            return self._done(key).read_text()
+        except FileNotFoundError:
+            return None
 
     def _newest(self, key: str) -> tuple[int, str | None]:
         """The number that the next claim has, and who made the last."""
@@ -197,14 +198,18 @@ class Claims:
     def _done(self, key: str) -> Path:
         return self._folder / "done" / key[:2] / key
 
-    def _link_new(self, path: Path, content: bytes) -> None:
-        """Make a file whole, unless there is one."""
+    def _link_new(self, path: Path, content: bytes) -> bool:
+        """Make a file whole; ``False`` if there is one."""
         made = self._life.parent / f".{uuid.uuid4().hex}"
         made.write_bytes(content)
+        path.parent.mkdir(parents=True, exist_ok=True)
         try:
             os.link(made, path)
+        except FileExistsError:
+            return False
         finally:
             made.unlink()
+        return True
 
 
 def _key(task_id: str, sample: int) -> str:

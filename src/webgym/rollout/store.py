@@ -9,11 +9,13 @@
       metrics.jsonl             figures over time
       live.json                 what the collector is doing now, while it does (see `feed`)
       verdicts/<judge>.jsonl    what other judges said afterwards (see `verdicts`)
+      set-aside/                what could not be trusted any more (see `verify`)
       summary.json, report.html made from the above
 
-An attempt that ended without a verdict and gets one later has two lines with the same episode; the later one
-counts. Only the end of a file is ever written to, so kill -9 leaves at most one torn line, which the next
-writer cuts off. Readers need no lock and may follow a run that is being written.
+No two attempts ever have one name, also if the record of one is lost: verdicts and labels go by it. An attempt
+that ended without a verdict and gets one later has two lines with the same episode; the later one counts. Only
+the end of a file is ever written to, so kill -9 leaves at most one torn line, which the next writer cuts off.
+Readers need no lock and may follow a run that is being written.
 """
 
 from __future__ import annotations
@@ -43,6 +45,7 @@ from webgym.rollout.files import (
     METRICS,
     REPORT,
     SCREENSHOTS,
+    SET_ASIDE,
     SUMMARY,
     TASKS,
     TORN,
@@ -58,7 +61,8 @@ from webgym.rollout.files import (
     take_lock,
     write_whole,
 )
-from webgym.rollout.records import CorruptLine, Entry, Index, complain, pictures, read_at, seal
+from webgym.rollout.records import CorruptLine, Entry, Index, complain, names_in, pictures, read_at, seal
+from webgym.rollout.verdicts import read_verdicts
 
 _OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, LIVE, SUMMARY, REPORT, LOCK, VERDICTS}
 
@@ -110,6 +114,8 @@ class RunWriter:
     Attributes:
         path: the run folder.
         attempts: an entry for every trajectory on disk, by attempt id.
+        retired: names of attempts that this run recorded or judged before it was opened, as far as anything
+            still tells them, and whose records are not there any more.
         skipped: the corrupt lines that :meth:`reopen` was told to go on without.
         torn_bytes: how much of an unfinished, never counted line :meth:`reopen` cut off.
         on_metric: is told every line of ``metrics.jsonl`` once it is written, in the thread that wrote it.
@@ -118,6 +124,7 @@ class RunWriter:
     def __init__(self, path: Path, limits: StoreLimits, lock: int) -> None:
         self.path = path
         self.torn_bytes = 0
+        self.retired: set[str] = set()
         self.on_metric: Callable[[Mapping[str, Any]], object] = lambda _: None
         self._limits = limits
         self._lock = lock
@@ -226,6 +233,9 @@ class RunWriter:
             raise complain(self._index.corrupt)
         for shard in self._index.shards():
             self.torn_bytes += self._cut(shard, self._index.end(shard))
+        judged = (attempt_id for held in read_verdicts(self.path).values() for attempt_id in held)
+        aside = names_in(self.path / SET_ASIDE / TRAJECTORIES)
+        self.retired = self._index.retired.union(aside, judged).difference(self.attempts)
         if (metrics := self.path / METRICS).exists():
             self._cut(metrics, last_line_end(metrics))
 

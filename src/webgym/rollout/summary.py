@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Literal, TypeAlias, TypedDict
 
@@ -111,7 +111,8 @@ class Summary(TypedDict):
         success_rate_of_planned: success / planned, likewise: what carries no reward, or was never attempted,
             is no success. A sample that was attempted again after an error is one.
         success_interval_of_planned: the Wilson 95 % intervals of these rates.
-        planned: samples that were wanted, likewise.
+        planned: samples that were wanted, likewise, without those of other collectors.
+        elsewhere: by task, how many of its samples other collectors of a shared list have.
         pass_at: for k = 1, 2, 4, ... and the number of samples per task: the chance that at least one of k
             attempts at a task succeeds, averaged over the tasks with k attempts that carry a reward. At 1 it
             is the mean over tasks of their success rates.
@@ -143,6 +144,7 @@ class Summary(TypedDict):
     success_rate_of_planned: dict[str, float | None]
     success_interval_of_planned: dict[str, Interval | None]
     planned: dict[str, int]
+    elsewhere: dict[str, int]
     pass_at: dict[str, PassAt]
     steps: int
     wall_seconds: float
@@ -316,12 +318,9 @@ class Tally:
     Args:
         tasks: of the run as they were drawn: one that was drawn twice comes twice.
         samples: planned of every task.
-        elsewhere: samples that are not this run's after all.
     """
 
-    def __init__(
-        self, tasks: Sequence[Task], samples: int = 1, elsewhere: Collection[tuple[str, int]] = ()
-    ) -> None:
+    def __init__(self, tasks: Sequence[Task], samples: int = 1) -> None:
         self._per_task = samples
         self._tasks = {task.id: task for task in tasks}
         self._samples = Counter(task.id for task in tasks for _ in range(samples))
@@ -329,9 +328,6 @@ class Tally:
         self._planned = Counter(place for task in tasks for place in _places(task))
         for place in self._planned:
             self._planned[place] *= samples
-        for task_id, _ in elsewhere:
-            self._samples[task_id] -= 1
-            self._planned.subtract(_places(self._tasks[task_id]))
         self._attempted: defaultdict[str, dict[int, tuple[int, Outcome]]] = defaultdict(dict)
         self._policies: dict[str, None] = {}
         self._judges: dict[str, None] = {}
@@ -395,12 +391,14 @@ class Tally:
             found[str(k)] = {"value": mean, "tasks": len(values)}
         return found
 
-    def _group(self, place: _Place) -> Group:
-        return (self._counts[place] if place in self._counts else _Count()).group(self._planned[place])
-
-    def _groups(self, kind: Literal["domain", "website"]) -> dict[str, Group]:
-        """Those in which anything was attempted, by name."""
-        return {name: self._group((kind, name)) for of, name in sorted(self._counts) if of == kind}
+    def _groups(self, elsewhere: Mapping[str, int]) -> dict[_Place, Group]:
+        """All in which anything was attempted, and every level."""
+        planned = self._planned.copy()
+        for task_id, count in elsewhere.items():
+            for place in _places(self._tasks.get(task_id)):
+                planned[place] -= count
+        places: list[_Place] = [("all", ""), *(("level", level) for level in LEVELS), *sorted(self._counts)]
+        return {place: self._counts.get(place, _Count()).group(planned[place]) for place in places}
 
     def summary(
         self,
@@ -409,10 +407,12 @@ class Tally:
         policy: str | None = None,
         judge: str | None = None,
         wall_seconds: float | None = None,
+        elsewhere: Mapping[str, int] | None = None,
     ) -> Summary:
-        """The figures so far. What is given stands in place of what the trajectories tell."""
-        overall = self._group(("all", ""))
-        levels: dict[str, Group] = {level: self._group(("level", level)) for level in LEVELS}
+        """The figures so far, as :func:`summarise` tells them."""
+        groups = self._groups(elsewhere or {})
+        overall = groups["all", ""]
+        levels: dict[str, Group] = {level: groups["level", level] for level in LEVELS}
         rated = {"overall": overall, **levels}
         wall = _covered(self._spans) if wall_seconds is None else wall_seconds
         return {
@@ -427,6 +427,7 @@ class Tally:
                 name: group["success_interval_of_planned"] for name, group in rated.items()
             },
             "planned": {name: group["planned"] for name, group in rated.items()},
+            "elsewhere": dict(elsewhere) if elsewhere else {},
             "pass_at": self._pass_at(),
             "steps": overall["steps"],
             "wall_seconds": wall,
@@ -442,8 +443,8 @@ class Tally:
                 name: quantiles(values) for name, values in sorted(self._operations.items()) if values
             },
             "by_level": levels,
-            "by_domain": self._groups("domain"),
-            "by_website": self._groups("website"),
+            "by_domain": {name: group for (kind, name), group in groups.items() if kind == "domain"},
+            "by_website": {name: group for (kind, name), group in groups.items() if kind == "website"},
             "lost_samples": sum(
                 last in (Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR)
                 for samples in self._attempted.values()
@@ -465,7 +466,7 @@ def summarise(
     policy: str | None = None,
     judge: str | None = None,
     wall_seconds: float | None = None,
-    elsewhere: Collection[tuple[str, int]] = (),
+    elsewhere: Mapping[str, int] | None = None,
 ) -> Summary:
     """The figures of a run.
 
@@ -476,9 +477,11 @@ def summarise(
         seed: of the run.
         policy, judge: names; taken from the trajectories where not given.
         wall_seconds: taken from the attempts where not given; pauses between them are left out.
-        elsewhere: samples, by task and number, that other collectors of a shared list have done.
+        elsewhere: how many samples of a task other collectors of a shared list have, where they have any.
     """
-    tally = Tally(tasks, samples, elsewhere)
+    tally = Tally(tasks, samples)
     for trajectory in trajectories:
         tally.add(digest_of(trajectory))
-    return tally.summary(seed=seed, policy=policy, judge=judge, wall_seconds=wall_seconds)
+    return tally.summary(
+        seed=seed, policy=policy, judge=judge, wall_seconds=wall_seconds, elsewhere=elsewhere
+    )

@@ -16,13 +16,14 @@ import msgspec
 
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
-from webgym.core.trajectory import Trajectory
+from webgym.core.trajectory import Episode, Trajectory
 from webgym.judge.base import Judge, Pictures
 from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import Stage
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.collector import CollectorConfig
-from webgym.rollout.judging import Found, find
+from webgym.rollout.judging import TAKEN_OVER, Found, find
+from webgym.rollout.plan import Plan
 from webgym.rollout.store import RunReader, RunWriter
 
 
@@ -33,6 +34,7 @@ async def judge_again(
     pictures: Pictures,
     config: CollectorConfig,
     blocklist: Blocklist | None = None,
+    plan: Plan | None = None,
 ) -> None:
     """Judge every attempt of a run again that has no verdict; one that gets a verdict is recorded with it.
 
@@ -46,11 +48,14 @@ async def judge_again(
         pictures: gives the judge the screenshots.
         config: limits.
         blocklist: is told of websites that kept the agent out.
+        plan: of the run. What another collector has taken over meanwhile is its own to judge, and is recorded
+            as cancelled here.
 
     Raises:
-        StoreError: a verdict cannot be kept, or a record cannot be trusted.
+        StoreError: a verdict cannot be kept, a record cannot be trusted, or a disk that is shared with other
+            collectors cannot be read.
     """
-    again = _Again(stage, tasks, judge, pictures, config, blocklist)
+    again = _Again(stage, tasks, judge, pictures, config, blocklist, plan)
     for _ in range(config.judge_again):
         if not await again.round():
             return
@@ -65,6 +70,7 @@ class _Again:
         pictures: Pictures,
         config: CollectorConfig,
         blocklist: Blocklist | None,
+        plan: Plan | None,
     ) -> None:
         self._stage = stage
         self._tasks = {task.id: task for task in tasks}
@@ -72,6 +78,7 @@ class _Again:
         self._pictures = pictures
         self._config = config
         self._blocklist = blocklist
+        self._plan = plan
         self._failed_in_a_row = 0
 
     async def round(self) -> bool:
@@ -100,13 +107,8 @@ class _Again:
             task = self._tasks.get(trajectory.episode.task_id)
             if task is None:
                 continue
-            self._stage.progress.move(None, "judging")
             started = time.monotonic()
-            try:
-                seconds = self._config.judge_seconds
-                found = await find(self._judge, task, trajectory.episode, self._pictures, seconds)
-            finally:
-                self._stage.progress.move("judging", None)
+            found = await self._find(task, trajectory.episode)
             if found.outcome is Outcome.JUDGE_ERROR:
                 self._failed_in_a_row += 1
                 continue
@@ -117,12 +119,26 @@ class _Again:
                 host = blocking_host(task.website, trajectory.episode, blocked)
                 await asyncio.to_thread(self._blocklist.add, host, blocked.reason)
 
+    async def _find(self, task: Task, episode: Episode) -> Found:
+        if not await self._holds(episode):
+            return TAKEN_OVER
+        self._stage.progress.move(None, "judging")
+        try:
+            seconds = self._config.judge_seconds
+            found = await find(self._judge, task, episode, self._pictures, seconds)
+        finally:
+            self._stage.progress.move("judging", None)
+        return found if await self._holds(episode) else TAKEN_OVER
+
+    async def _holds(self, episode: Episode) -> bool:
+        return self._plan is None or await self._plan.holds(episode.task_id, episode.sample)
+
     async def _keep(self, trajectory: Trajectory, found: Found, seconds: float) -> None:
         judged = msgspec.structs.replace(
             trajectory,
             outcome=found.outcome,
             verdict=found.verdict,
-            judge_failure=None,
+            judge_failure=found.failure,
             judge_seconds=trajectory.judge_seconds + seconds,
         )
         await self._stage.store.append(judged)

@@ -28,6 +28,7 @@ from webgym.rollout.files import (
     LOCK,
     METRICS,
     SCREENSHOTS,
+    SET_ASIDE,
     SUMMARY,
     TASKS,
     TORN,
@@ -45,7 +46,6 @@ from webgym.rollout.records import decode, pictures
 from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import is_whole_verdict
 
-SET_ASIDE: Final = "set-aside"
 HALF_WRITTEN: Final = "half-written"
 _LOG: Final = "log.jsonl"
 

@@ -12,10 +12,10 @@
       set-aside/                what could not be trusted any more (see `verify`)
       summary.json, report.html made from the above
 
-No two attempts ever have one name, also if the record of one is lost: verdicts and labels go by it. An attempt
-that ended without a verdict and gets one later has two lines with the same episode; the later one counts. Only
-the end of a file is ever written to, so kill -9 leaves at most one torn line, which the next writer cuts off.
-Readers need no lock and may follow a run that is being written.
+No two attempts ever have one name, also if the record of one is lost: verdicts and labels go by it. An
+attempt that ended without a verdict and gets one later has two lines with the same episode; the later one
+counts. Only the end of a file is ever written to, so kill -9 leaves at most one torn line, which the next
+writer cuts off. Readers need no lock and may follow a run that is being written.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ COSTS = Costs(
     decode_seconds_per_reply=0.001,
     batch=4,
 )
-PLAN = RolloutPlan(trajectories=8, sessions=4, cpus=(1, 2), mean_steps=5.0)
+PLAN = RolloutPlan(trajectories=8, sessions=4, cpus=(1, 2), mean_steps=5.0, rounds=2)
 
 
 # --- the engine -------------------------------------------------------------------------------------------
@@ -196,7 +196,9 @@ def test_every_mode_is_measured_at_every_number_of_processors() -> None:
     cells = list(PLAN.cells(PARTS))
     assert len({cell.name for cell in cells}) == len(cells)
     schedules = [(cell.cpus, cell.schedule, cell.queues) for cell in cells if cell.part == "schedules"]
-    assert schedules == [(cpus, *mode) for cpus in (1, 2) for mode in MODES]
+    forwards = [(cpus, *mode) for cpus in (1, 2) for mode in MODES]
+    assert schedules == [*forwards, *reversed(forwards)]
+    assert [cell.part for cell in cells].count("calibration") == 1
 
 
 def test_what_was_measured_is_kept_and_belongs_to_its_plan(tmp_path: Path) -> None:
@@ -221,6 +223,18 @@ def test_figures_become_shares_tables_and_a_drawing(tmp_path: Path) -> None:
     assert len(tables) == 4
     draw_rollout(found, tmp_path / "found.svg")
     assert (tmp_path / "found.svg").stat().st_size > 1000
+
+
+def test_rounds_become_a_median_and_a_range_of_ratios_within_a_round() -> None:
+    plan = msgspec.structs.replace(PLAN, rounds=3, cpus=(1,))
+    seconds = {"async": (10.0, 20.0, 10.0), "step barrier": (20.0, 30.0, 40.0)}
+    found = [
+        measured(cell, seconds.get(cell.mode, (10.0,) * 3)[cell.round]) for cell in plan.cells(["schedules"])
+    ]
+    (table,) = rollout_tables(found)
+    (row,) = [row for row in table.rows if row[0] == "1 CPUs, step barrier"]
+    assert row[1:3] == ("30 (20–40)", "2.00 (1.50–4.00)")
+    assert len(table.rows) == len(MODES)
 
 
 def test_the_simulation_is_held_against_the_measurement() -> None:

@@ -358,6 +358,7 @@ def rollout(
     ),
     mean_steps: float = typer.Option(13.2, "--mean-steps", min=1.1, help="Of a trajectory."),
     reply_tokens: float = typer.Option(80.0, "--reply-tokens", min=1, help="Of a reply, on average."),
+    rounds: int = typer.Option(3, "--rounds", min=1, help="Of every cell; medians and ranges are told."),
     seed: int = typer.Option(0, "--seed", help="Of the tasks, their lengths and the policy's play."),
     quick: bool = typer.Option(False, "--quick", help="A look: few short trajectories, schedules alone."),
     out: Path = typer.Option(
@@ -395,6 +396,7 @@ def rollout(
         cpus=tuple(cpus) or tuple(2**power for power in range(ours.bit_length())),
         mean_steps=5.0 if quick else mean_steps,
         reply_tokens=reply_tokens,
+        rounds=1 if quick else rounds,
         seed=seed,
     )
     done = {one.cell.name: one for one in begin(plan, out)}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from statistics import mean, stdev
+from statistics import mean, median, stdev
 from typing import Final
 
 import msgspec
 
-from webgym.bench.rollout.measure import Measured
-from webgym.bench.rollout.plan import RolloutPlan
+from webgym.bench.rollout.measure import Measured, over_async, repeated
+from webgym.bench.rollout.plan import Cell, RolloutPlan
 from webgym.bench.tables import Table
 from webgym.core.errors import ConfigError
 from webgym.simulate.config import Costs, System
@@ -25,7 +25,7 @@ class Compared(msgspec.Struct, frozen=True):
     """One cell of the schedules, measured and simulated.
 
     Attributes:
-        seconds, simulated: wall time.
+        seconds, simulated: wall time, the median of the rounds.
         ratio, simulated_ratio: over async with a queue per operation, at the same number of processors.
     """
 
@@ -79,31 +79,33 @@ def compare(plan: RolloutPlan, found: Sequence[Measured]) -> Iterator[Compared]:
         ConfigError: the benchmark has no service times.
     """
     costs = service_times(plan, found)
-    cells = [one for one in found if one.cell.part == "schedules"]
-    simulated = {}
+    cells = [one for one in repeated(found) if one.cell.part == "schedules"]
+    simulated = {one.cell: _simulated(one.cell, costs, plan) for one in cells}
+    bases = {one.cell.cpus: simulated[one.cell] for one in cells if one.cell.mode == "async"}
     for one in cells:
-        cell = one.cell
-        system = System(
-            cpus=cell.cpus,
-            gpus=cell.gpus,
-            environments=cell.sessions,
-            browsers_per_cpu=cell.sessions,
-            schedule=cell.schedule,
-            queues=cell.queues,
-            refills=True,
-        )
-        simulated[cell.name] = simulate(system, costs, plan.workload).seconds
-    bases = {one.cell.cpus: one for one in cells if one.cell.mode == "async"}
-    for one in cells:
-        if (base := bases.get(one.cell.cpus)) is not None:
+        if ratios := over_async(one, cells):
             yield Compared(
                 cpus=one.cell.cpus,
                 mode=one.cell.mode,
-                seconds=one.seconds,
-                simulated=simulated[one.cell.name],
-                ratio=one.seconds / base.seconds,
-                simulated_ratio=simulated[one.cell.name] / simulated[base.cell.name],
+                seconds=median(one.of("seconds")),
+                simulated=simulated[one.cell],
+                ratio=median(ratios),
+                simulated_ratio=simulated[one.cell] / bases[one.cell.cpus],
             )
+
+
+def _simulated(cell: Cell, costs: Costs, plan: RolloutPlan) -> float:
+    """Seconds."""
+    system = System(
+        cpus=cell.cpus,
+        gpus=cell.gpus,
+        environments=cell.sessions,
+        browsers_per_cpu=cell.sessions,
+        schedule=cell.schedule,
+        queues=cell.queues,
+        refills=True,
+    )
+    return simulate(system, costs, plan.workload).seconds
 
 
 def comparison_table(compared: Sequence[Compared]) -> Table:

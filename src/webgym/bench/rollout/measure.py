@@ -7,7 +7,7 @@ import os
 import shutil
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 from typing import Final
@@ -87,10 +87,14 @@ class Measured(msgspec.Struct, frozen=True):
         return sum(count for name, count in self.outcomes.items() if Outcome(name).is_rewarded)
 
     @property
+    def crashes(self) -> int:
+        """Attempts that ended in an error of the environment."""
+        return self.outcomes.get(Outcome.ENVIRONMENT_ERROR, 0)
+
+    @property
     def crashed(self) -> float:
         """Share of the attempts that ended in an error of the environment."""
-        all_of_them = sum(self.outcomes.values())
-        return self.outcomes.get(Outcome.ENVIRONMENT_ERROR, 0) / all_of_them if all_of_them else 0.0
+        return self.crashes / max(1, sum(self.outcomes.values()))
 
     @property
     def per_minute(self) -> float:
@@ -106,6 +110,43 @@ class Measured(msgspec.Struct, frozen=True):
     def policy(self) -> float:
         """Share of the time in which GPUs worked."""
         return self.policy_seconds / (self.seconds * self.cell.gpus)
+
+
+class Repeated(msgspec.Struct, frozen=True):
+    """All rounds of one cell, in order."""
+
+    rounds: list[Measured]
+
+    @property
+    def cell(self) -> Cell:
+        """Of the first round."""
+        return self.rounds[0].cell
+
+    def of(self, name: str) -> list[float]:
+        """A figure of every round."""
+        return [float(getattr(one, name)) for one in self.rounds]
+
+
+def repeated(found: Sequence[Measured]) -> list[Repeated]:
+    """Cells with their rounds."""
+    cells: dict[Cell, list[Measured]] = {}
+    for one in found:
+        cells.setdefault(msgspec.structs.replace(one.cell, round=0), []).append(one)
+    return [Repeated(sorted(each, key=lambda one: one.cell.round)) for each in cells.values()]
+
+
+def over_async(one: Repeated, cells: Sequence[Repeated]) -> list[float]:
+    """Wall time over that of async with a queue per operation, of the same processors and round."""
+    bases = {
+        (measured.cell.round, measured.cell.cpus): measured.seconds
+        for each in cells
+        if each.cell.mode == "async"
+        for measured in each.rounds
+    }
+    found = (
+        (measured.seconds, bases.get((measured.cell.round, measured.cell.cpus))) for measured in one.rounds
+    )
+    return [seconds / base for seconds, base in found if base]
 
 
 @contextmanager

@@ -35,6 +35,7 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         reply_tokens: of a reply, on average.
         overload: environments of the overload cells.
         overload_seconds: after which finished and crashed attempts are counted there.
+        rounds: how often every cell but the calibration is measured, modes forwards and backwards in turn.
         seed: of everything random.
     """
 
@@ -46,6 +47,7 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
     reply_tokens: float = 80.0
     overload: int = 48
     overload_seconds: float = 120.0
+    rounds: int = 3
     seed: int = 0
 
     @property
@@ -59,11 +61,22 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         return Costs(reply_tokens=self.reply_tokens)
 
     def cells(self, parts: Sequence[str]) -> Iterator[Cell]:
-        """The cells of these parts."""
+        """The cells of these parts, round by round, so that a disturbance does not meet one mode alone."""
         most = max(self.cpus)
         if "calibration" in parts:
             yield Cell(part="calibration", cpus=most, sessions=1, trajectories=min(4, self.trajectories))
-        usual = Cell(part="schedules", cpus=most, sessions=self.sessions, trajectories=self.trajectories)
+        for number in range(self.rounds):
+            cells = list(self._round(number, parts))
+            yield from cells if number % 2 == 0 else reversed(cells)
+
+    def _round(self, number: int, parts: Sequence[str]) -> Iterator[Cell]:
+        usual = Cell(
+            part="schedules",
+            cpus=max(self.cpus),
+            sessions=self.sessions,
+            trajectories=self.trajectories,
+            round=number,
+        )
         if "schedules" in parts:
             for cpus in self.cpus:
                 for schedule, queues in MODES:
@@ -74,7 +87,8 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         if "overload" in parts:
             orders: tuple[Queues, ...] = ("per_operation", "global")
             for queues in orders:
-                yield Cell(
+                yield msgspec.structs.replace(
+                    usual,
                     part="overload",
                     cpus=min(self.cpus),
                     queues=queues,
@@ -94,6 +108,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         seconds: when it is stopped; ``None`` for when all is done.
         slow: divides the speed of every GPU.
+        round: how many rounds went before.
     """
 
     part: str
@@ -105,11 +120,12 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     sessions: int
     trajectories: int
     seconds: float | None = None
+    round: int = 0
 
     @property
     def name(self) -> str:
         """Of its file."""
-        return f"{self.part}-{self.cpus}cpus-{self.gpus}gpus-{self.schedule}-{self.queues}"
+        return f"{self.part}-{self.cpus}cpus-{self.gpus}gpus-{self.schedule}-{self.queues}-{self.round}"
 
     @property
     def mode(self) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.agent.policy import Turn
 from webgym.agent.profile import Profile
@@ -25,6 +25,7 @@ from webgym.core.task import Task
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Message, Reply
 from webgym.llm.config import Sampling
+from webgym.settings import Settings
 
 if TYPE_CHECKING:
     from webgym.inference.generate import Generated
@@ -33,10 +34,8 @@ if TYPE_CHECKING:
 _SEED_SPACE = 2**63
 
 
-class LocalConfig(BaseModel):
+class LocalConfig(Settings):
     """A model in this process."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     path: str
     """A folder, or the id of a model on the Hugging Face hub."""

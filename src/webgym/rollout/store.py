@@ -32,7 +32,7 @@ from typing import Any, Self, TypeVar
 
 import msgspec
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError
 from webgym.core.outcome import Outcome
@@ -63,6 +63,7 @@ from webgym.rollout.files import (
 )
 from webgym.rollout.records import CorruptLine, Entry, Index, complain, names_in, pictures, read_at, seal
 from webgym.rollout.verdicts import read_verdicts
+from webgym.settings import Settings
 
 _OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, LIVE, SUMMARY, REPORT, LOCK, VERDICTS}
 
@@ -87,10 +88,8 @@ def refuse_taken(path: Path) -> None:
         raise RunFolderError(f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder")
 
 
-class StoreLimits(BaseModel):
+class StoreLimits(Settings):
     """What a writer may use."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     shard_bytes: int = Field(default=64 * 2**20, gt=0)
     """A file of trajectories that has reached this size is followed by the next."""

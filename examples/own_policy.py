@@ -11,7 +11,6 @@ import asyncio
 import sys
 import tempfile
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from webgym import Reply, RunConfig, RunReader, Task, Turn, collect
@@ -39,9 +38,7 @@ class Guesser:
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         """Nothing to close."""
 
 

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, model_validator
+from pydantic import Field, SecretStr, ValidationError, model_validator
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
@@ -65,17 +65,12 @@ from webgym.rollout.trackers import TrackerName, check_installed, tracking
 from webgym.rollout.unjudged import judge_again
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
 from webgym.server.config import Admission, Queues
-from webgym.settings import first_problem
+from webgym.settings import Settings, first_problem
 from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.files import unfit
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.selection import Selected, Selection, select
-
-
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
 
 FEW: Final = 20
 """Tasks of a run that does not say how many, unless somebody has put a file of no more than :data:`MANY`
@@ -113,7 +108,7 @@ class TaskChoice(Selection):
         return None if self.count == "all" else self.count
 
 
-class PolicyChoice(_Settings):
+class PolicyChoice(Settings):
     """Which policy."""
 
     name: str = "scripted"
@@ -145,7 +140,7 @@ class PolicyChoice(_Settings):
         return self
 
 
-class ServerChoice(_Settings):
+class ServerChoice(Settings):
     """Which browsers."""
 
     url: str | None = None
@@ -164,7 +159,7 @@ class ServerChoice(_Settings):
     """Folder for the pages that are drawn where there are no browsers."""
 
 
-class RunConfig(_Settings):
+class RunConfig(Settings):
     """A whole run, resolved; ``config.yaml`` in the run folder holds it. No secrets."""
 
     seed: int = 0
@@ -195,7 +190,7 @@ class RunConfig(_Settings):
     """In Weights & Biases."""
 
 
-class Secrets(_Settings):
+class Secrets(Settings):
     """What a run needs and its folder must not hold."""
 
     server_token: SecretStr | None = None

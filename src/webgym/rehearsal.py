@@ -13,7 +13,6 @@ import hashlib
 import uuid
 from contextlib import AsyncExitStack
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 from urllib.parse import urlsplit
 
@@ -65,9 +64,7 @@ class Drawings:
             self._open = opening.pop_all()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         await self._open.aclose()
 
     async def of(self, body: bytes) -> tuple[str, bytes]:
@@ -129,11 +126,9 @@ class Rehearsal:
             await self.drawings.__aenter__()
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         if self.drawings is not None:
-            await self.drawings.__aexit__(kind, error, trace)
+            await self.drawings.__aexit__(*exc)
 
     def cookies(self, visitor: str) -> tuple[Cookie, ...]:
         """What tells :meth:`open` who visits."""

@@ -17,17 +17,21 @@ from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
 from webgym.core.errors import ConfigError
 
-Settings = TypeVar("Settings", bound=BaseModel)
+S = TypeVar("S", bound=BaseModel)
 
 
-class Section(BaseModel):
+class Settings(BaseModel):
+    """Documented values that do not change; keys that there are not are refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+
+class Section(Settings):
     """Settings whose parts keep their defaults when some of their keys are set.
 
     Where the default of a field is itself a section that sets something, or a mapping, a value is laid over
     that default. (Pydantic by itself would take the value in its place.)
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     @model_validator(mode="before")
     @classmethod
@@ -79,7 +83,7 @@ def read_settings(path: Path, hint: str) -> dict[str, Any]:
     return held
 
 
-def settings_of(model: type[Settings], files: Sequence[Path], hint: str) -> Settings:
+def settings_of(model: type[S], files: Sequence[Path], hint: str) -> S:
     """Settings from YAML files, each laid over those before it.
 
     Args:

@@ -3,7 +3,6 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import io
-from types import TracebackType
 from typing import Any, Self
 
 import msgspec
@@ -49,9 +48,7 @@ class Parrot:
         self.entered += 1
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         self.entered -= 1
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from types import TracebackType
 from typing import Any, Self
 
 import msgspec
@@ -71,13 +70,8 @@ class Agent:
         await self.policy.__aenter__()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        await self.policy.__aexit__(kind, error, trace)
+    async def __aexit__(self, *exc: Any) -> None:
+        await self.policy.__aexit__(*exc)
 
 
 class Conversation:

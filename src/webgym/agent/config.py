@@ -5,9 +5,10 @@ from __future__ import annotations
 import datetime
 from typing import Final, Literal, Self, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from webgym.core.action import Mode, Space
+from webgym.settings import Settings
 
 PromptFormat: TypeAlias = Literal["memory", "official", "compact", "compact_official"]
 """``memory``: Memory, Progress, Intention, Action, tool call. ``official``: the last two (paper §5). The
@@ -17,10 +18,8 @@ WITH_MEMORY: Final = frozenset[PromptFormat]({"memory", "compact"})
 """The formats in which a reply states memory, progress and intention."""
 
 
-class AgentConfig(BaseModel):
+class AgentConfig(Settings):
     """How observations become requests and replies become actions (paper §5, appendix C)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     profile: str | None = None
     """The family of models that the policy's is of (``webgym.agent.profiles``): picture sizes, grid, think

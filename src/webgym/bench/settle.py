@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import get_args
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.bench.hardweb import OTHER_HOST, PAGES, TRUTH, Group, HardPage, HardSite
 from webgym.bench.tables import Table
@@ -32,16 +32,15 @@ from webgym.browser.settle import settle
 from webgym.browser.wire import Evaluated, FrameEvent, RequestDone, RequestFailed, RequestWillBeSent
 from webgym.core.action import BrowserAction, LeftClick, Navigate, Target
 from webgym.core.errors import BrowserTimeout, ConfigError, PageError
+from webgym.settings import Settings
 
 _NOWHERE = LeftClick(Target(coordinate=(995, 500)))
 _IDLE_CLICKS = 3
 """Clicks on nothing in an application before the action: what is learned of its noise must hide nothing."""
 
 
-class SettleBench(BaseModel):
+class SettleBench(Settings):
     """What is measured."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     rounds: int = Field(default=3, gt=0)
     """Times that each page meets each way of waiting."""

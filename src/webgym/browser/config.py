@@ -9,11 +9,12 @@ from typing import Literal, TypeAlias
 from urllib.parse import quote
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.core.action import Mode
 from webgym.core.task import Attachment, check_attachments
+from webgym.settings import Settings
 
 _TEXT = r"[^\x00-\x1f\x7f;\ud800-\udfff]"
 _COOKIE = {
@@ -91,10 +92,8 @@ class PageOptions(msgspec.Struct, frozen=True, omit_defaults=True):
         check_attachments(self.files)
 
 
-class BrowserConfig(BaseModel):
+class BrowserConfig(Settings):
     """How a slot's browser is started, how long it may take, and when it is replaced."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     executable: Path | None = None
     """The Chromium to run; ``None`` looks for one."""

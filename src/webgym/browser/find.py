@@ -27,9 +27,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat
+from pydantic import Field, PositiveFloat
 
 from webgym.core.errors import BrowserNotFound
+from webgym.settings import Settings
 
 Kind: TypeAlias = Literal["headless-shell", "chromium", "chrome"]
 Origin: TypeAlias = Literal["setting", "playwright", "system"]
@@ -52,10 +53,8 @@ _SYSTEM_NAMES: tuple[str, ...] = (
 )
 
 
-class FindLimits(BaseModel):
+class FindLimits(Settings):
     """How long looking for a browser may take."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     version_seconds: PositiveFloat = Field(
         default=15.0, description="for one browser to print its version; a cold disk takes a few seconds"

@@ -23,7 +23,7 @@ from typing import Annotated, Literal, TypeAlias
 import msgspec
 import psutil
 import typer
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -32,6 +32,7 @@ from webgym.browser.find import FoundBrowser, find_browser, run_bounded
 from webgym.browser.sandbox import remedy
 from webgym.cli._trial import Trial, try_browser
 from webgym.core.errors import BrowserError, BrowserNotFound
+from webgym.settings import Settings
 
 Status: TypeAlias = Literal["ok", "note", "missing"]
 
@@ -53,10 +54,8 @@ _MARKS: dict[Status, tuple[str, str]] = {
 }
 
 
-class DoctorLimits(BaseModel):
+class DoctorLimits(Settings):
     """From where on doctor has something to say."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     memory_gib: NonNegativeFloat = Field(
         default=2.0, description="free memory; eight sessions and Python need about one"

@@ -12,10 +12,9 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.agent.policy import Turn
 from webgym.agent.profile import Profile
@@ -25,6 +24,7 @@ from webgym.core.task import Task
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Message, Reply
 from webgym.llm.config import Sampling
+from webgym.settings import Settings
 
 if TYPE_CHECKING:
     from webgym.inference.generate import Generated
@@ -33,10 +33,8 @@ if TYPE_CHECKING:
 _SEED_SPACE = 2**63
 
 
-class LocalConfig(BaseModel):
+class LocalConfig(Settings):
     """A model in this process."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     path: str
     """A folder, or the id of a model on the Hugging Face hub."""
@@ -173,12 +171,7 @@ class LocalPolicy:
         self._worker = asyncio.create_task(self._serve())
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         if self._worker is not None:
             self._worker.cancel()
             await asyncio.gather(self._worker, return_exceptions=True)

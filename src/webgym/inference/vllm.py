@@ -16,7 +16,7 @@ from typing import Any, Final, Literal, TypeAlias
 
 import httpx
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, field_validator
+from pydantic import Field, SecretStr, field_validator
 
 from webgym.agent.openai_policy import OpenAIPolicy, as_policy_error
 from webgym.agent.policy import OpensNothing, Turn
@@ -26,6 +26,7 @@ from webgym.core.trajectory import Reply
 from webgym.llm.client import is_loopback
 from webgym.llm.completion import first_line, quote, told
 from webgym.llm.config import ChatConfig, Sampling
+from webgym.settings import Settings
 
 Way: TypeAlias = Literal["lora", "in_place", "restart"]
 
@@ -50,10 +51,8 @@ _MOST_FOREIGN: Final = 5
 """Replies of other weights than the published ones, after which the training stops."""
 
 
-class VllmConfig(BaseModel):
+class VllmConfig(Settings):
     """A vLLM server that replies while a policy learns. Fields that it has too are named as there."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     base_url: str | None = None
     """Of a server that runs already, e.g. ``http://127.0.0.1:8000/v1``; ``None`` starts one here."""
@@ -84,7 +83,7 @@ class VllmConfig(BaseModel):
     extra_args: tuple[str, ...] = ()
     """Further arguments of ``vllm serve``, e.g. ``--enforce-eager``."""
 
-    env: dict[str, str] = {}
+    env: dict[str, str] = Field(default_factory=dict)
     """Further environment, e.g. ``CUDA_VISIBLE_DEVICES``."""
 
     port: int | None = Field(default=None, ge=1, le=65535)

@@ -22,10 +22,11 @@ from typing import Annotated, Final, Literal, TypeAlias
 
 import msgspec
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.bootstrap import Counts, Values, percentiles, resampled
 from webgym.core.task import LEVELS, Level
+from webgym.settings import Settings
 
 Metric: TypeAlias = Literal["accuracy", "precision", "recall", "f1", "kappa"]
 METRICS: Final[tuple[Metric, ...]] = ("accuracy", "precision", "recall", "f1", "kappa")
@@ -36,10 +37,8 @@ GROUPS: Final[tuple[Group, ...]] = ("overall", *LEVELS)
 _TP, _FP, _FN, _TN = range(4)
 
 
-class AgreementConfig(BaseModel):
+class AgreementConfig(Settings):
     """How agreement is measured."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     no_verdict: Literal["left_out", "failure"] = "left_out"
     """A trajectory without a verdict is left out of the rates and counted, or counts as judged a failure."""

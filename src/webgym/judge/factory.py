@@ -7,7 +7,7 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.errors import ConfigError, JudgeError, LLMError
 from webgym.core.task import WHOLE_TASK, Task
@@ -22,14 +22,13 @@ from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completes
 from webgym.llm.ledger import Ledger
+from webgym.settings import Settings
 
 JUDGE_NAMES: Final = ("offline", "rubric", "module:function")
 
 
-class JudgeChoice(BaseModel):
+class JudgeChoice(Settings):
     """Which judge."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     name: str = "offline"
     """``offline`` (for the offline web's tasks), ``rubric`` (a model), or ``module:function`` (your own)."""

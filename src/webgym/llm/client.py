@@ -10,7 +10,6 @@ import random
 import time
 from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
-from types import TracebackType
 from typing import Any, Final, Self
 
 import httpx
@@ -128,12 +127,7 @@ class ChatClient:
         note_opened(self)
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         if self._http is not None:
             await self._http.aclose()
             self._http = None

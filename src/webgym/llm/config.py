@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import httpx
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
+
+from webgym.settings import Settings
 
 _OURS: Final = frozenset({"messages", "model", "stream", "n"})
 """What a request says by itself; ``extra_body`` cannot change it."""
@@ -33,10 +35,8 @@ def altering(sampling: Mapping[str, Any]) -> list[str]:
     return found + (["logit_bias"] if sampling.get("logit_bias") else [])
 
 
-class Sampling(BaseModel):
+class Sampling(Settings):
     """Sampling parameters. What is ``None`` is not sent, and the endpoint's default holds."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     temperature: float | None = Field(default=None, ge=0, allow_inf_nan=False)
     """0 for the likeliest tokens."""
@@ -47,7 +47,7 @@ class Sampling(BaseModel):
     max_tokens: int | None = Field(default=None, ge=1)
     """Longest reply, in tokens."""
 
-    extra_body: dict[str, Any] = {}
+    extra_body: dict[str, Any] = Field(default_factory=dict)
     """Further fields of the request, for what only some endpoints know (``top_k``, ``seed``, ...). ``None``
     leaves one out that would be there otherwise."""
 
@@ -79,14 +79,12 @@ class Sampling(BaseModel):
         return self.model_dump(exclude={"extra_body", "sample"}, exclude_none=True) | further
 
 
-class Retry(BaseModel):
+class Retry(Settings):
     """What is tried again: a refused or broken connection, 408, 429 and 5xx. Never a timeout.
 
     Before try n + 1 there is a pause of ``first_seconds * 2**(n-1)``, at most ``longest_seconds``, of which
     a random half is left out so that clients do not come back in step. ``Retry-After`` makes it longer.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     tries: int = Field(default=5, ge=1)
     """How often a request is sent at most."""
@@ -102,10 +100,8 @@ class Retry(BaseModel):
     """No pause of our own is longer."""
 
 
-class Adapt(BaseModel):
+class Adapt(Settings):
     """How many requests are in flight, by what the endpoint bears; see :mod:`webgym.llm.adaptive`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     first: int = Field(default=16, ge=1)
     """Requests in flight to begin with. Twice as many per round trip until the first sign of trouble."""
@@ -121,10 +117,8 @@ class Adapt(BaseModel):
     """Fewest replies whose median counts as the endpoint's present speed."""
 
 
-class ChatConfig(BaseModel):
+class ChatConfig(Settings):
     """An endpoint, a model, and how patient to be with them."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     base_url: str
     """Up to and without ``/chat/completions``, e.g. ``http://127.0.0.1:8000/v1``."""
@@ -174,10 +168,8 @@ class ChatConfig(BaseModel):
         return str(url)
 
 
-class CacheLimits(BaseModel):
+class CacheLimits(Settings):
     """How the file of replies is used."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     busy_seconds: float = Field(default=30.0, ge=0)
     """How long to wait while another process writes."""
@@ -186,10 +178,8 @@ class CacheLimits(BaseModel):
     """Most replies that are read, or written with one sync, at a time."""
 
 
-class BatchLimits(BaseModel):
+class BatchLimits(Settings):
     """What a file of a batch may hold; those of the OpenAI batch API."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     requests: int = Field(default=50_000, ge=1)
     """Most requests in a file."""

@@ -6,22 +6,21 @@ import asyncio
 from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.errors import BudgetSpent, ConfigError
 from webgym.llm.cache import ReplyCache
 from webgym.llm.prices import Prices
 from webgym.llm.usage import Call, Totals, Usage
+from webgym.settings import Settings
 
 
-class Budget(BaseModel):
+class Budget(Settings):
     """How much may be spent, all time: what a cache's file says was spent before counts.
 
     A call is made only if what was spent, the most that the calls in flight can cost and the most that it can
     cost itself fit into the budget together. While calls are in flight the others wait for what they leave.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     dollars: float | None = Field(default=None, ge=0, allow_inf_nan=False)
     """By the ledger's prices. Calls whose price was not known when they were made count as nothing."""

@@ -6,19 +6,18 @@ from pathlib import Path
 from typing import Final
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from webgym.core.errors import ConfigError
+from webgym.settings import Settings
 
 _MILLION: Final = 1_000_000
 _ANY: Final = "*"
 _HINT: Final = "write PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION, in dollars per million tokens"
 
 
-class Price(BaseModel):
+class Price(Settings):
     """Of one model, in dollars per million tokens."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     prompt: float = Field(ge=0, allow_inf_nan=False)
     """Of the prompt's tokens."""

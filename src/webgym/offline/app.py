@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import uvicorn
-from pydantic import BaseModel, ConfigDict, Field, SecretStr
+from pydantic import Field, SecretStr
 from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
@@ -30,16 +30,15 @@ from webgym.offline import latency
 from webgym.offline.visitors import Visitors
 from webgym.offline.web import DEFAULT_SEED, CollectionName, OfflineWeb
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Visit, Website
+from webgym.settings import Settings
 
 VISITOR_COOKIE = "webgym_visitor"
 ASSETS = Path(__file__).parent / "assets"
 ASSET_TYPES = {".css": "text/css; charset=utf-8", ".js": "text/javascript; charset=utf-8"}
 
 
-class SitesConfig(BaseModel):
+class SitesConfig(Settings):
     """How the offline web is served."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     seed: int = DEFAULT_SEED
     """Of every website."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from webgym.settings import Settings
 
 
-class ReportConfig(BaseModel):
+class ReportConfig(Settings):
     """How ``report.html`` is made."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     embed: bool = False
     """Put the pictures of a run into the file, as far as the budget goes. Else it shows those beside it in
@@ -33,10 +33,8 @@ class ReportConfig(BaseModel):
     """Pictures made smaller at the same time."""
 
 
-class ViewConfig(BaseModel):
+class ViewConfig(Settings):
     """How a run, or a task set, is served."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     port: int = Field(default=0, ge=0, le=65535)
     """Which port to listen on; 0 takes a free one."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.agent.agent import Agent, Conversation
 from webgym.core.action import Answer, BrowserAction, Navigate
@@ -32,6 +32,7 @@ from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress, State
 from webgym.server import Cookie, SessionOptions, View
+from webgym.settings import Settings
 
 _ORIGIN = re.compile(r"https?://[^/\s?#\"]+", re.IGNORECASE)
 _CONNECTION = re.compile(
@@ -107,10 +108,8 @@ class Backstage(Protocol):
         ...
 
 
-class AttemptConfig(BaseModel):
+class AttemptConfig(Settings):
     """How an attempt is made."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     viewport: tuple[int, int] = (1280, 768)
     """Width and height, CSS pixels (paper §4); 192 x 128 for the offline web's small websites, unless set."""

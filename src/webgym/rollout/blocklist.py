@@ -11,16 +11,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.websites import host_or_text
 from webgym.rollout.files import Log, disk_errors
+from webgym.settings import Settings
 
 
-class BlocklistConfig(BaseModel):
+class BlocklistConfig(Settings):
     """Where it is kept, and for how long a website stays on it."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     file: Path | None = None
     """Where; without one, nobody is left out and nothing is noted."""

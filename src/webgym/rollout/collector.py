@@ -15,7 +15,7 @@ from functools import partial
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.calls import LoopLag
 from webgym.core.errors import (
@@ -38,12 +38,11 @@ from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
 from webgym.rollout.sharing import SharingConfig
 from webgym.rollout.store import RunWriter
+from webgym.settings import Settings
 
 
-class CollectorConfig(BaseModel):
+class CollectorConfig(Settings):
     """How many at once, and when to give up."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     sessions: int = Field(default=16, ge=1)
     """Browser sessions, and so attempts, at the same time."""

@@ -21,7 +21,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import msgspec
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.agent.policy import ORACLES
 from webgym.bootstrap import Counts, percentiles, resampled
@@ -31,6 +31,7 @@ from webgym.rollout.rates import Interval, Rate, Successes, wilson
 from webgym.rollout.rejudge import RECORDED, verdicts_of
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import oracle_note
+from webgym.settings import Settings
 
 TEST_BUDGET: Final = StepBudget(30, 50, 70)
 """Steps per attempt in testing, by level (paper §5)."""
@@ -40,10 +41,8 @@ Method: TypeAlias = Literal["wilson", "bootstrap"]
 GROUPS: Final[tuple[Group, ...]] = (*LEVELS, "overall")
 
 
-class EvaluationConfig(BaseModel):
+class EvaluationConfig(Settings):
     """How the intervals of several samples per task are made."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     resamples: Annotated[int, Field(ge=100)] = 10_000
     """Of the bootstrap."""

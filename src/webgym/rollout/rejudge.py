@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.errors import JudgeError, RunFolderError
 from webgym.core.outcome import Outcome
@@ -22,15 +22,14 @@ from webgym.judge.base import Judge
 from webgym.rollout.judging import JUDGED, find
 from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import Judged, VerdictBook, read_verdicts
+from webgym.settings import Settings
 
 RECORDED = "recorded"
 """What the verdicts are called that were made when the run was collected."""
 
 
-class RejudgeConfig(BaseModel):
+class RejudgeConfig(Settings):
     """How many at once, and what is judged again."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     judges: int = Field(default=8, ge=1)
     """Episodes being judged at the same time."""

@@ -27,18 +27,17 @@ from contextlib import asynccontextmanager
 from enum import Enum
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.errors import ConfigError, RunFolderError, StoreError
 from webgym.core.task import Task
 from webgym.rollout.files import disk_errors, write_whole
 from webgym.rollout.store import RunReader
+from webgym.settings import Settings
 
 
-class SharingConfig(BaseModel):
+class SharingConfig(Settings):
     """Where a task list is shared, and when a collector counts as dead."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     folder: Path | None = None
     """On a disk that all collectors see; ``None`` shares nothing."""

@@ -27,12 +27,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self, TypeVar
 
 import msgspec
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.errors import RunFolderError, StoreCorrupt, StoreError
 from webgym.core.outcome import Outcome
@@ -63,6 +62,7 @@ from webgym.rollout.files import (
 )
 from webgym.rollout.records import CorruptLine, Entry, Index, complain, names_in, pictures, read_at, seal
 from webgym.rollout.verdicts import read_verdicts
+from webgym.settings import Settings
 
 _OURS = {CONFIG, TASKS, TRAJECTORIES, SCREENSHOTS, METRICS, LIVE, SUMMARY, REPORT, LOCK, VERDICTS}
 
@@ -87,10 +87,8 @@ def refuse_taken(path: Path) -> None:
         raise RunFolderError(f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder")
 
 
-class StoreLimits(BaseModel):
+class StoreLimits(Settings):
     """What a writer may use."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     shard_bytes: int = Field(default=64 * 2**20, gt=0)
     """A file of trajectories that has reached this size is followed by the next."""
@@ -383,9 +381,7 @@ class RunWriter:
     async def __aenter__(self) -> Self:
         return self
 
-    async def __aexit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    async def __aexit__(self, *exc: object) -> None:
         await self.aclose()
 
 

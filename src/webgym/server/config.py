@@ -6,10 +6,11 @@ import os
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.browser.config import BrowserConfig
 from webgym.core.calls import BROWSER_CALLS
+from webgym.settings import Settings
 
 
 def usable_cores() -> int:
@@ -24,14 +25,12 @@ Queues: TypeAlias = Literal["per_operation", "global"]
 """How calls wait for a run permit."""
 
 
-class Admission(BaseModel):
+class Admission(Settings):
     """How many slots run at once, and whose turn it is when more want to.
 
     Only running slots use the processors: the others are stopped. Acting is partly waiting for the page,
     so a few slots per core keep it busy; more only make each other slower.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     queues: Queues = "per_operation"
     """``per_operation``: each type of operation has its own queue, and they take turns by service time (paper
@@ -56,10 +55,8 @@ class Admission(BaseModel):
     """Busy share above which fewer may."""
 
 
-class ServerConfig(BaseModel):
+class ServerConfig(Settings):
     """A server: where it listens, how much it holds, how long it waits."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     host: str = "127.0.0.1"
     """Loopback unless told otherwise: whoever reaches this address and has the token drives browsers."""
@@ -152,10 +149,8 @@ class ServerConfig(BaseModel):
     browser: BrowserConfig = Field(default_factory=BrowserConfig)
 
 
-class GatewayConfig(BaseModel):
+class GatewayConfig(Settings):
     """A gateway: how many workers it keeps up, and how it knows that one is gone."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     workers: int | None = Field(default=None, gt=0)
     """Worker processes per machine; ``None`` for one per ``cores_per_worker``. They share its slots."""
@@ -199,10 +194,8 @@ class GatewayConfig(BaseModel):
     """A worker whose machine answers nothing, not even the kernel's probes, for so long is gone."""
 
 
-class RayConfig(BaseModel):
+class RayConfig(Settings):
     """Workers on the nodes of a Ray cluster: which nodes, and how much of each."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     address: str = "auto"
     """Of the cluster, as Ray takes it. ``auto`` for the one that this machine is a node of."""
@@ -233,14 +226,12 @@ class RayConfig(BaseModel):
     """Between two looks at which nodes there are: Ray tells nobody by itself."""
 
 
-class ClientLimits(BaseModel):
+class ClientLimits(Settings):
     """How much a client asks for at once, and how long it waits.
 
     Each type of operation has a pool of its own, so that a burst of one never holds up another (paper
     §4; the sizes of the pools are those of paper appendix F).
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     navigate: int = Field(default=256, gt=0)
     execute: int = Field(default=256, gt=0)

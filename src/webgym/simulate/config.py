@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Final, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from webgym.settings import Settings
 
 Schedule: TypeAlias = Literal["async", "step_barrier", "episode_barrier"]
 Queues: TypeAlias = Literal["per_operation", "global"]
@@ -12,11 +14,7 @@ Queues: TypeAlias = Literal["per_operation", "global"]
 SCHEDULES: Final[tuple[Schedule, ...]] = ("async", "step_barrier", "episode_barrier")
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-
-class Workload(_Settings):
+class Workload(Settings):
     """How many trajectories, and how long each is.
 
     A trajectory's steps are log-normal within its difficulty, cut off at the budget. Modes and means per
@@ -40,7 +38,7 @@ class Workload(_Settings):
     """Of everything random."""
 
 
-class Costs(_Settings):
+class Costs(Settings):
     """How long things take. Seconds are wall time where nothing else is said.
 
     The defaults stand for real websites and a model of eight billion parameters on H100s. CPU seconds per
@@ -100,7 +98,7 @@ class Costs(_Settings):
     """Of one update, on processors of its own."""
 
 
-class System(_Settings):
+class System(Settings):
     """How much there is of everything, and how it is scheduled."""
 
     cpus: int = Field(default=64, ge=1)

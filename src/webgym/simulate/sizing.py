@@ -6,8 +6,9 @@ import math
 from typing import Final, Literal, TypeAlias
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from webgym.settings import Settings
 from webgym.simulate.config import SCHEDULES, Costs, Schedule, System, Workload
 from webgym.simulate.model import Found, simulate
 
@@ -25,10 +26,8 @@ _MORE: Final = 0.25
 """How much more of a resource is tried, to see what it buys: well above the noise of a simulation."""
 
 
-class Prices(BaseModel):
+class Prices(Settings):
     """What things cost, in one currency per hour. The defaults are examples, not anybody's offer."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     cpu: float = Field(default=0.05, ge=0)
     """A processor with its memory."""

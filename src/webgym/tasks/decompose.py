@@ -13,19 +13,18 @@ from dataclasses import dataclass
 from typing import Final
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.task import FactGroup, Rubric, Task
+from webgym.settings import Settings
 from webgym.tasks.published import DIFFICULTY_DIFFERS
 
 SYNTHETIC: Final = ("pae-webvoyager", "agentsynth-web")
 """Sources that a model wrote. Deriving more from them fills the set with what looks alike (paper §3)."""
 
 
-class Decomposing(BaseModel):
+class Decomposing(Settings):
     """How many tasks may come out of one."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     per_parent: int = Field(default=1_024, ge=0)
     """The subsets of g groups are 2^g. Ten groups, more than any source's task has, stay below this."""

@@ -24,10 +24,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Generic, Literal, TypeAlias, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.task import Task
 from webgym.core.websites import site_or_text
+from webgym.settings import Settings
 from webgym.tasks.decompose import SYNTHETIC
 from webgym.tasks.families import roots_of
 from webgym.tasks.files import collector_paused
@@ -39,10 +40,8 @@ Why: TypeAlias = Literal["same", "near", "parent", "template", "website"]
 _Finding: TypeAlias = tuple[str, Why]
 
 
-class DuplicateLimits(BaseModel):
+class DuplicateLimits(Settings):
     """What repeats what, which one stays, and how much a synthetic source may bring."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     similarity: float = Field(default=0.85, ge=0.5, le=1.0)
     """Overlap of words and pairs of words from which two tasks are near. At the usual value an added word

@@ -11,17 +11,16 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.task import FactGroup, Task
 from webgym.core.text import fold, says
+from webgym.settings import Settings
 from webgym.tasks.rules.reading import Text, stem
 
 
-class WritingLimits(BaseModel):
+class WritingLimits(Settings):
     """How often to ask, and what a rewritten task may look like."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     tries: int = Field(default=3, ge=1)
     """How often a model is asked for one thing, in all."""

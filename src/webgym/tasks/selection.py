@@ -15,21 +15,20 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from webgym.core.errors import ConfigError
 from webgym.core.task import Level, Task
 from webgym.core.websites import host_or_text
+from webgym.settings import Settings
 from webgym.tasks.split import leaks
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
 
 SplitName: TypeAlias = Literal["train", "test", "all", "unsplit"]
 
 
-class Selection(BaseModel):
+class Selection(Settings):
     """Which tasks, and in which shares."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     split: SplitName = "train"
     """``train``, ``test``, ``all`` of both, or ``unsplit`` for tasks that do not say. Of a set that tells no

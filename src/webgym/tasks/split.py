@@ -19,11 +19,12 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.core.errors import ConfigError, TooFewWebsites
 from webgym.core.task import Task
 from webgym.core.websites import site_or_text
+from webgym.settings import Settings
 from webgym.tasks.balance import balanced
 from webgym.tasks.brands import brand_of
 from webgym.tasks.families import roots_of
@@ -32,10 +33,8 @@ from webgym.tasks.files import collector_paused
 WhyLeftOut: TypeAlias = Literal["test website", "test family", "no website"]
 
 
-class SplitConfig(BaseModel):
+class SplitConfig(Settings):
     """How the test set is made."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     test_tasks: int = Field(default=1_167, ge=0)
     """Test tasks, each from a website of its own (paper §3)."""

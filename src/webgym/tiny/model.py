@@ -6,20 +6,19 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.inference.model import Loaded, quicken_vision
 from webgym.inference.rendering import Renderer
+from webgym.settings import Settings
 from webgym.tiny.tokenizer import CELL, make_tokenizer
 
 PATCH = 16
 MERGE = CELL // PATCH
 
 
-class TinyConfig(BaseModel):
+class TinyConfig(Settings):
     """Sizes. The defaults have about three million weights."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     width: int = Field(default=128, multiple_of=32)
     """Of the hidden states, in language and vision."""

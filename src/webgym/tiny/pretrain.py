@@ -19,10 +19,11 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.inference.model import Loaded, quick_attention
 from webgym.inference.rendering import Renderer
+from webgym.settings import Settings
 from webgym.tiny.lessons import IGNORED, Lesson, Signs, pointing
 from webgym.tiny.model import PATCH, TinyConfig, save_model
 from webgym.tiny.muon import Muon
@@ -33,10 +34,8 @@ LENGTHS = 4
 """Groups of acting lessons by length."""
 
 
-class PretrainConfig(BaseModel):
+class PretrainConfig(Settings):
     """How the tiny policy is pretrained."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     model: TinyConfig = TinyConfig()
     seed: int = 0

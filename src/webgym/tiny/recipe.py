@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig, PromptFormat
@@ -39,6 +39,7 @@ from webgym.rollout.files import write_whole
 from webgym.rollout.judging import find
 from webgym.rollout.plan import Planned
 from webgym.rollout.summary import Tally, digest_of
+from webgym.settings import Settings
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.lessons import Lesson, Signs, acting, signs_of
 from webgym.tiny.model import make_model
@@ -50,10 +51,8 @@ PROFILE: Final = "tiny"
 Advance: TypeAlias = Callable[[str, int, int], None]
 
 
-class RecipeConfig(BaseModel):
+class RecipeConfig(Settings):
     """How the first weights are made."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     seed: int = 7
     """Of the websites, the demonstrators, the weights and the lessons."""

@@ -20,12 +20,12 @@ from statistics import mean, stdev
 from typing import Any, Final
 
 import msgspec
-from pydantic import BaseModel, ConfigDict
+from pydantic import Field
 
 from webgym.core.errors import RunFolderError, UsageError
 from webgym.plotting import CATEGORIES, PAGE, new_figure, save, styled
 from webgym.rollout.files import CONFIG, write_whole
-from webgym.settings import merged, settings_of
+from webgym.settings import Settings, merged, settings_of
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.start import open_training, read_config
@@ -34,22 +34,18 @@ RESULTS: Final = "study.json"
 SETTINGS: Final = Path(__file__).parent / "study.yaml"
 
 
-class Row(BaseModel):
+class Row(Settings):
     """A row of the study."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     paper: tuple[float, float] | None = None
     """The paper's success before and at the peak, per cent; ``None`` for a row of our own."""
 
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = Field(default_factory=dict)
     """Laid over the base."""
 
 
-class StudyConfig(BaseModel):
+class StudyConfig(Settings):
     """The whole study."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     base: dict[str, Any]
     """Settings of a training that all rows share; the model is filled in."""

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Any, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from webgym.settings import Settings
 
 Precision: TypeAlias = Literal["bf16", "fp32"]
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-
-class ReplayConfig(_Settings):
+class ReplayConfig(Settings):
     """Which steps an iteration trains on."""
 
     iterations: int = Field(default=4, ge=1)
@@ -42,17 +40,17 @@ class ReplayConfig(_Settings):
         return self
 
 
-class ObjectiveConfig(_Settings):
+class ObjectiveConfig(Settings):
     """What is maximised."""
 
     name: str = "filtered_bc"
     """``filtered_bc`` (the paper's), ``group_is`` (AsyncWebRL's), or ``module:attribute`` of one's own."""
 
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = Field(default_factory=dict)
     """Settings of the objective, by the names of its fields."""
 
 
-class LoraConfig(_Settings):
+class LoraConfig(Settings):
     """Low-rank adapters in place of all weights."""
 
     rank: int = Field(default=32, ge=1)
@@ -68,7 +66,7 @@ class LoraConfig(_Settings):
     """Regular expression of the modules that get one."""
 
 
-class UpdateConfig(_Settings):
+class UpdateConfig(Settings):
     """How weights follow from steps."""
 
     learning_rate: float = Field(default=1e-6, gt=0)
@@ -130,7 +128,7 @@ class UpdateConfig(_Settings):
         return self
 
 
-class FrontierConfig(_Settings):
+class FrontierConfig(Settings):
     """Preference for tasks that succeed sometimes."""
 
     by: Literal["task", "website", "level", "website_level"] = "website_level"
@@ -152,7 +150,7 @@ class FrontierConfig(_Settings):
         return self
 
 
-class LearnConfig(_Settings):
+class LearnConfig(Settings):
     """Everything between judged trajectories and new weights."""
 
     model: str

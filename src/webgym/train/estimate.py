@@ -29,11 +29,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import torch
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from transformers import AutoConfig, AutoModelForImageTextToText, Qwen3VLConfig
 
 from webgym.core.errors import ConfigError
 from webgym.inference.model import loading
+from webgym.settings import Settings
 from webgym.train.config import LearnConfig
 from webgym.train.objectives import make_objective
 
@@ -63,10 +64,8 @@ QWEN3_VL_8B: Final[dict[str, Any]] = {
 """The shapes of the paper's model, so that an estimate for it needs no download."""
 
 
-class Gpus(BaseModel):
+class Gpus(Settings):
     """What there is to compute with."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     count: int = Field(default=1, ge=1)
     """GPUs."""
@@ -93,10 +92,8 @@ KNOWN_GPUS: Final = {
 """Peaks as NVIDIA gives them for dense bf16."""
 
 
-class Workload(BaseModel):
+class Workload(Settings):
     """What a step of a trajectory looks like to the model."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     pictures: int = Field(default=4, ge=0)
     """In a request: the window and the current one."""

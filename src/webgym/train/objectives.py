@@ -21,10 +21,10 @@ from typing import Any, ClassVar, Final, Protocol, runtime_checkable
 
 import msgspec
 import torch
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from webgym.core.errors import ConfigError
-from webgym.settings import first_problem
+from webgym.settings import Settings, first_problem
 from webgym.train.config import ObjectiveConfig
 
 
@@ -94,11 +94,7 @@ class Objective(Protocol):
         ...
 
 
-class _Options(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
-
-
-class FilteredBC(_Options):
+class FilteredBC(Settings):
     """The paper's objective (§5): the likelihood of what was done in successful trajectories, nothing else.
 
     REINFORCE with a 0/1 reward and no baseline: failures have weight 0, so no gradient is ever negative. The
@@ -117,7 +113,7 @@ class FilteredBC(_Options):
         return Loss(-tokens.advantage * tokens.new)
 
 
-class GroupIS(_Options):
+class GroupIS(Settings):
     """Groups with a baseline, trained on off-policy (AsyncWebRL, arXiv 2606.05597).
 
     Attempts at one task in one iteration are a group. The advantage of an attempt is its reward less the

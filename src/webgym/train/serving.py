@@ -48,10 +48,7 @@ class Serving(Protocol):
     async def __aenter__(self) -> Self: ...
 
     async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
 
@@ -91,13 +88,8 @@ class LocalServing:
         await self._local.__aenter__()
         return self
 
-    async def __aexit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        await self._local.__aexit__(kind, error, trace)
+    async def __aexit__(self, *exc: object) -> None:
+        await self._local.__aexit__(*exc)
 
 
 class KeptOpen(OpensNothing):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
 from webgym.browser.egress.rules import read_rule
+from webgym.settings import Settings
 
 
-class EgressConfig(BaseModel):
+class EgressConfig(Settings):
     """What pages may connect to, how often, and how long it may take."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     allow: tuple[str, ...] = ()
     """Rules ``PATTERN[:PORT][=TARGET]``; the first that matches a host decides.

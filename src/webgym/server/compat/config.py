@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
+
+from webgym.settings import Settings
 
 
-class CompatConfig(BaseModel):
+class CompatConfig(Settings):
     """How long instances live, and how many are remembered."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     lifetime_minutes: float = Field(default=60.0, gt=0)
     """Of an instance whose ``lifetime_mins`` is left out or 0."""

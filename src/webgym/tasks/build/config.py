@@ -7,11 +7,11 @@ from datetime import date
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import Field, ValidationError, field_validator
 
 from webgym.core.errors import ConfigError
 from webgym.llm import Budget, ChatConfig, Price, Sampling
-from webgym.settings import Section, first_problem, merged, read_settings, without_none
+from webgym.settings import Section, Settings, first_problem, merged, read_settings, without_none
 from webgym.tasks.decompose import Decomposing
 from webgym.tasks.duplicates import DuplicateLimits
 from webgym.tasks.rewriting import WritingLimits
@@ -23,10 +23,8 @@ PURPOSES: Final[tuple[Purpose, ...]] = ("website", "rubric", "rewriting")
 """What models are asked for, in the order of the stages."""
 
 
-class SourceChoice(BaseModel):
+class SourceChoice(Settings):
     """One source of tasks."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     path: str
     """A file, a folder, or ``hub:<datasets id>``."""
@@ -36,10 +34,8 @@ class SourceChoice(BaseModel):
     number takes the same ones and more, so that what a trial run has paid for serves the whole."""
 
 
-class ModelChoice(BaseModel):
+class ModelChoice(Settings):
     """A model for one purpose, where it is not the build's own. What is not given stays as it is there."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     base_url: str | None = None
     """Another endpoint."""
@@ -70,10 +66,8 @@ class Assumptions(Section):
     """Tasks that are derived from one, on average over those whose rubric is not there yet."""
 
 
-class BuildConfig(BaseModel):
+class BuildConfig(Settings):
     """A build of a task set."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
     sources: dict[str, SourceChoice] = Field(min_length=1)
     """By the names of :data:`webgym.tasks.sources.SOURCES`. A plain path stands for itself."""
@@ -81,10 +75,10 @@ class BuildConfig(BaseModel):
     model: ChatConfig | None = None
     """Endpoint and model for all purposes. Not needed where nothing has to be asked."""
 
-    models: dict[Purpose, ModelChoice] = {}
+    models: dict[Purpose, ModelChoice] = Field(default_factory=dict)
     """Other ones for some purposes: ``website``, ``rubric``, ``rewriting``."""
 
-    prices: dict[str, Price] = {}
+    prices: dict[str, Price] = Field(default_factory=dict)
     """Dollars per million tokens, by model; ``*`` stands for every other. None are known by themselves."""
 
     budget: Budget = Budget()

@@ -522,8 +522,8 @@ async def _carry_out(
     finishing: asyncio.Event | None,
     retry_errors: bool = False,
 ) -> Summary:
-    shared = sharing(config.collector.sharing, run_id, tasks, config.samples, store.path)
-    async with shared as claims:
+    shared, goes_on = config.collector.sharing, bool(store.attempts)
+    async with sharing(shared, run_id, tasks, config.samples, store.path, goes_on=goes_on) as claims:
         plan = Plan(
             tasks,
             samples=config.samples,

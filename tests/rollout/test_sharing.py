@@ -207,3 +207,24 @@ async def test_who_loses_sight_of_the_others_keeps_what_its_browsers_did(
     await Run().start(None, tmp_path / "a").end()
     assert outcomes(tmp_path / "a") == {"success": 3}
     assert world.browsers.opened == 3
+
+
+async def test_a_run_that_goes_on_from_another_folder_shares_with_the_same_others(
+    tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    config = world.config(tmp_path, 4, shared(tmp_path, folder=Path("shared")))
+    first = Run().start(config, tmp_path / "a")
+    await until(lambda: first.progress.done >= 1)
+    first.finishing.set()
+    await first.end()
+    await Run().start(config, tmp_path / "b").end()
+    made = world.browsers.opened
+    (tmp_path / "below").mkdir()
+    monkeypatch.chdir(tmp_path / "below")
+    await Run().start(None, tmp_path / "a").end()
+    assert world.browsers.opened == made == 4
+    (tmp_path / "shared").rename(tmp_path / "away")
+    with pytest.raises(ConfigError, match="does not hold them any more"):
+        await Run().start(None, tmp_path / "a").end()
+    assert not (tmp_path / "shared").exists()

@@ -9,9 +9,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from webgym.core.websites import host_or_text
 from webgym.rollout.files import Log, disk_errors
@@ -22,7 +23,7 @@ class BlocklistConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
-    file: Path | None = None
+    file: Annotated[Path, AfterValidator(Path.absolute)] | None = None
     """Where; without one, nobody is left out and nothing is noted."""
 
     hours: float = Field(default=12.0, ge=0)

@@ -455,6 +455,7 @@ class _Company:
     judge: Judge
     calls: dict[str, CallQueue]
     trouble: Callable[[], str]
+    tell: Tell | None
 
 
 @asynccontextmanager
@@ -477,7 +478,7 @@ async def _company(
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
         backstage, client = await stack.enter_async_context(_places(config, secrets, tasks, tell, calls))
-        yield _Company(backstage, client, agent, judge, calls, trouble)
+        yield _Company(backstage, client, agent, judge, calls, trouble, tell)
 
 
 @asynccontextmanager
@@ -517,8 +518,8 @@ async def _carry_out(
     finishing: asyncio.Event | None,
     retry_errors: bool = False,
 ) -> Summary:
-    shared = sharing(config.collector.sharing, run_id, tasks, config.samples, store.path)
-    async with shared as claims:
+    shared, goes_on = config.collector.sharing, bool(store.attempts)
+    async with sharing(shared, run_id, tasks, config.samples, store.path, goes_on=goes_on) as claims:
         plan = Plan(
             tasks,
             samples=config.samples,
@@ -565,7 +566,7 @@ async def _collected(
     try:
         with exposing(progress, config.collector.metrics_port):
             async with (
-                _tracked(config, store),
+                _tracked(config, store, progress, company.tell),
                 feeding(progress, store.path),
                 show(progress) if show else nullcontext(),
             ):
@@ -582,7 +583,9 @@ async def _collected(
 
 
 @asynccontextmanager
-async def _tracked(config: RunConfig, store: RunWriter) -> AsyncIterator[None]:
+async def _tracked(
+    config: RunConfig, store: RunWriter, progress: Progress, tell: Tell | None
+) -> AsyncIterator[None]:
     """Let trackers have what the run has told so far, and what it tells until the block ends."""
     if not config.trackers:
         yield
@@ -591,13 +594,18 @@ async def _tracked(config: RunConfig, store: RunWriter) -> AsyncIterator[None]:
 
     def begin() -> Callable[[Mapping[str, Any]], None]:
         rows = msgspec.json.Decoder(dict[str, Any]).decode_lines((store.path / METRICS).read_bytes())
-        return stack.enter_context(tracking(config.trackers, store.path, config.project, rows))
+        return stack.enter_context(tracking(config.trackers, store.path, config.project, rows, failed))
+
+    def failed(told: str) -> None:
+        progress.tracker_error = told
 
     store.on_metric = await asyncio.to_thread(begin)
     try:
         yield
     finally:
         await asyncio.to_thread(stack.close)
+        if progress.tracker_error:
+            _say(tell, progress.tracker_error)
 
 
 class _Backstage:

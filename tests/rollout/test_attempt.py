@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from collections.abc import Mapping
+from typing import Any
 
+import msgspec
 import pytest
 from tests.rollout.test_summary import task
 
@@ -16,10 +19,11 @@ from webgym.core.errors import PolicyTimeout
 from webgym.core.observation import Notice, Observation
 from webgym.core.outcome import Ending
 from webgym.core.trajectory import Episode, Reply
+from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth
 from webgym.rollout.attempt import Attempt, AttemptConfig, Stage
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
-from webgym.server import SessionOptions, View
+from webgym.server import Cookie, SessionOptions, View
 
 CALL = '{"name": "computer_use", "arguments": {"action": "wait", "time": 1}}'
 ACTS = f"Action: wait\n<tool_call>\n{CALL}\n</tool_call>"
@@ -122,6 +126,39 @@ async def test_a_turn_that_fails_is_kept_with_its_cause_and_the_page_that_was_op
     assert episode.final is not None
     assert episode.final.url == f"http://a.test/{before + 1}"
     assert episode.final.screenshot in pages.kept
+
+
+class Backstage:
+    """Never tells what state a website is in."""
+
+    def __init__(self) -> None:
+        self.asked = asyncio.Event()
+
+    def cookies(self, visitor: str) -> tuple[Cookie, ...]:
+        del visitor
+        return ()
+
+    async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
+        del visitor, host
+        self.asked.set()
+        await asyncio.Event().wait()
+        raise AssertionError
+
+
+async def test_who_is_stopped_before_judges_have_the_state_to_look_at_is_not_theirs() -> None:
+    pages, backstage = Pages({}), Backstage()
+    agent = Agent(Says(ACTS), AgentConfig(image_max_side=None))
+    stage = Stage(pages, agent, pages, AttemptConfig(budget_easy=1), Progress(total=1), backstage, "r", 0)
+    facts = (FactTruth(1, 0, state=(StateCheck(("cart",), 1),)),)
+    known = msgspec.structs.replace(task("t", 1), truth=Truth("a.test", facts, AnswerTruth(), ()))
+    attempt = Attempt(stage, Planned(known, 0))
+    running = asyncio.create_task(attempt.run(pages))
+    await asyncio.wait_for(backstage.asked.wait(), 60)
+    running.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await running
+    assert len(attempt.episode().steps) == 1
+    assert attempt.episode().ending is Ending.CANCELLED
 
 
 @pytest.mark.parametrize(

@@ -5,18 +5,20 @@ from __future__ import annotations
 import asyncio
 import itertools
 import json
+import threading
 import urllib.request
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.rollout.running import Run, World, a_world, books, outcomes, until
+from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes, until
 from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.bench.stand_ins import TOKEN, StandInModel
 from webgym.core.errors import LeaseLost, ServerUnreachable
 from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.files import TRAJECTORIES, Log
 from webgym.rollout.lockstep import Lockstep
 from webgym.server import BrowserClient, ClientLimits
 
@@ -146,14 +148,84 @@ async def test_who_waits_for_a_verdict_is_recorded_without_one_and_judged_when_t
     assert world.browsers.opened == 6, "what the browsers did was not done again"
 
 
-async def test_a_slow_judge_holds_browsers_back_before_memory_grows(tmp_path: Path, world: World) -> None:
-    world.judge.lets.clear()
+async def test_who_ended_and_whose_browser_is_being_given_back_is_recorded_too(
+    tmp_path: Path, world: World
+) -> None:
+    asked, lets, close = asyncio.Event(), asyncio.Event(), world.browsers._close
+
+    async def hangs(request: Any) -> Any:
+        asked.set()
+        await lets.wait()
+        return await close(request)
+
+    world.browsers._close = hangs  # type: ignore[method-assign]
+    await world.stop("browsers")
+    await world.start("browsers")
+    run = Run().start(world.config(tmp_path, 1), tmp_path / "run")
+    await asyncio.wait_for(asked.wait(), SECONDS)
+    run.task.cancel()
+    with pytest.raises(asyncio.CancelledError):
+        await run.end()
+    assert outcomes(tmp_path / "run") == {"judge_error": 1}
+    lets.set()
+    await Run().start(None, tmp_path / "run").end()
+    assert outcomes(tmp_path / "run") == {"success": 1}
+    assert world.browsers.opened == 1
+
+
+class SlowDisk:
+    """Writes trajectories when it is let."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.lets = threading.Event()
+        self.asked = 0
+        writes = Log.append
+
+        def append(log: Log, data: bytes, *, durable: bool) -> None:
+            if log.path.parent.name == TRAJECTORIES:
+                self.asked += 1
+                assert self.lets.wait(SECONDS)
+            writes(log, data, durable=durable)
+
+        monkeypatch.setattr(Log, "append", append)
+
+
+@pytest.fixture
+def disk(monkeypatch: pytest.MonkeyPatch) -> Iterator[SlowDisk]:
+    disk = SlowDisk(monkeypatch)
+    yield disk
+    disk.lets.set()
+
+
+async def test_what_waits_for_a_slow_disk_with_its_verdict_is_written_before_a_run_ends(
+    tmp_path: Path, world: World, disk: SlowDisk
+) -> None:
+    run = Run().start(world.config(tmp_path, 4), tmp_path / "run")
+    await until(lambda: world.judge.asked == 4 and disk.asked == 1)
+    await until(lambda: run.progress.calls["judge"].load.done == 4)
+    run.task.cancel()
+    await asyncio.sleep(0)
+    run.task.cancel()  # whoever stops it is impatient
+    disk.lets.set()
+    with pytest.raises(asyncio.CancelledError):
+        await run.end()
+    assert outcomes(tmp_path / "run") == {"success": 4}
+    assert run.progress.outcomes.total() == 4
+
+
+@pytest.mark.parametrize("what", ["judge", "disk"])
+async def test_a_slow_judge_or_disk_holds_browsers_back_before_memory_grows(
+    tmp_path: Path, world: World, disk: SlowDisk, what: str
+) -> None:
+    slow = disk if what == "disk" else world.judge
+    (world.judge if what == "disk" else disk).lets.set()
+    slow.lets.clear()
     limits = {"sessions": 3, "judges": 2, "backlog": 1}
     run = Run().start(world.config(tmp_path, 20, limits), tmp_path / "run")
     await until(lambda: len(world.browsers.log) == 2 * (2 + 1 + 3))
     await asyncio.sleep(0.3)  # time enough for another to begin
     assert world.browsers.opened == 2 + 1 + 3
-    world.judge.lets.set()
+    slow.lets.set()
     await run.end()
     assert outcomes(tmp_path / "run") == {"success": 20}
 

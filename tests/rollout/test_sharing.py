@@ -13,11 +13,13 @@ from tests.rollout.running import Run, World, a_world, books, outcomes, until
 from tests.rollout.stand_in_judge import ADDRESS
 from tests.rollout.test_plan import entry
 from tests.rollout.test_summary import task
+from tests.rollout.test_verify import Judge as Passing
 
-from webgym.core.errors import ConfigError
+from webgym.core.errors import ConfigError, StoreError
 from webgym.core.outcome import Outcome
 from webgym.report.overview import Overview
 from webgym.rollout.plan import Plan
+from webgym.rollout.rejudge import judge_run, recorded
 from webgym.rollout.sharing import Claim, Claims, SharingConfig
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import digest_of
@@ -183,3 +185,46 @@ async def test_what_was_taken_over_while_it_waited_for_a_verdict_has_no_reward_i
     assert (outcomes(tmp_path / "a"), outcomes(tmp_path / "b")) == ({"cancelled": 3}, {"success": 3})
     assert resumed["planned"]["overall"] == 0
     assert world.judge.asked == 6, "it is not judged twice either"
+    assert recorded(tmp_path / "a") == {}
+    assert (await judge_run(tmp_path / "a", Passing())).total == 0
+    assert (await judge_run(tmp_path / "b", Passing())).total == 3
+
+
+async def test_who_loses_sight_of_the_others_keeps_what_its_browsers_did(
+    tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(ADDRESS, world.url("judge"))
+    world.judge.lets.clear()
+    config = world.config(tmp_path, 3, shared(tmp_path, beat_seconds=600.0))
+    run = Run().start(config, tmp_path / "a")
+    await until(lambda: world.judge.asked == 3)
+    (tmp_path / "shared").rename(tmp_path / "away")
+    world.judge.lets.set()
+    with pytest.raises((StoreError, BaseExceptionGroup)):
+        await run.end()
+    assert outcomes(tmp_path / "a") == {"judge_error": 3}, "the folder of the run itself is whole"
+    (tmp_path / "away").rename(tmp_path / "shared")
+    await Run().start(None, tmp_path / "a").end()
+    assert outcomes(tmp_path / "a") == {"success": 3}
+    assert world.browsers.opened == 3
+
+
+async def test_a_run_that_goes_on_from_another_folder_shares_with_the_same_others(
+    tmp_path: Path, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    config = world.config(tmp_path, 4, shared(tmp_path, folder=Path("shared")))
+    first = Run().start(config, tmp_path / "a")
+    await until(lambda: first.progress.done >= 1)
+    first.finishing.set()
+    await first.end()
+    await Run().start(config, tmp_path / "b").end()
+    made = world.browsers.opened
+    (tmp_path / "below").mkdir()
+    monkeypatch.chdir(tmp_path / "below")
+    await Run().start(None, tmp_path / "a").end()
+    assert world.browsers.opened == made == 4
+    (tmp_path / "shared").rename(tmp_path / "away")
+    with pytest.raises(ConfigError, match="does not hold them any more"):
+        await Run().start(None, tmp_path / "a").end()
+    assert not (tmp_path / "shared").exists()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
+import threading
 import types
 from pathlib import Path
 from typing import Any
@@ -56,10 +57,10 @@ def scalars(path: Path) -> dict[str, list[tuple[int, float]]]:
 
 
 def test_tensorboard_shows_every_iteration_once_also_after_a_resume(tmp_path: Path) -> None:
-    with tracking(["tensorboard"], tmp_path, "webgym", []) as track:
+    with tracking(["tensorboard"], tmp_path, "webgym", [], print) as track:
         track(row(1, 0.25))
         track(row(2, 0.75))  # killed before this came to metrics.jsonl, say
-    with tracking(["tensorboard"], tmp_path, "webgym", [row(1, 0.25)]) as track:
+    with tracking(["tensorboard"], tmp_path, "webgym", [row(1, 0.25)], print) as track:
         track(row(2, 0.5))
     found = scalars(tmp_path)
     assert found["collect/success_rate/overall"] == [(1, 0.25), (2, 0.5)]
@@ -105,7 +106,7 @@ def test_weights_and_biases_is_given_the_same(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setitem(sys.modules, "wandb", types.SimpleNamespace(init=init))
     for _ in range(2):
-        with tracking(["wandb"], tmp_path / "first", "study", [row(1, 0.25)]) as track:
+        with tracking(["wandb"], tmp_path / "first", "study", [row(1, 0.25)], print) as track:
             track(row(2, 0.5))
     assert [step for step, _ in logged] == [1, 2, 1, 2]
     assert logged[1][1]["collect/success_rate/overall"] == 0.5
@@ -114,13 +115,43 @@ def test_weights_and_biases_is_given_the_same(tmp_path: Path, monkeypatch: pytes
     assert ended == [True, True]
 
 
+async def test_a_tracker_that_fails_or_hangs_stops_nothing_and_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hangs, told = threading.Event(), list[str]()
+
+    def log(numbers: dict[str, float], step: int) -> None:
+        del numbers, step
+        assert hangs.wait(60)
+        raise RuntimeError("402\nnot paid")
+
+    given = types.SimpleNamespace(log=log, finish=lambda: None)
+    monkeypatch.setitem(sys.modules, "wandb", types.SimpleNamespace(init=lambda **_: given))
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: name)
+    with tracking(["wandb"], tmp_path, "p", [], told.append) as track:
+        for number in range(3):
+            track(row(number, 0.5))
+        hangs.set()
+    assert told == ["wandb gets no more figures until this goes on with --resume: RuntimeError: 402 not paid"]
+    config = RunConfig(
+        server=ServerChoice(rehearsed=True),
+        sites=SitesConfig(collection="small", per_family=1),
+        tasks=TaskChoice(count=3),
+        trackers=("wandb",),
+    )
+    lines: list[str] = []
+    summary = await collect(config, tmp_path / "run", tell=lines.append)
+    assert summary["outcomes"]["success"] == 3
+    assert told[0] in lines
+
+
 def test_a_tracker_that_is_not_installed_or_does_not_start_is_said_in_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "wandb", None)
     with (
         pytest.raises(ConfigError, match=r"not installed .*pip install wandb"),
-        tracking(["wandb"], tmp_path, "p", []),
+        tracking(["wandb"], tmp_path, "p", [], print),
     ):
         pass
 
@@ -128,5 +159,8 @@ def test_a_tracker_that_is_not_installed_or_does_not_start_is_said_in_a_line(
         raise RuntimeError("no\nAPI key")
 
     monkeypatch.setitem(sys.modules, "wandb", types.SimpleNamespace(init=init))
-    with pytest.raises(ConfigError, match=r"no API key .*offline"), tracking(["wandb"], tmp_path, "p", []):
+    with (
+        pytest.raises(ConfigError, match=r"no API key .*offline"),
+        tracking(["wandb"], tmp_path, "p", [], print),
+    ):
         pass

@@ -365,10 +365,13 @@ class Attempt:
         if self._stage.backstage is None or truth is None or self._ending is Ending.ENVIRONMENT_FAILED:
             return
         if any(fact.state for fact in truth.facts):
+            ended, self._ending = self._ending, Ending.CANCELLED  # until judges have what they look at
             try:
                 self._final_state = await self._stage.backstage.state(self._visitor, truth.host)
             except WebGymError as error:
                 self.fail(error)
+            else:
+                self._ending = ended
 
     def fail(self, error: Exception) -> None:
         """The attempt ends with this error."""

@@ -9,9 +9,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from webgym.core.websites import host_or_text
 from webgym.rollout.files import Log, disk_errors
@@ -21,7 +22,7 @@ from webgym.settings import Settings
 class BlocklistConfig(Settings):
     """Where it is kept, and for how long a website stays on it."""
 
-    file: Path | None = None
+    file: Annotated[Path, AfterValidator(Path.absolute)] | None = None
     """Where; without one, nobody is left out and nothing is noted."""
 
     hours: float = Field(default=12.0, ge=0)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import asyncio
 import time
 from array import array
-from contextlib import nullcontext
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, nullcontext
 from functools import partial
 from typing import Literal
 
@@ -25,6 +26,7 @@ from webgym.core.errors import (
     PolicyError,
     ServerError,
     ServerUnreachable,
+    StoreError,
     WebGymError,
 )
 from webgym.core.outcome import Ending, Outcome, outcome_of
@@ -198,15 +200,12 @@ class Collector:
 
     async def _episode(self, plan: Plan, planned: Planned) -> None:
         """An attempt from its browser to its record. Its place is free for another before it is judged."""
+        attempt = Attempt(self._stage, planned)
         try:
-            attempt = Attempt(self._stage, planned)
             await self._attempt(plan, attempt)
             episode = attempt.episode()
-            try:
+            async with self._recorded_if_stopped(episode):
                 await self._unrecorded.acquire()
-            except asyncio.CancelledError:
-                await asyncio.shield(self._record(episode, _unjudged(episode)))
-                raise
         finally:
             self._places.release()
         try:
@@ -221,16 +220,18 @@ class Collector:
         except (BrowserError, LeaseLost) as error:
             attempt.fail(error)
             return
-        self._running.add(attempt)
-        self._end_stragglers(plan, attempt)
         try:
-            await attempt.run(session)
+            self._running.add(attempt)
+            self._end_stragglers(plan, attempt)
+            try:
+                await attempt.run(session)
+            finally:
+                self._running.discard(attempt)
+                await session.close()
         except asyncio.CancelledError:
-            await asyncio.shield(self._record(attempt.episode(), Found(None, None, Outcome.CANCELLED)))
+            episode = attempt.episode()
+            await self._record(episode, _unjudged(episode))
             raise
-        finally:
-            self._running.discard(attempt)
-            await session.close()
 
     async def _open(self, attempt: Attempt) -> BrowserSession:
         """A browser session; a server that is away for a moment is waited for."""
@@ -255,14 +256,10 @@ class Collector:
         progress = self._stage.progress
         progress.move(None, "judging", planned.attempt_id)
         try:
-            try:
+            async with self._recorded_if_stopped(episode):
                 judged, seconds = await self._find(planned, episode)
                 if is_lost := not await plan.holds(planned.task.id, planned.sample):
                     judged = TAKEN_OVER
-            except asyncio.CancelledError:
-                # What the browser did is not done again: a resumed run judges it.
-                await asyncio.shield(self._record(episode, _unjudged(episode)))
-                raise
             await self._record(episode, judged, seconds)
         finally:
             progress.move("judging", None, planned.attempt_id)
@@ -289,8 +286,22 @@ class Collector:
 
     async def _record(self, episode: Episode, judged: Found, judge_seconds: float = 0.0) -> None:
         trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure, judge_seconds)
-        await self._stage.store.append(trajectory)
+        try:
+            await self._stage.store.append(trajectory)
+        except asyncio.CancelledError:
+            self._stage.progress.ended(trajectory)  # it is on disk: writing is carried through
+            raise
         self._stage.progress.ended(trajectory)
+
+    @asynccontextmanager
+    async def _recorded_if_stopped(self, episode: Episode) -> AsyncIterator[None]:
+        """Record an episode if the run is stopped in the block. What its browser did is not done again: a
+        resumed run judges it."""
+        try:
+            yield
+        except (asyncio.CancelledError, StoreError):
+            await self._record(episode, _unjudged(episode))
+            raise
 
     def _watch(self, episode: Episode) -> None:
         """Stop the run when only the machinery fails, one attempt after the other."""
@@ -334,7 +345,7 @@ async def _close(plan: Plan, finishing: asyncio.Event) -> None:
 
 
 def _unjudged(episode: Episode) -> Found:
-    """What becomes of an episode that waited for its verdict when the run was stopped."""
+    """What becomes of an episode that had ended, or had not, when the run was stopped."""
     if episode.ending not in JUDGED:
         return Found(None, None, outcome_of(episode.ending, None))
     failure = Failure("judge_error", "the run was stopped before there was a verdict")

@@ -9,12 +9,17 @@ from typing import Final
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Ending, Outcome, outcome_of
 from webgym.core.task import Task
-from webgym.core.trajectory import Episode, Failure
+from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 
 JUDGED = frozenset({Ending.ANSWERED, Ending.BUDGET_SPENT})
 """How an episode ends that came to an end of its own."""
+
+
+def is_judged(trajectory: Trajectory) -> bool:
+    """Whether an attempt has, or may yet get, a verdict: it ended of its own, and is its sample's last."""
+    return trajectory.episode.ending in JUDGED and not trajectory.outcome.is_retried
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from webgym.core.errors import JudgeError, RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.verdict import Cost, Verdict
 from webgym.judge.base import Judge
-from webgym.rollout.judging import JUDGED, find
+from webgym.rollout.judging import find, is_judged
 from webgym.rollout.store import RunReader
 from webgym.rollout.verdicts import Judged, VerdictBook, read_verdicts
 from webgym.settings import Settings
@@ -62,7 +62,7 @@ class Judging:
         judge: its name.
         total: attempts of the run that can be judged.
         earlier: how many of them this judge had judged before.
-        skipped: attempts that did not end of their own and are not judged.
+        skipped: attempts that did not end of their own, or are another collector's, and are not judged.
         left_out: records that cannot be trusted or lack their task, and why.
         done: judged by now, the earlier ones included.
         outcomes: of those.
@@ -144,7 +144,7 @@ def _waiting(reader: RunReader, book: VerdictBook, state: Judging, config: Rejud
     waiting = []
     for trajectory in reader.trajectories():
         episode = trajectory.episode
-        if episode.ending not in JUDGED:
+        if not is_judged(trajectory):
             state.skipped += 1
             continue
         if episode.task_id not in reader.tasks:
@@ -293,7 +293,7 @@ def recorded(run: Path) -> dict[str, Judged]:
     found = {}
     for trajectory in RunReader(run, skip_corrupt=True).trajectories():
         episode, verdict = trajectory.episode, trajectory.verdict
-        if episode.ending in JUDGED:
+        if is_judged(trajectory):
             found[episode.attempt_id] = Judged(
                 episode.attempt_id,
                 verdict.judge if verdict else RECORDED,

@@ -26,8 +26,9 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from enum import Enum
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from webgym.core.errors import ConfigError, RunFolderError, StoreError
 from webgym.core.task import Task
@@ -39,7 +40,7 @@ from webgym.settings import Settings
 class SharingConfig(Settings):
     """Where a task list is shared, and when a collector counts as dead."""
 
-    folder: Path | None = None
+    folder: Annotated[Path, AfterValidator(Path.absolute)] | None = None
     """On a disk that all collectors see; ``None`` shares nothing."""
 
     beat_seconds: float = Field(default=5.0, gt=0)
@@ -78,21 +79,27 @@ class Claims:
         self._finished: dict[tuple[str, int], frozenset[tuple[str, int]]] = {}
         """Samples that dead collectors had finished, by name and last sign of life."""
 
-    def join(self, tasks: Sequence[Task], samples: int, run: Path) -> None:
+    def join(self, tasks: Sequence[Task], samples: int, run: Path, *, goes_on: bool = False) -> None:
         """Begin to live.
 
         Args:
             tasks: the list, in its order.
             samples: wanted of every task.
             run: our run folder.
+            goes_on: we have shared before, so that others may have done much of the list.
 
         Raises:
-            ConfigError: others share another list there.
+            ConfigError: others share another list there, or nobody does where we have before.
             StoreError: nothing can be written there.
         """
         told = "\n".join([str(samples), *(task.id for task in tasks)]).encode()
         digest = hashlib.sha256(told).hexdigest().encode()
         with disk_errors(f"sharing tasks in {self._folder}"):
+            if goes_on and not (self._folder / "tasks").exists():
+                raise ConfigError(
+                    f"{self._folder}, where this run has shared its tasks, does not hold them any more",
+                    hint="mount its disk, or name its new place in config.yaml (collector.sharing.folder)",
+                )
             self._life.parent.mkdir(parents=True, exist_ok=True)
             self._link_new(self._folder / "tasks", digest)
             if (self._folder / "tasks").read_bytes() != digest:
@@ -217,7 +224,7 @@ def _key(task_id: str, sample: int) -> str:
 
 @asynccontextmanager
 async def sharing(
-    config: SharingConfig, name: str, tasks: Sequence[Task], samples: int, run: Path
+    config: SharingConfig, name: str, tasks: Sequence[Task], samples: int, run: Path, *, goes_on: bool = False
 ) -> AsyncIterator[Claims | None]:
     """Take part for the block; ``None`` where nothing is shared.
 
@@ -227,16 +234,17 @@ async def sharing(
         tasks: the list, in its order.
         samples: wanted of every task.
         run: the collector's run folder.
+        goes_on: it holds attempts already.
 
     Raises:
-        ConfigError: others share another list there.
+        ConfigError: as in :meth:`Claims.join`.
         StoreError: the disk cannot be read or written.
     """
     if config.folder is None:
         yield None
         return
     claims = Claims(config, name)
-    await asyncio.to_thread(claims.join, tasks, samples, run)
+    await asyncio.to_thread(claims.join, tasks, samples, run, goes_on=goes_on)
     try:
         async with asyncio.TaskGroup() as group:
             beating = group.create_task(_beat(claims))

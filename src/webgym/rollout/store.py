@@ -106,8 +106,8 @@ class RunWriter:
             await writer.put_image(name, png)
             await writer.append(trajectory)  # on disk, with its pictures, when this returns
 
-    Safe to use from many tasks of one event loop; files are touched in threads. A call that is
-    cancelled while it writes is carried through: look into :attr:`attempts` to see what is on disk.
+    Safe to use from many tasks of one event loop; files are touched in threads. A call that is cancelled is
+    carried through before it is: :attr:`attempts` says what is on disk.
 
     Attributes:
         path: the run folder.
@@ -260,7 +260,16 @@ class RunWriter:
     async def _in(self, threads: ThreadPoolExecutor, call: Callable[..., T], *args: Any) -> T:
         if self._closed:
             raise StoreError(f"the writer of {self.path} is closed")
-        return await asyncio.get_running_loop().run_in_executor(threads, call, *args)
+        job = asyncio.get_running_loop().run_in_executor(threads, call, *args)
+        stopped: asyncio.CancelledError | None = None
+        while not job.done():
+            try:
+                await asyncio.wait([job])  # unlike the job itself, it can be cancelled without loss
+            except asyncio.CancelledError as error:
+                stopped = error
+        if stopped is not None and job.exception() is None:
+            raise stopped
+        return job.result()
 
     async def put_image(self, name: str, data: bytes) -> None:
         """Keep a picture. One that is there already is not written again.

@@ -2,7 +2,8 @@
 
 Both are made from the lines on disk whenever a run or a training starts or goes on, so that they never say
 anything else than the folder does. TensorBoard's files are in its subfolder ``tensorboard``. The step of a
-training is its iteration, that of a run the number of the line.
+training is its iteration, that of a run the number of the line. Nobody waits for a tracker, and one that
+fails stops nothing.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ import importlib.util
 import itertools
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
 
@@ -26,9 +28,42 @@ Log: TypeAlias = Callable[[int, Mapping[str, float]], None]
 FOLDER: Final = "tensorboard"
 
 
+class _Tracker:
+    """One of them, in a thread of its own."""
+
+    def __init__(
+        self, name: str, log: Log, end: Callable[[], object], failed: Callable[[str], object]
+    ) -> None:
+        self._name, self._log, self._end, self._failed = name, log, end, failed
+        self._has_failed = False
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"tracker-{name}")
+
+    def log(self, step: int, numbers: Mapping[str, float]) -> None:
+        if not self._has_failed:
+            self._thread.submit(self._do, lambda: self._log(step, numbers))
+
+    def close(self) -> None:
+        """Wait until it has all, and end it."""
+        self._thread.submit(self._do, self._end)
+        self._thread.shutdown()
+
+    def _do(self, job: Callable[[], object]) -> None:
+        try:
+            job()
+        except Exception as error:  # of their own kinds, and whatever the disk or the network says
+            if not self._has_failed:
+                reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+                self._failed(f"{self._name} gets no more figures until this goes on with --resume: {reason}")
+            self._has_failed = True
+
+
 @contextmanager
 def tracking(
-    names: Sequence[TrackerName], path: Path, project: str, rows: Sequence[Mapping[str, Any]]
+    names: Sequence[TrackerName],
+    path: Path,
+    project: str,
+    rows: Sequence[Mapping[str, Any]],
+    failed: Callable[[str], object],
 ) -> Iterator[Callable[[Mapping[str, Any]], None]]:
     """Trackers of a run or a training, with what it has told so far in them.
 
@@ -37,34 +72,30 @@ def tracking(
         path: its folder.
         project: in Weights & Biases.
         rows: of ``metrics.jsonl``.
+        failed: is told, in a thread of the tracker's, when one fails; it gets nothing more then.
 
     Yields:
-        What takes each further row.
+        What takes each further row. Never blocks.
 
     Raises:
         ConfigError: a tracker is not installed, or does not start.
     """
-    logs: list[Log] = []
-    ends: list[Callable[[], object]] = []
+    trackers: list[_Tracker] = []
     counted = itertools.count(1)
 
     def track(row: Mapping[str, Any]) -> None:
         numbers, number = dict(numbers_in(row)), next(counted)
-        for log in logs:
-            with disk_errors("writing figures for a tracker"):
-                log(int(row.get("iteration", number)), numbers)
+        for tracker in trackers:
+            tracker.log(int(row.get("iteration", number)), numbers)
 
-    try:
+    with ExitStack() as stack:
         for name in names:
-            log, end = _OPEN[name](path, project)
-            logs.append(log)
-            ends.append(end)
+            tracker = _Tracker(name, *_OPEN[name](path, project), failed)
+            stack.callback(tracker.close)
+            trackers.append(tracker)
         for row in rows:
             track(row)
         yield track
-    finally:
-        for end in ends:
-            end()
 
 
 def check_installed(names: Sequence[TrackerName]) -> None:

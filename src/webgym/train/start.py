@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import warnings
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -76,12 +77,13 @@ async def open_training(
     refuse_unjudgeable(config.rollout.judge, tasks)
     if config.rollout.policy.check:
         await check_judge(config.rollout.judge)  # once: iterations outlast a judge that is away for a while
+    failed = tell or (lambda line: warnings.warn(line, stacklevel=1))
     async with serving, services(config.rollout, secrets or Secrets()) as (where, tokens):
         if not resume:
             folder.create(config.model_dump(mode="json", exclude={"rollout": {"sites": {"token"}}}))
         with (
             folder.locked(),
-            tracking(config.trackers, folder.path, config.project, folder.write_metrics()) as track,
+            tracking(config.trackers, folder.path, config.project, folder.write_metrics(), failed) as track,
         ):
             training.use(where, tokens, track)
             yield training

@@ -127,12 +127,12 @@ def names_looked_up(trees: dict[Path, ast.Module]) -> set[str]:
     }
 
 
-def unread_settings(trees: dict[Path, ast.Module]) -> list[str]:
+def unread_settings(trees: dict[Path, ast.Module], models: list[Model]) -> list[str]:
     """Fields that nothing reads: not by name, not by a name in a variable, not by dumping the whole model."""
     read = {name for tree in trees.values() for name in attributes_read(tree)} | names_looked_up(trees)
     return [
         f"{model.where} {model.name}.{field}"
-        for model in settings_models(trees)
+        for model in models
         if not model.dumps_itself
         for field in model.fields
         if field not in read
@@ -150,9 +150,10 @@ def parsed_source() -> dict[Path, ast.Module]:
 
 def test_every_setting_is_read_somewhere() -> None:
     trees = parsed_source()
-    models = {model.name for model in settings_models(trees)}
-    assert {"FindLimits", "DoctorLimits"} <= models, "the models are not found any more"
-    assert unread_settings(trees) == []
+    models = settings_models(trees)
+    names = {model.name for model in models}
+    assert {"FindLimits", "DoctorLimits"} <= names, "the models are not found any more"
+    assert unread_settings(trees, models) == []
 
 
 def test_a_setting_that_nothing_reads_is_found() -> None:
@@ -176,7 +177,8 @@ class Body(BaseModel):
     sent: int
     def body(self): return self.model_dump()
 """
-    unread = unread_settings({Path("made_up.py"): ast.parse(code)})
+    trees = {Path("made_up.py"): ast.parse(code)}
+    unread = unread_settings(trees, settings_models(trees))
     assert [line.split()[1] for line in unread] == ["Base.forgotten", "Child.only_checked", "Pools.execute"]
 
 

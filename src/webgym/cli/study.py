@@ -39,7 +39,7 @@ def command(
     except ImportError as error:
         raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
     from webgym.tiny.demo import WEIGHTS
-    from webgym.tiny.study import carry_out, read_study, table
+    from webgym.tiny.study import carry_out, findings, read_study, table
 
     study, console = read_study(config or []), Console()
     rows = row or list(study.rows)
@@ -56,5 +56,6 @@ def command(
     def tell(line: str) -> None:
         console.print(line, highlight=False, soft_wrap=True, markup=False)
 
-    for line in table(study, _run.run(lambda: carry_out(study, first, rows, seeds, out, tell))):
+    found = _run.run(lambda: carry_out(study, first, rows, seeds, out, tell))
+    for line in (*table(study, found), "", *findings(study, found)):
         tell(line)

@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
+import math
 import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -52,6 +53,9 @@ class StudyConfig(Settings):
 
     rows: dict[str, Row]
     """By name, in the order of the table."""
+
+    findings: dict[str, tuple[str, str]] = Field(default_factory=dict)
+    """What the paper found: rows of which the first came out better than the second."""
 
     def training(self, row: str, seed: int, weights: Path) -> TrainConfig:
         """The settings of a training that begins with these weights.
@@ -214,7 +218,7 @@ def write(study: StudyConfig, results: Sequence[Result], out: Path) -> None:
     """Table and figure of what there is so far."""
     write_whole(out / RESULTS, msgspec.json.format(msgspec.json.encode(results)))
     finished = [each for each in results if each.success]
-    (out / "study.md").write_text("\n".join(table(study, finished)) + "\n")
+    (out / "study.md").write_text("\n".join([*table(study, finished), "", *findings(study, finished)]) + "\n")
     if finished:
         _draw(finished, out / "study.png")
 
@@ -233,6 +237,23 @@ def table(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
             [each.last - each.before for each in found],
         )
         yield f"| {row} | {len(found)} | {' | '.join(map(_spread, figures))} | {theirs} |"
+
+
+def findings(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
+    """The paper's findings in Markdown. One repeats if the difference is beyond two standard errors."""
+    rows = _by_row(results)
+    yield "| the paper's finding | difference after training | repeats? |"
+    yield "|---|---|---|"
+    for says, (better, worse) in study.findings.items():
+        first, second = ([each.last for each in rows.get(row, [])] for row in (better, worse))
+        if min(len(first), len(second)) < 2:
+            continue
+        difference = mean(first) - mean(second)
+        error = math.hypot(stdev(first) / math.sqrt(len(first)), stdev(second) / math.sqrt(len(second)))
+        verdict = "not decided"
+        if abs(difference) > 2 * error:
+            verdict = "yes" if difference > 0 else "no, the opposite"
+        yield f"| {says} | {100 * difference:+.1f} ± {100 * error:.1f} | {verdict} |"
 
 
 def _spread(values: Sequence[float]) -> str:

@@ -37,7 +37,7 @@ TEXT = "text/plain; version=0.0.4"
 LINES = "application/x-ndjson"
 
 
-class Operation(msgspec.Struct, frozen=True, kw_only=True):
+class Operation(msgspec.Struct, frozen=True):
     """One thing that a server does.
 
     Attributes:
@@ -68,138 +68,43 @@ class Operation(msgspec.Struct, frozen=True, kw_only=True):
         return "{id}" in self.path
 
 
-ALLOCATE = Operation(
-    name="allocate",
-    method="POST",
-    path="/v1/sessions",
-    summary="Lease a browser with a fresh, blank page",
-    request=SessionOptions,
-    reply=SessionGrant,
-    queue="allocate",
-)
-STEP = Operation(
-    name="step",
-    method="POST",
-    path="/v1/sessions/{id}/step",
-    summary="Act, wait until the page is quiet, and look, in one round trip",
-    request=StepRequest,
-    reply=StepReply,
-    queue="execute",
-    media=MSGPACK,
-)
-NAVIGATE = Operation(
-    name="navigate",
-    method="POST",
-    path="/v1/sessions/{id}/navigate",
-    summary="Open a URL and wait until the page is quiet",
-    request=NavigateRequest,
-    reply=PageMetadata,
-    queue="navigate",
-)
-EXECUTE = Operation(
-    name="execute",
-    method="POST",
-    path="/v1/sessions/{id}/execute",
-    summary="Carry an action out and wait until the page is quiet",
-    request=ExecuteRequest,
-    reply=PageMetadata,
-    queue="execute",
-)
-SCREENSHOT = Operation(
-    name="screenshot",
-    method="POST",
-    path="/v1/sessions/{id}/screenshot",
-    summary="The bare viewport as it is now",
-    queue="screenshot",
-    media=PNG,
-    is_repeatable=True,
-)
-METADATA = Operation(
-    name="metadata",
-    method="POST",
-    path="/v1/sessions/{id}/metadata",
-    summary="Address, title, status and scroll position",
-    reply=PageMetadata,
-    queue="metadata",
-    is_repeatable=True,
-)
-READ = Operation(
-    name="read",
-    method="POST",
-    path="/v1/sessions/{id}/read",
-    summary="What the whole document holds: text, elements, metadata",
-    request=ReadRequest,
-    reply=Document,
-    queue="metadata",
-    is_repeatable=True,
-)
-HEARTBEAT = Operation(
-    name="heartbeat",
-    method="POST",
-    path="/v1/sessions/{id}/heartbeat",
-    summary="Renew the lease",
-    reply=Renewed,
-    is_repeatable=True,
-)
-RELEASE = Operation(
-    name="release",
-    method="DELETE",
-    path="/v1/sessions/{id}",
-    summary="End the session; everything in it is thrown away",
-    reply=Closed,
-    queue="release",
-    is_repeatable=True,
-)
-HEALTH = Operation(
-    name="health",
-    method="GET",
-    path="/healthz",
-    summary="Whether sessions can be had",
-    reply=Health,
-    is_open=True,
-)
-INFO = Operation(name="info", method="GET", path="/v1/info", summary="What this server is", reply=ServerInfo)
-PRESSURE = Operation(
-    name="pressure",
-    method="GET",
-    path="/pressure",
-    summary="Load per operation type, and the slots",
-    reply=Pressure,
-)
-METRICS = Operation(
-    name="metrics",
-    method="GET",
-    path="/metrics",
-    summary="The same and more, for Prometheus",
-    media=TEXT,
-)
-WATCH = Operation(
-    name="watch",
-    method="GET",
-    path="/v1/watch",
-    summary="The slots and the living sessions, a line of JSON whenever they change",
-    reply=Watched,
-    media=LINES,
-)
-OPENAPI = Operation(name="openapi", method="GET", path="/openapi.json", summary="This document")
+# fmt: off
+# A table: how to ask, then what goes in and what comes out.
+ALLOCATE = Operation("allocate", "POST", "/v1/sessions",
+    "Lease a browser with a fresh, blank page", request=SessionOptions, reply=SessionGrant, queue="allocate")
+STEP = Operation("step", "POST", "/v1/sessions/{id}/step",
+    "Act, wait until the page is quiet, and look, in one round trip",
+    request=StepRequest, reply=StepReply, queue="execute", media=MSGPACK)
+NAVIGATE = Operation("navigate", "POST", "/v1/sessions/{id}/navigate",
+    "Open a URL and wait until the page is quiet",
+    request=NavigateRequest, reply=PageMetadata, queue="navigate")
+EXECUTE = Operation("execute", "POST", "/v1/sessions/{id}/execute",
+    "Carry an action out and wait until the page is quiet",
+    request=ExecuteRequest, reply=PageMetadata, queue="execute")
+SCREENSHOT = Operation("screenshot", "POST", "/v1/sessions/{id}/screenshot",
+    "The bare viewport as it is now", queue="screenshot", media=PNG, is_repeatable=True)
+METADATA = Operation("metadata", "POST", "/v1/sessions/{id}/metadata",
+    "Address, title, status and scroll position", reply=PageMetadata, queue="metadata", is_repeatable=True)
+READ = Operation("read", "POST", "/v1/sessions/{id}/read",
+    "What the whole document holds: text, elements, metadata",
+    request=ReadRequest, reply=Document, queue="metadata", is_repeatable=True)
+HEARTBEAT = Operation("heartbeat", "POST", "/v1/sessions/{id}/heartbeat",
+    "Renew the lease", reply=Renewed, is_repeatable=True)
+RELEASE = Operation("release", "DELETE", "/v1/sessions/{id}",
+    "End the session; everything in it is thrown away", reply=Closed, queue="release", is_repeatable=True)
+HEALTH = Operation("health", "GET", "/healthz", "Whether sessions can be had", reply=Health, is_open=True)
+INFO = Operation("info", "GET", "/v1/info", "What this server is", reply=ServerInfo)
+PRESSURE = Operation("pressure", "GET", "/pressure", "Load per operation type, and the slots", reply=Pressure)
+METRICS = Operation("metrics", "GET", "/metrics", "The same and more, for Prometheus", media=TEXT)
+WATCH = Operation("watch", "GET", "/v1/watch",
+    "The slots and the living sessions, a line of JSON whenever they change", reply=Watched, media=LINES)
+OPENAPI = Operation("openapi", "GET", "/openapi.json", "This document")
 
 OPERATIONS: tuple[Operation, ...] = (
-    ALLOCATE,
-    STEP,
-    NAVIGATE,
-    EXECUTE,
-    SCREENSHOT,
-    METADATA,
-    READ,
-    HEARTBEAT,
-    RELEASE,
-    HEALTH,
-    INFO,
-    PRESSURE,
-    METRICS,
-    WATCH,
-    OPENAPI,
+    ALLOCATE, STEP, NAVIGATE, EXECUTE, SCREENSHOT, METADATA, READ, HEARTBEAT, RELEASE, HEALTH, INFO,
+    PRESSURE, METRICS, WATCH, OPENAPI,
 )
+# fmt: on
 
 
 def openapi(version: str) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 from webgym.offline import names
 from webgym.offline.families._finder import STYLES, Facet, Finder
+from webgym.offline.families._listed import Listed
 from webgym.offline.families.government import tasks
 from webgym.offline.families.government.catalog import (
     CHANNELS,
@@ -30,7 +31,7 @@ from webgym.offline.families.government.words import WORDS, Body
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import number, pick, stream
-from webgym.offline.website import Response, State, Visit, Website, page, redirect, slug
+from webgym.offline.website import Response, State, Visit, page, redirect, slug
 
 URGENCY = ("Can wait", "Within a week", "Dangerous")
 CURRENCIES = ("£", "€", "$")
@@ -61,10 +62,11 @@ _SAYS: dict[str, tuple[str, ...]] = {
 
 
 @dataclass
-class Government(Website):
+class Government(Listed):
     """The website of a public authority."""
 
     family: ClassVar[str] = "government"
+    first_section: ClassVar[str] = "fees"
     words: ClassVar[dict[str, tuple[str, ...]]] = {
         "all": ("services", "a-z", "topics"),
         "one": ("service", "s", "apply-for"),
@@ -78,7 +80,6 @@ class Government(Website):
     }
 
     kind: str = field(init=False)
-    says: dict[str, str] = field(init=False)
     currency: str = field(init=False)
     body: Body = field(init=False)
     offices: tuple[Office, ...] = field(init=False)
@@ -87,9 +88,7 @@ class Government(Website):
     rounds: tuple[Round, ...] = field(init=False)
     tariff: dict[tuple[str, str, int], int] = field(init=False)
     cases: tuple[Case, ...] = field(init=False)
-    finder: Finder = field(init=False)
     minutes: Finder = field(init=False)
-    page_size: int = field(init=False)
     typed: bool = field(init=False)
     """Whether the calendar asks for the street's name rather than lists the streets."""
 

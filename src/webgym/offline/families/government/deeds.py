@@ -20,31 +20,11 @@ NOTES = (
     "The neighbours have noticed it as well",
     "It gets worse whenever it rains",
 )
-_FIRST_SECTION = "fees"
-
-
-def at(site: Government, service: Service) -> str:
-    """Pattern of a service's address."""
-    return exactly(site.href(service))
 
 
 def go(site: Government, service: Service) -> tuple[Move, ...]:
     """To a service, from anywhere."""
     return Fill(site.says["search"], service.name), Click(path=site.href(service))
-
-
-def unfold(site: Government, section: str) -> tuple[Move, ...]:
-    """Open a section of a service, where that is needed."""
-    if site.look.detail == "plain" or section == _FIRST_SECTION:
-        return ()
-    return (Click(name=site.says[section], role="tab" if site.look.detail == "tabs" else None),)
-
-
-def last_page(pager: str, pages: int) -> tuple[Move, ...]:
-    """From the first page of a list to its last."""
-    if pager == "numbers":
-        return (Click(name=f"Page {pages}"),) if pages > 1 else ()
-    return (Click(name="Next" if pager == "steps" else "Load more"),) * (pages - 1)
 
 
 class Deeds:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from webgym.core.truth import Click, Move, See
-from webgym.offline.families._asking import count, exactly, pages_at_most, shown
-from webgym.offline.families.government import deeds
+from webgym.offline.families._asking import exactly, pages_at_most, shown
+from webgym.offline.families._listed import at, how_many, last_page, unfold
 from webgym.offline.families.government.catalog import Service
 from webgym.offline.families.government.ways import date_of, fee_of, working_days
 from webgym.offline.parts import Fact, Part
@@ -41,7 +41,7 @@ class Lists:
     def _extreme(self, found: list[Service], chosen: dict[str, str], sort: str, *, deeper: bool) -> Part:
         site, best = self.site, found[0]
         kind = self._kind(chosen)
-        lists, here = site.finder.regex(**chosen), deeds.at(site, best)
+        lists, here = site.finder.regex(**chosen), at(site, best)
         if sort == "fee":
             rank, what, text, answer = "costs the least", "fee", site.fee(best), fee_of(site, best)
         else:
@@ -73,7 +73,7 @@ class Lists:
                     "The office that is responsible for it is found", (shown(here, office),), answer=(office,)
                 )
             )
-            moves += [Click(path=site.href(best)), *deeds.unfold(site, "where"), See((office,))]
+            moves += [Click(path=site.href(best)), *unfold(site, "where"), See((office,))]
             says += f", at the {office}"
         asked = f"its {what} and the responsible office" if deeper else f"its {what}"
         return Part(
@@ -109,7 +109,7 @@ class Lists:
         slow = found[-1]
         answer = working_days(slow)
         here = exactly(site.finder.path)
-        seen = (shown(here, slow.name, answer[0]), shown(deeds.at(site, slow), slow.name, answer[0]))
+        seen = (shown(here, slow.name, answer[0]), shown(at(site, slow), slow.name, answer[0]))
         return Part(
             "find out which of all services takes the longest to process, and how many working days",
             "The slowest service",
@@ -125,7 +125,7 @@ class Lists:
             (
                 Click(path=site.finder.path),
                 *site.finder.moves(sort="days"),
-                *deeds.last_page(site.look.pager, pages),
+                *last_page(site, pages),
                 See((slow.name, answer[0])),
             ),
             f"It is {slow.name} with {answer[0]}.",
@@ -133,32 +133,8 @@ class Lists:
 
     def count(self, turn: int) -> Part | None:
         """How many services two filters leave."""
-        site = self.site
-        names = [("group", "channel"), ("group", "top"), ("channel", "top")][(turn + site.seed) % 3]
-        facets = [facet for facet in site.finder.facets if facet.name in names]
-        options = [
-            {facets[0].name: a, facets[1].name: b} for a, _ in facets[0].options for b, _ in facets[1].options
-        ]
-        stream(site.seed, "count", turn).shuffle(options)
-        for chosen in options:
-            total = len(site.find(**chosen))
-            if total < 2:
-                continue
-            kind, text = self._kind(chosen), f"{total} services found"
-            return Part(
-                f"find out how many services there are that {kind}",
-                "Number of services",
-                (
-                    Fact(
-                        f"The number of services that {kind} is found",
-                        (shown(site.finder.regex(**chosen), text),),
-                        answer=count(total),
-                    ),
-                ),
-                (Click(path=site.finder.path), *site.finder.moves(**chosen), See((text,))),
-                f"There are {total}.",
-            )
-        return None
+        filters = [("group", "channel"), ("group", "top"), ("channel", "top")]
+        return how_many(self.site, turn, filters, "services", self._kind)
 
     def either(self) -> Part | None:
         """Any service of a subject that is free OR fast will do."""
@@ -174,9 +150,7 @@ class Lists:
             best, goal = found[0], f"has no fee OR takes at most {fast} working days"
             lists = site.finder.regex(group=group)
             seen = [shown(lists, one.name, site.fee(one), working_days(one)[0]) for one in good]
-            seen += [
-                shown(deeds.at(site, one), one.name, site.fee(one), working_days(one)[0]) for one in good
-            ]
+            seen += [shown(at(site, one), one.name, site.fee(one), working_days(one)[0]) for one in good]
             return Part(
                 f"name one service in {text} that {goal}",
                 f"A free or a fast service in {text}",

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Click, Move, See
 from webgym.offline.families._asking import count, exactly, shown
+from webgym.offline.families._listed import at, unfold
 from webgym.offline.families.government import deeds
 from webgym.offline.families.government.catalog import WEEKDAYS, Service
 from webgym.offline.families.government.ways import fee_of, working_days
@@ -35,7 +36,7 @@ class OnePage:
                 Fact(
                     f'The fee for "{service.name}" is found',
                     (
-                        shown(deeds.at(site, service), text),
+                        shown(at(site, service), text),
                         shown(exactly(site.finder.path), service.name, text),
                     ),
                     answer=fee_of(site, service),
@@ -53,11 +54,11 @@ class OnePage:
             (
                 Fact(
                     f'The number of documents needed for "{service.name}" is found',
-                    (shown(deeds.at(site, service), *service.papers),),
+                    (shown(at(site, service), *service.papers),),
                     answer=count(len(service.papers)),
                 ),
             ),
-            (*deeds.go(site, service), *deeds.unfold(site, "papers"), See(service.papers)),
+            (*deeds.go(site, service), *unfold(site, "papers"), See(service.papers)),
             f"{len(service.papers)} documents are needed.",
         )
 
@@ -70,7 +71,7 @@ class OnePage:
             (
                 Fact(
                     f'How long "{service.name}" is valid for is found',
-                    (shown(deeds.at(site, service), "Valid for", years),),
+                    (shown(at(site, service), "Valid for", years),),
                     answer=(years,),
                 ),
             ),
@@ -89,17 +90,17 @@ class OnePage:
             (
                 Fact(
                     f'The instructions on how to apply for "{service.name}" are found',
-                    (shown(deeds.at(site, service), step),),
+                    (shown(at(site, service), step),),
                     answer=(service.key, *_figures(service.key)),
                 ),
             ),
-            (*deeds.go(site, service), *deeds.unfold(site, "steps"), See((step,))),
+            (*deeds.go(site, service), *unfold(site, "steps"), See((step,))),
             " ".join(service.steps),
         )
 
     def service(self, service: Service) -> Part:
         """Time, office and its telephone."""
-        site, here, office = self.site, deeds.at(self.site, service), service.office
+        site, here, office = self.site, at(self.site, service), service.office
         days = working_days(service)
         place = exactly(site.path("/~offices/{slug}", slug=office.slug))
         return Part(
@@ -127,7 +128,7 @@ class OnePage:
             (
                 *deeds.go(site, service),
                 See((days[0],)),
-                *deeds.unfold(site, "where"),
+                *unfold(site, "where"),
                 See((office.name, office.phone)),
             ),
             f"It takes {days[0]}; the {office.name} is responsible, telephone {office.phone}.",

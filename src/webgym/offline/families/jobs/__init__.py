@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 from webgym.offline import names
 from webgym.offline.families._finder import STYLES, Facet, Finder
+from webgym.offline.families._listed import Listed
 from webgym.offline.families.jobs import tasks
 from webgym.offline.families.jobs.catalog import (
     CONTRACTS,
@@ -32,7 +33,7 @@ from webgym.offline.families.jobs.words import WORDS, Sector
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import number, pick, stream
-from webgym.offline.website import Response, State, Visit, Website, page, redirect, slug
+from webgym.offline.website import Response, State, Visit, page, redirect, slug
 
 FREQUENCIES = ("At once", "Every day", "Every week")
 EXPERIENCE = ("Less than 2 years", "2 to 5 years", "6 to 10 years", "More than 10 years")
@@ -70,10 +71,11 @@ _SAYS: dict[str, tuple[str, ...]] = {
 
 
 @dataclass
-class Jobs(Website):
+class Jobs(Listed):
     """A job board."""
 
     family: ClassVar[str] = "jobs"
+    first_section: ClassVar[str] = "description"
     words: ClassVar[dict[str, tuple[str, ...]]] = {
         "all": ("jobs", "vacancies", "openings", "work"),
         "one": ("job", "vacancy", "v", "posting"),
@@ -87,7 +89,6 @@ class Jobs(Website):
     }
 
     sector: str = field(init=False)
-    says: dict[str, str] = field(init=False)
     currency: str = field(init=False)
     towns: list[str] = field(init=False)
     companies: tuple[Company, ...] = field(init=False)
@@ -95,10 +96,8 @@ class Jobs(Website):
     pay: dict[str, tuple[PayRow, ...]] = field(init=False)
     guides: tuple[Guide, ...] = field(init=False)
     account: Account = field(init=False)
-    finder: Finder = field(init=False)
     guarded: bool = field(init=False)
     """Whether saving a job asks for signing in."""
-    page_size: int = field(init=False)
 
     @classmethod
     def christen(cls, stem: str, seed: int) -> tuple[str, str]:

@@ -20,31 +20,11 @@ REASONS = (
     "I live around the corner and know the town well",
     "I am looking for a place to stay and to grow",
 )
-_FIRST_SECTION = "description"
-
-
-def at(site: Jobs, job: Job) -> str:
-    """Pattern of an advert's address."""
-    return exactly(site.href(job))
 
 
 def go(site: Jobs, job: Job) -> tuple[Move, ...]:
     """To an advert, from anywhere."""
     return Fill(site.says["search"], job.title), Click(path=site.href(job))
-
-
-def unfold(site: Jobs, section: str) -> tuple[Move, ...]:
-    """Open a section of an advert, where that is needed."""
-    if site.look.detail == "plain" or section == _FIRST_SECTION:
-        return ()
-    return (Click(name=site.says[section], role="tab" if site.look.detail == "tabs" else None),)
-
-
-def last_page(pager: str, pages: int) -> tuple[Move, ...]:
-    """From the first page of a list to its last."""
-    if pager == "numbers":
-        return (Click(name=f"Page {pages}"),)
-    return (Click(name="Next" if pager == "steps" else "Load more"),) * (pages - 1)
 
 
 def named(job: Job) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Choose, Click, Move, See
 from webgym.offline.families._asking import count, exactly, quantity, shown
+from webgym.offline.families._listed import at, unfold
 from webgym.offline.families.jobs import deeds
 from webgym.offline.families.jobs.catalog import LEVELS, Job
 from webgym.offline.parts import Fact, Part
@@ -38,7 +39,7 @@ class OneAdvert:
         site, called = self.site, deeds.named(job)
         text = site.range(job)
         seen = (
-            shown(deeds.at(site, job), text),
+            shown(at(site, job), text),
             shown(exactly(site.finder.path), job.title, text),
             shown(exactly(site.path("/~firms/{slug}", slug=job.company.slug)), job.title, text),
         )
@@ -54,7 +55,7 @@ class OneAdvert:
         )
 
     def terms(self, job: Job) -> Part:
-        site, called, here = self.site, deeds.named(job), deeds.at(self.site, job)
+        site, called, here = self.site, deeds.named(job), at(self.site, job)
         hours, leave = f"{job.hours} hours a week", f"{job.leave} days of holiday"
         start = f"Starts on {job.starts}"
         day, month = job.starts.split(" ")
@@ -78,12 +79,12 @@ class OneAdvert:
                     answer=(job.starts, f"{month} {day}", f"{day}st {month}", f"{month} {day}st"),
                 ),
             ),
-            (*deeds.go(site, job), *deeds.unfold(site, "terms"), See((hours, leave, start))),
+            (*deeds.go(site, job), *unfold(site, "terms"), See((hours, leave, start))),
             f"{hours}, {leave}, starting on {job.starts}.",
         )
 
     def contact(self, job: Job) -> Part:
-        site, called, here = self.site, deeds.named(job), deeds.at(self.site, job)
+        site, called, here = self.site, deeds.named(job), at(self.site, job)
         day = f"{job.closes.day} {job.closes:%B %Y}"
         return Part(
             f"find the contact person, the reference number and the last day to apply for the job {called}",
@@ -105,12 +106,12 @@ class OneAdvert:
                     answer=_dates(job),
                 ),
             ),
-            (*deeds.go(site, job), *deeds.unfold(site, "how"), See((job.contact, job.reference, day))),
+            (*deeds.go(site, job), *unfold(site, "how"), See((job.contact, job.reference, day))),
             f"The contact is {job.contact}, the reference {job.reference}, the last day {day}.",
         )
 
     def profile(self, job: Job) -> Part:
-        site, called, here = self.site, deeds.named(job), deeds.at(self.site, job)
+        site, called, here = self.site, deeds.named(job), at(self.site, job)
         years = f"{job.years} {'year' if job.years == 1 else 'years'}"
         first, second = f"at least {years} of experience", f"Needed certificate: {job.paper}"
         return Part(
@@ -126,7 +127,7 @@ class OneAdvert:
                     answer=(job.paper,),
                 ),
             ),
-            (*deeds.go(site, job), *deeds.unfold(site, "profile"), See((first, second))),
+            (*deeds.go(site, job), *unfold(site, "profile"), See((first, second))),
             f"It asks for {years} of experience and this certificate: {job.paper}.",
         )
 
@@ -143,7 +144,7 @@ class OneAdvert:
             (
                 Fact(
                     f"The employer with the opening {job.title} is found",
-                    (shown(deeds.at(site, job), company.name), shown(here, company.name, job.title)),
+                    (shown(at(site, job), company.name), shown(here, company.name, job.title)),
                     answer=(company.name,),
                     wrong=tuple(one.name for one in site.companies if one != company)[:2],
                 ),
@@ -179,10 +180,10 @@ class OneAdvert:
                 continue
             site = self.site
             texts = [f"{job.leave} days of holiday" for job in (more, less)]
-            seen = (shown(deeds.at(site, more), texts[0]), shown(deeds.at(site, less), texts[1]))
+            seen = (shown(at(site, more), texts[0]), shown(at(site, less), texts[1]))
             moves: list[Move] = []
             for job, text in zip((more, less), texts, strict=True):
-                moves += [*deeds.go(site, job), *deeds.unfold(site, "terms"), See((text,))]
+                moves += [*deeds.go(site, job), *unfold(site, "terms"), See((text,))]
             one, other = deeds.named(more), deeds.named(less)
             return Part(
                 f"compare the holiday of the jobs {one} and {other}: give the days of both and the "
@@ -292,7 +293,7 @@ class OneAdvert:
                         f"The post at {company.name} that is not full-time is found",
                         (
                             shown(exactly(path), odd[0].title, odd[0].contract),
-                            shown(deeds.at(site, odd[0]), odd[0].title, odd[0].contract),
+                            shown(at(site, odd[0]), odd[0].title, odd[0].contract),
                         ),
                         answer=(odd[0].title,),
                         wrong=tuple(job.title for job in theirs if job != odd[0])[:3],

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from webgym.core.truth import Click, Move, See
-from webgym.offline.families._asking import compose, count, pages_at_most, shown
+from webgym.offline.families._asking import compose, pages_at_most, shown
+from webgym.offline.families._listed import at, how_many, last_page, unfold
 from webgym.offline.families.jobs import deeds
 from webgym.offline.families.jobs.catalog import Job, sector_of
 from webgym.offline.families.jobs.one import OneAdvert, money
@@ -101,7 +102,7 @@ class Lists:
         self, found: list[Job], chosen: dict[str, str], sort: str, kind: str, *, deeper: bool
     ) -> Part:
         site, best = self.site, found[0]
-        lists, here = site.finder.regex(**chosen), deeds.at(site, best)
+        lists, here = site.finder.regex(**chosen), at(site, best)
         day = best.closes
         if sort == "pay":
             rank, what, text, answer = (
@@ -143,7 +144,7 @@ class Lists:
             facts.append(
                 Fact("Its contact person is found", (shown(here, best.contact),), answer=(best.contact,))
             )
-            moves += [Click(path=site.href(best)), *deeds.unfold(site, "how"), See((best.contact,))]
+            moves += [Click(path=site.href(best)), *unfold(site, "how"), See((best.contact,))]
             says += f"; the contact is {best.contact}"
         asked = f"its title, its {what} and its contact person" if deeper else f"its title and its {what}"
         return Part(
@@ -177,7 +178,7 @@ class Lists:
             last = found[-1]
             pay = site.range(last)
             here = site.finder.regex(field=field)
-            seen = (shown(here, last.title, pay), shown(deeds.at(site, last), last.title, pay))
+            seen = (shown(here, last.title, pay), shown(at(site, last), last.title, pay))
             return Part(
                 f"find out which of the jobs in {text} has the lowest upper end of the salary range, "
                 "and how much that is",
@@ -194,7 +195,7 @@ class Lists:
                 (
                     Click(path=site.finder.path),
                     *site.finder.moves(field=field, sort="pay"),
-                    *deeds.last_page(site.look.pager, pages),
+                    *last_page(site, pages),
                     See((last.title, pay)),
                 ),
                 f"{last.title} pays {site.money(last.high)} at most.",
@@ -203,33 +204,11 @@ class Lists:
 
     def count(self, turn: int) -> Part | None:
         """How many jobs two filters leave."""
-        site = self.site
-        names = [("field", "place"), ("town", "contract"), ("contract", "floor")][(turn + site.seed) % 3]
-        facets = [facet for facet in site.finder.facets if facet.name in names]
-        options = [
-            {facets[0].name: a, facets[1].name: b} for a, _ in facets[0].options for b, _ in facets[1].options
-        ]
-        stream(site.seed, "count", turn).shuffle(options)
-        for chosen in options:
-            total = len(site.find(**chosen))
-            if total < 2:
-                continue
-            kind = " and ".join(self._described(name, value) for name, value in chosen.items())
-            text = f"{total} jobs found"
-            return Part(
-                f"find out how many jobs there are that {kind}",
-                "Number of jobs",
-                (
-                    Fact(
-                        f"The number of jobs that {kind} is found",
-                        (shown(site.finder.regex(**chosen), text),),
-                        answer=count(total),
-                    ),
-                ),
-                (Click(path=site.finder.path), *site.finder.moves(**chosen), See((text,))),
-                f"There are {total}.",
-            )
-        return None
+        filters = [("field", "place"), ("town", "contract"), ("contract", "floor")]
+        return how_many(self.site, turn, filters, "jobs", self._kind)
+
+    def _kind(self, chosen: dict[str, str]) -> str:
+        return " and ".join(self._described(name, value) for name, value in chosen.items())
 
     def either(self) -> Part | None:
         """Any job in a field that is remote OR pays well will do."""
@@ -246,7 +225,7 @@ class Lists:
             goal = f"{special} OR pays at least {site.money(top)}"
             lists, best = site.finder.regex(field=field), found[1]
             seen = [shown(lists, job.title, job.place, site.range(job)) for job in good]
-            seen += [shown(deeds.at(site, job), job.title) for job in good]
+            seen += [shown(at(site, job), job.title) for job in good]
             return Part(
                 f"name one job in {text} that {goal} a year even at the lower end",
                 f"A remote or well paid job in {text}",

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from webgym.offline.families._finder import STYLES, Facet, Finder
+from webgym.offline.families._listed import Listed
 from webgym.offline.families.recipes import tasks
 from webgym.offline.families.recipes.catalog import (
     DIETS,
@@ -29,7 +30,7 @@ from webgym.offline.families.recipes.words import WORDS
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import pick, stream
-from webgym.offline.website import Response, State, Visit, Website, page, redirect, slug
+from webgym.offline.website import Response, State, Visit, page, redirect, slug
 
 DAYS = ("Monday", "Tuesday", "Wednesday", "Thursday", "Friday", "Saturday", "Sunday")
 MEALS = ("Breakfast", "Lunch", "Dinner")
@@ -77,10 +78,11 @@ _SAYS: dict[str, tuple[str, ...]] = {
 
 
 @dataclass
-class Recipes(Website):
+class Recipes(Listed):
     """A cooking website."""
 
     family: ClassVar[str] = "recipes"
+    first_section: ClassVar[str] = "ingredients"
     words: ClassVar[dict[str, tuple[str, ...]]] = {
         "all": ("recipes", "dishes", "browse", "index"),
         "one": ("recipe", "r", "cook", "dish"),
@@ -95,16 +97,13 @@ class Recipes(Website):
     }
 
     style: str = field(init=False)
-    says: dict[str, str] = field(init=False)
     cooks: tuple[Cook, ...] = field(init=False)
     recipes: tuple[Recipe, ...] = field(init=False)
     collections: tuple[Collection, ...] = field(init=False)
     charts: tuple[Chart, ...] = field(init=False)
     howtos: tuple[HowTo, ...] = field(init=False)
-    finder: Finder = field(init=False)
     members: bool = field(init=False)
     """Whether the planner and the favourites ask for an account."""
-    page_size: int = field(init=False)
     dialog: bool = field(init=False)
     """Whether a meal is planned in a dialog, or in a form that is always there."""
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Choose, Click, Fill, Move, See, StateCheck
 from webgym.offline.families._asking import exactly, quantity, shown
+from webgym.offline.families._listed import unfold
 from webgym.offline.families.recipes.catalog import SERVINGS, Recipe, amount
 from webgym.offline.names import person
 from webgym.offline.parts import Fact, Part
@@ -22,31 +23,11 @@ COMMENTS = (
     "Quick enough for a school night",
     "My new favourite for guests",
 )
-_FIRST_SECTION = "ingredients"
-
-
-def at(site: Recipes, recipe: Recipe) -> str:
-    """Pattern of a recipe's address."""
-    return exactly(site.href(recipe))
 
 
 def go(site: Recipes, recipe: Recipe) -> tuple[Move, ...]:
     """To a recipe, from anywhere."""
     return Fill(site.says["search"], recipe.title), Click(path=site.href(recipe))
-
-
-def unfold(site: Recipes, section: str) -> tuple[Move, ...]:
-    """Open a section of a recipe, where that is needed."""
-    if site.look.detail == "plain" or section == _FIRST_SECTION:
-        return ()
-    return (Click(name=site.says[section], role="tab" if site.look.detail == "tabs" else None),)
-
-
-def last_page(pager: str, pages: int) -> tuple[Move, ...]:
-    """From the first page of a list to its last."""
-    if pager == "numbers":
-        return (Click(name=f"Page {pages}"),)
-    return (Click(name="Next" if pager == "steps" else "Load more"),) * (pages - 1)
 
 
 class Deeds:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from webgym.core.truth import Click, Move, See
-from webgym.offline.families._asking import count, exactly, minutes, pages_at_most, quantity, shown
-from webgym.offline.families.recipes import deeds
+from webgym.offline.families._asking import exactly, minutes, pages_at_most, quantity, shown
+from webgym.offline.families._listed import at, how_many, last_page
 from webgym.offline.families.recipes.catalog import Chart, Recipe
 from webgym.offline.families.recipes.one import grams
 from webgym.offline.parts import Fact, Part
@@ -67,7 +67,7 @@ class Lists:
             "rating": ("best rated one", "rating", f"{best.rating:.1f}", (f"{best.rating:.1f}",)),
         }[chosen["sort"]]
         lists = site.finder.regex(**{k: v for k, v in chosen.items() if k != "sort"})
-        here = deeds.at(site, best)
+        here = at(site, best)
         seen = (shown(lists, best.title, text), shown(here, best.title, text))
         value_seen = (shown(lists, best.title, text), shown(here, text))
         goal = f"look through the {kind} for the {best_word}"
@@ -115,20 +115,20 @@ class Lists:
                 (
                     Fact(
                         f"Among the {text.lower()}, the one that takes the longest is found",
-                        (shown(here, slow.title, total), shown(deeds.at(site, slow), slow.title, total)),
+                        (shown(here, slow.title, total), shown(at(site, slow), slow.title, total)),
                         answer=(slow.title,),
                         wrong=tuple(recipe.title for recipe in found[-3:-1]),
                     ),
                     Fact(
                         "Its total time is found",
-                        (shown(here, slow.title, total), shown(deeds.at(site, slow), total)),
+                        (shown(here, slow.title, total), shown(at(site, slow), total)),
                         answer=minutes(slow.total),
                     ),
                 ),
                 (
                     Click(path=site.finder.path),
                     *site.finder.moves(course=course, sort="time"),
-                    *deeds.last_page(site.look.pager, pages),
+                    *last_page(site, pages),
                     See((slow.title, total)),
                 ),
                 f"{slow.title} takes the longest: {total}.",
@@ -136,36 +136,13 @@ class Lists:
         return None
 
     def count(self, turn: int) -> Part | None:
-        site = self.site
-        names = [("course", "level"), ("diet", "time"), ("course", "diet")][(turn + site.seed) % 3]
-        facets = [facet for facet in site.finder.facets if facet.name in names]
-        options = [
-            ((facets[0], *first), (facets[1], *second))
-            for first in facets[0].options
-            for second in facets[1].options
-        ]
-        stream(site.seed, "count", turn).shuffle(options)
-        for pair in options:
-            chosen = {facet.name: value for facet, value, _ in pair}
-            total = len(site.find(**chosen))
-            if not 2 <= total <= 30:
-                continue
-            described = " and ".join(_described(facet.name, text) for facet, _, text in pair)
-            text = f"{total} recipes"
-            return Part(
-                f"find out how many recipes there are that {described}",
-                "Number of recipes",
-                (
-                    Fact(
-                        f"The number of recipes that {described} is found",
-                        (shown(site.finder.regex(**chosen), text),),
-                        answer=count(total),
-                    ),
-                ),
-                (Click(path=site.finder.path), *site.finder.moves(**chosen), See((text,))),
-                f"There are {total}.",
-            )
-        return None
+        """How many recipes two filters leave."""
+        filters = [("course", "level"), ("diet", "time"), ("course", "diet")]
+        return how_many(self.site, turn, filters, "recipes", self._kind, said="{} {}", most=30)
+
+    def _kind(self, chosen: dict[str, str]) -> str:
+        facets = [facet for facet in self.site.finder.facets if facet.name in chosen]
+        return " and ".join(_described(facet.name, facet.text(chosen[facet.name])) for facet in facets)
 
     def either(self) -> Part | None:
         """Anything quick OR light will do."""
@@ -182,7 +159,7 @@ class Lists:
             goal = f"takes at most {quick} minutes in all OR has at most {light} kcal per serving"
             lists = site.finder.regex(course=course)
             seen = [shown(lists, r.title, f"{r.total} min", f"{r.energy} kcal") for r in good]
-            seen += [shown(deeds.at(site, r), r.title) for r in good]
+            seen += [shown(at(site, r), r.title) for r in good]
             one = site.find(course=course, sort="time")[0]
             return Part(
                 f"name one of the {text.lower()} that {goal}",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Choose, Click, See
 from webgym.offline.families._asking import count, exactly, minutes, quantity, shown
+from webgym.offline.families._listed import at, unfold
 from webgym.offline.families.recipes import deeds
 from webgym.offline.families.recipes.catalog import SERVINGS, Recipe, amount
 from webgym.offline.families.recipes.words import Ingredient
@@ -49,20 +50,20 @@ class OneRecipe:
                 Fact(
                     f"The energy of one serving of {recipe.title} is found",
                     (
-                        shown(deeds.at(site, recipe), text),
+                        shown(at(site, recipe), text),
                         shown(exactly(site.finder.path), recipe.title, text),
                     ),
                     answer=quantity(str(recipe.energy), "kcal", "calories", "kilocalories"),
                 ),
             ),
-            (*deeds.go(site, recipe), *deeds.unfold(site, "nutrition"), See((text,))),
+            (*deeds.go(site, recipe), *unfold(site, "nutrition"), See((text,))),
             f"One serving has {text}.",
         )
 
     def times(self, recipe: Recipe | None) -> Part | None:
         if recipe is None:
             return None
-        here = deeds.at(self.site, recipe)
+        here = at(self.site, recipe)
         prep, cooking = f"{recipe.prep} min prep", f"{recipe.cooking} min cooking"
         title = recipe.title
         return Part(
@@ -132,7 +133,7 @@ class OneRecipe:
     def storage(self, recipe: Recipe | None) -> Part | None:
         if recipe is None:
             return None
-        here = deeds.at(self.site, recipe)
+        here = at(self.site, recipe)
         days = f"{recipe.keeps} {'day' if recipe.keeps == 1 else 'days'}"
         months = f"{recipe.freezes} {'month' if recipe.freezes == 1 else 'months'}"
         fridge, freezer = f"Keeps for {days} in the fridge", f"up to {months}"
@@ -151,7 +152,7 @@ class OneRecipe:
                     answer=(months,),
                 ),
             ),
-            (*deeds.go(self.site, recipe), *deeds.unfold(self.site, "storage"), See((fridge, freezer))),
+            (*deeds.go(self.site, recipe), *unfold(self.site, "storage"), See((fridge, freezer))),
             f"It keeps for {days} in the fridge and {months} in the freezer.",
         )
 
@@ -166,11 +167,11 @@ class OneRecipe:
             (
                 Fact(
                     f"The oven temperature for {recipe.title} is found",
-                    (shown(deeds.at(self.site, recipe), text),),
+                    (shown(at(self.site, recipe), text),),
                     answer=quantity(value, "°C", "degrees", "C"),
                 ),
             ),
-            (*deeds.go(self.site, recipe), *deeds.unfold(self.site, "method"), See((text,))),
+            (*deeds.go(self.site, recipe), *unfold(self.site, "method"), See((text,))),
             f"The oven must be at {value} °C.",
         )
 
@@ -181,7 +182,7 @@ class OneRecipe:
             if by_stars[0].stars < by_stars[1].stars:
                 low = by_stars[0]
                 text = f"gave it {low.stars} stars"
-                here = deeds.at(self.site, recipe)
+                here = at(self.site, recipe)
                 return Part(
                     f"find out who left the review with the fewest stars for {recipe.title}, "
                     "and how many stars it has",
@@ -201,7 +202,7 @@ class OneRecipe:
                     ),
                     (
                         *deeds.go(self.site, recipe),
-                        *deeds.unfold(self.site, "reviews"),
+                        *unfold(self.site, "reviews"),
                         See((low.name, text)),
                     ),
                     f"{low.name} gave it {low.stars} stars.",
@@ -221,11 +222,11 @@ class OneRecipe:
                 (
                     Fact(
                         f"The number of five-star reviews of {recipe.title} is found",
-                        (shown(deeds.at(self.site, recipe), *texts),),
+                        (shown(at(self.site, recipe), *texts),),
                         answer=count(len(fans)),
                     ),
                 ),
-                (*deeds.go(self.site, recipe), *deeds.unfold(self.site, "reviews"), See(texts)),
+                (*deeds.go(self.site, recipe), *unfold(self.site, "reviews"), See(texts)),
                 f"{len(fans)} reviews give it five stars.",
             )
         return None
@@ -242,7 +243,7 @@ class OneRecipe:
             (
                 Fact(
                     f"The author of the recipe for {recipe.title} is found",
-                    (shown(deeds.at(site, recipe), cook.name), shown(here, cook.name, recipe.title)),
+                    (shown(at(site, recipe), cook.name), shown(here, cook.name, recipe.title)),
                     answer=(cook.name,),
                     wrong=tuple(one.name for one in site.cooks if one != cook)[:2],
                 ),
@@ -275,7 +276,7 @@ class OneRecipe:
                 continue
             site = self.site
             first, second = f"{more.protein} g protein", f"{less.protein} g protein"
-            seen = (shown(deeds.at(site, more), first), shown(deeds.at(site, less), second))
+            seen = (shown(at(site, more), first), shown(at(site, less), second))
             return Part(
                 f"compare the protein in one serving of {more.title} and of {less.title}: give both amounts "
                 "and the difference",
@@ -287,10 +288,10 @@ class OneRecipe:
                 ),
                 (
                     *deeds.go(site, more),
-                    *deeds.unfold(site, "nutrition"),
+                    *unfold(site, "nutrition"),
                     See((first,)),
                     *deeds.go(site, less),
-                    *deeds.unfold(site, "nutrition"),
+                    *unfold(site, "nutrition"),
                     See((second,)),
                 ),
                 f"{more.title} has {more.protein} g and {less.title} has {less.protein} g, "

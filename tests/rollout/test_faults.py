@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import errno
+import itertools
 import os
 import random
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,7 @@ from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.core.errors import StoreFull, WebGymError
 from webgym.core.outcome import Outcome
+from webgym.rollout.feed import read_feed
 from webgym.rollout.files import Log
 from webgym.rollout.store import RunReader
 
@@ -97,12 +99,13 @@ async def test_a_disk_that_is_full_stops_the_run_and_once_freed_it_goes_on(
 
 
 @asynccontextmanager
-async def collecting(path: Path) -> AsyncIterator[asyncio.subprocess.Process]:
-    """A collector as a process of its own; killed at the end of the block."""
+async def collecting(path: Path, torn: int = 0) -> AsyncIterator[asyncio.subprocess.Process]:
+    """A collector as a process of its own, which stops in the midst of writing one of its records if it is
+    told; killed at the end of the block."""
     script = Path(__file__).with_name("collects_until_killed.py")
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(["src", ".", os.environ.get("PYTHONPATH", "")])}
     process = await asyncio.create_subprocess_exec(
-        sys.executable, script, path / "run", path / "config.json", env=environment
+        sys.executable, script, path / "run", path / "config.json", str(torn), env=environment
     )
     try:
         yield process
@@ -112,44 +115,63 @@ async def collecting(path: Path) -> AsyncIterator[asyncio.subprocess.Process]:
         await process.wait()
 
 
-def hold(world: World, state: str) -> Callable[[], bool]:
-    """Let nobody pass this state; says whether somebody is held there."""
-    if state == "judging":
-        world.judge.lets.clear()
-        return lambda: world.judge.asked >= 2
-    if state == "thinking":
-        world.model._reply_seconds = lambda: 1000.0
-        return lambda: world.model.running >= 2
-    world.browsers._step_seconds = lambda: 1000.0
-    return lambda: world.browsers.opened >= 2
+async def hold(world: World) -> None:
+    """Hold an attempt while it is opened, one that acts, one that thinks, and of the others one verdict."""
+    opens, verdict = world.browsers._open, world.judge._verdict
+
+    async def opens_six(request: Any) -> Any:
+        if world.browsers.opened == 6:
+            await asyncio.Event().wait()
+        return await opens(request)
+
+    async def two_verdicts(request: Any) -> Any:
+        if world.judge.asked == 2:
+            world.judge.lets.clear()
+        return await verdict(request)
+
+    world.browsers._open, world.judge._verdict = opens_six, two_verdicts  # type: ignore[method-assign]
+    for name in ("browsers", "judge"):
+        await world.stop(name)
+        await world.start(name)
+    acts, replies = itertools.count(), itertools.count()
+    world.browsers._step_seconds = lambda: 0.0 if next(acts) else 1000.0
+    world.model._reply_seconds = lambda: 0.0 if next(replies) else 1000.0
+    world.browsers._open, world.judge._verdict = opens, verdict  # type: ignore[method-assign]
 
 
-def let_go(world: World) -> None:
+async def let_go(world: World) -> None:
     world.judge.lets.set()
     world.model._reply_seconds = world.browsers._step_seconds = lambda: 0.0
+    await world.stop("browsers")
+    await world.start("browsers")
 
 
-@pytest.mark.parametrize(
-    "state",
-    [
-        pytest.param("acting", marks=pytest.mark.slow),
-        pytest.param("thinking", marks=pytest.mark.slow),
-        "judging",
-    ],
-)
-async def test_a_collector_that_is_killed_in_any_state_loses_only_what_was_in_flight(
-    tmp_path: Path, world: World, state: str
+def states(run: Path) -> dict[str, int]:
+    """How many attempts a collector says it has in each state, and how many wait for a judge's place."""
+    feed = read_feed(run) if run.exists() else None
+    if feed is None:
+        return {}
+    found = {state: count for state, count in feed["states"].items() if count}
+    return found | {f"waiting for a {kind}": queue["waiting"] for kind, queue in feed["queues"].items()}
+
+
+async def test_a_collector_that_is_killed_with_attempts_in_every_state_loses_only_what_was_in_flight(
+    tmp_path: Path, world: World
 ) -> None:
-    config = world.config(tmp_path, 6)
+    """Opening, thinking, acting, being judged, waiting for a judge, and half written."""
+    config = world.config(tmp_path, 7, {"sessions": 7, "judges": 1})
     (tmp_path / "config.json").write_text(config.model_dump_json())
-    is_held = hold(world, state)
-    async with collecting(tmp_path):
-        await until(is_held)
-    before = set(RunReader(tmp_path / "run").attempts)
-    let_go(world)
-    await Run().start(None, tmp_path / "run").end()
-    assert outcomes(tmp_path / "run") == {"success": 6}
-    assert before <= set(RunReader(tmp_path / "run").attempts)
+    await hold(world)
+    run = tmp_path / "run"
+    async with collecting(tmp_path, torn=2):
+        every = {"opening": 1, "thinking": 1, "acting": 1, "judging": 3, "waiting for a judge": 1}
+        await until(lambda: every.items() <= states(run).items())
+        await until(lambda: not (run / "trajectories/00000.jsonl").read_bytes().endswith(b"\n"))
+    [before] = RunReader(run).attempts
+    await let_go(world)
+    await Run().start(None, run).end()
+    assert outcomes(run) == {"success": 7}
+    assert before in RunReader(run).attempts
 
 
 @pytest.mark.slow

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
-import socket
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 
 import pytest
 import pytest_asyncio
-import uvicorn
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 from starlette.types import Receive, Scope, Send
+from tests.serving import serving as serving_on_loopback
 
 from webgym.browser import BrowserConfig, Egress, EgressConfig, Look, PageOptions, ProfileRoot, Slot
 from webgym.browser.find import find_browser
@@ -62,24 +59,8 @@ class Site:
         await response(scope, receive, send)
 
 
-class _Quiet(uvicorn.Server):
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield
-
-
-@asynccontextmanager
-async def serving() -> AsyncIterator[Site]:
-    with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
-        site = Site(listener.getsockname()[1])
-        config = uvicorn.Config(site, lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1)
-        server = _Quiet(config)
-        task = asyncio.create_task(server.serve(sockets=[listener]))
-        try:
-            yield site
-        finally:
-            server.should_exit = True
-            await task
+def serving() -> AbstractAsyncContextManager[Site]:
+    return serving_on_loopback(Site, lambda site: site)
 
 
 @pytest.fixture(scope="session")

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import json
-import socket
 import time
 from collections.abc import AsyncIterator, Callable, Coroutine
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
+from tests.serving import serving
 
 Answer = Callable[[Request], Coroutine[Any, Any, Response]]
 
@@ -201,24 +200,13 @@ class Endpoint:
             await asyncio.sleep(pause)
 
 
-@asynccontextmanager
-async def serve() -> AsyncIterator[Endpoint]:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        endpoint = Endpoint(listener.getsockname()[1])
-        route = Route("/{behaviour}/v1/chat/completions", endpoint.answer, methods=["POST"])
-        config = uvicorn.Config(
-            Starlette(routes=[route]), log_config=None, lifespan="off", timeout_graceful_shutdown=1
-        )
-        server = uvicorn.Server(config)
-        async with asyncio.TaskGroup() as group:
-            group.create_task(server.serve(sockets=[listener]))
-            while not server.started:
-                await asyncio.sleep(0.005)
-            try:
-                yield endpoint
-            finally:
-                server.should_exit = True
+def serve() -> AbstractAsyncContextManager[Endpoint]:
+    return serving(
+        Endpoint,
+        lambda endpoint: Starlette(
+            routes=[Route("/{behaviour}/v1/chat/completions", endpoint.answer, methods=["POST"])]
+        ),
+    )
 
 
 @asynccontextmanager

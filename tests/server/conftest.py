@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
-import socket
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 
 import pytest_asyncio
-import uvicorn
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 from starlette.types import Receive, Scope, Send
+from tests.serving import serving
 
 from webgym.browser import BrowserConfig
 from webgym.server import (
@@ -56,23 +54,11 @@ class Site:
         await response(scope, receive, send)
 
 
-class _Quiet(uvicorn.Server):
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        yield
-
-
 @pytest_asyncio.fixture(scope="module", loop_scope="module")
 async def site() -> AsyncIterator[Site]:
-    with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
-        site = Site(listener.getsockname()[1])
-        config = uvicorn.Config(site, lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1)
-        server = _Quiet(config)
-        task = asyncio.create_task(server.serve(sockets=[listener]))
+    async with serving(Site, lambda site: site) as site:
         yield site
         site.release.set()
-        server.should_exit = True
-        await task
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="module")

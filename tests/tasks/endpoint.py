@@ -11,16 +11,14 @@ import asyncio
 import hashlib
 import json
 import re
-import socket
 from collections import Counter
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
+from tests.serving import serving
 
 from webgym.tasks.taxonomy import DOMAIN_OF
 
@@ -174,21 +172,8 @@ def plain(task: str) -> str:
     return re.split(r"\b(?:such as|for example|for instance|e\.\s?g\.?)", task, maxsplit=1)[0]
 
 
-@asynccontextmanager
-async def serve() -> AsyncIterator[Endpoint]:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        endpoint = Endpoint(listener.getsockname()[1])
-        route = Route("/v1/chat/completions", endpoint.answer, methods=["POST"])
-        config = uvicorn.Config(
-            Starlette(routes=[route]), log_config=None, lifespan="off", timeout_graceful_shutdown=1
-        )
-        server = uvicorn.Server(config)
-        async with asyncio.TaskGroup() as group:
-            group.create_task(server.serve(sockets=[listener]))
-            while not server.started:
-                await asyncio.sleep(0.005)
-            try:
-                yield endpoint
-            finally:
-                server.should_exit = True
+def serve() -> AbstractAsyncContextManager[Endpoint]:
+    return serving(
+        Endpoint,
+        lambda endpoint: Starlette(routes=[Route("/v1/chat/completions", endpoint.answer, methods=["POST"])]),
+    )

@@ -9,13 +9,15 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import socket
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 import uvicorn
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
+
+from webgym.server.listening import Quiet
 
 _BUTTON = "<button style='position:fixed;inset:0;width:100%;height:100%'>Go</button>"
 _CLICKED = _BUTTON + "<script>document.querySelector('button').onclick = () => {{ {} }}</script>"
@@ -123,13 +125,6 @@ async def hostile_site(scope: Scope, receive: Receive, send: Send) -> None:
     await response(scope, receive, send)
 
 
-class _Quiet(uvicorn.Server):
-    @contextlib.contextmanager
-    def capture_signals(self) -> Iterator[None]:
-        """Leave the process's signal handlers alone."""
-        yield
-
-
 @asynccontextmanager
 async def serving_hostile_pages() -> AsyncIterator[str]:
     """Serve them on loopback for the length of the block; their base URL."""
@@ -137,7 +132,7 @@ async def serving_hostile_pages() -> AsyncIterator[str]:
         config = uvicorn.Config(
             hostile_site, lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1
         )
-        server = _Quiet(config)
+        server = Quiet(config)
         task = asyncio.create_task(server.serve(sockets=[listener]))
         try:
             yield f"http://127.0.0.1:{listener.getsockname()[1]}"

@@ -297,6 +297,7 @@ class HeldPlayer:
         return await self._player.reply(turn)
 
 
+@pytest.mark.slow
 async def test_the_offline_web_away_under_open_pages_costs_attempts_but_no_reward(tmp_path: Path) -> None:
     """Its server is really stopped while every page is open, and comes back."""
     file, policy, progress = task_file(tmp_path, 3), Held(3), Progress(total=0)

@@ -18,7 +18,7 @@ from webgym.agent.prompts import render_reply
 from webgym.agent.random_policy import RandomPolicy
 from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.core.action import LeftClick, Target
-from webgym.core.errors import ConfigError, JudgeError, RunFolderError, WebGymError
+from webgym.core.errors import ConfigError, JudgeError, RunFolderError, TaskFileError, WebGymError
 from webgym.judge.config import JudgeConfig
 from webgym.judge.factory import JudgeChoice
 from webgym.llm.config import ChatConfig, Retry
@@ -179,6 +179,19 @@ async def test_a_large_file_is_drawn_from_and_that_is_told(tmp_path: Path, there
     assert told == ([said] if drawn < there else [])
     whole = given.model_copy(update={"tasks": given.tasks.model_copy(update={"count": "all"})})
     assert len(collection.choose_tasks(whole).tasks) == there
+
+
+async def test_the_event_loop_goes_round_while_a_line_without_end_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "tasks.jsonl"
+    path.write_bytes(b'{"website": "a.example", "instruction": "' + b"x" * 160_000_000 + b'"}\n')
+    reading = asyncio.create_task(collect(RunConfig(tasks=TaskChoice(file=path)), tmp_path / "run"))
+    rounds = 0
+    while not reading.done():
+        await asyncio.sleep(0)
+        rounds += 1
+    with pytest.raises(TaskFileError, match=r"holds no task; .* bytes, and at most"):
+        reading.result()
+    assert rounds > 20
 
 
 def test_a_run_without_a_count_is_small() -> None:

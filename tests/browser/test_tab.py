@@ -195,6 +195,9 @@ async def test_http_status_and_redirects(site: Site, tab: Tab) -> None:
 LOOPS = {
     "refresh": "<meta http-equiv=refresh content=0>",
     "timer": "<script>setTimeout(() => location.reload(), 20)</script>",
+    "reload": "<script>location.reload()</script>",
+    "itself": "<script>location.href = location.href</script>",
+    "another of itself": "<script>location.href = '?' + Math.random()</script>",
 }
 
 

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import fcntl
+import itertools
+import json
 import os
+import pty
+import re
 import signal
+import subprocess
+import sys
+import termios
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
+from tests.rollout.running import a_world, until
 
+from webgym.bench.stand_ins import TOKEN, StandInModel
 from webgym.cli import _run
 from webgym.core.errors import StoreFull
+from webgym.judge.factory import JudgeChoice
 
 
 async def interrupted() -> None:
@@ -56,10 +69,10 @@ def test_a_stopped_run_says_how_to_go_on(
 
 @pytest.mark.parametrize("presses", [1, 2])
 def test_ctrl_c_once_lets_a_run_finish_and_twice_abandons_it(
-    capsys: pytest.CaptureFixture[str], presses: int
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], presses: int
 ) -> None:
     ends: list[str] = []
-
+    (tmp_path / "config.yaml").touch()
     finishing = asyncio.Event()
 
     async def work() -> None:
@@ -69,7 +82,107 @@ def test_ctrl_c_once_lets_a_run_finish_and_twice_abandons_it(
             ends.append("abandoned")
             raise
 
-    with pytest.raises(KeyboardInterrupt):
+    def command() -> None:
         _run.run(work, finishing=finishing)
-    assert ends == [{1: "finished", 2: "abandoned"}[presses]]
-    assert "Ctrl-C again abandons" in capsys.readouterr().err
+        ends.append("told")
+        _run.end_early(finishing, ("webgym rollout", tmp_path))
+
+    with pytest.raises(KeyboardInterrupt):
+        command()
+    assert ends == {1: ["finished", "told"], 2: ["abandoned"]}[presses]
+    said = capsys.readouterr().err
+    assert "Ctrl-C again abandons" in said
+    assert ("go on with: webgym rollout --resume" in said) == (presses == 1)
+
+
+def test_a_command_that_came_to_its_end_says_nothing_of_going_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _run.end_early(asyncio.Event(), ("webgym rollout", tmp_path))
+    assert not capsys.readouterr().err
+
+
+class Terminal:
+    """A command with a terminal of its own, where Ctrl-C can be pressed."""
+
+    def __init__(self, arguments: list[str], environment: dict[str, str]) -> None:
+        self._ours, self._theirs = pty.openpty()
+        self._before = termios.tcgetattr(self._theirs)
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "webgym", *arguments],
+            stdin=self._theirs,
+            stdout=self._theirs,
+            stderr=self._theirs,
+            env=os.environ | {"TERM": "xterm-256color", "COLUMNS": "200", "LINES": "30"} | environment,
+            start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )
+        self.raw = b""
+        os.set_blocking(self._ours, False)
+        asyncio.get_running_loop().add_reader(self._ours, self._read)
+
+    def _read(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                self.raw += os.read(self._ours, 65536)
+
+    @property
+    def shown(self) -> str:
+        """Without colours and moves of the cursor."""
+        return re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", self.raw.decode(errors="replace"))
+
+    def press_ctrl_c(self) -> None:
+        os.write(self._ours, b"\x03")
+
+    async def end(self) -> tuple[int, bool]:
+        """The exit code, and whether lines and keys work as they did before."""
+        try:
+            await until(lambda: self.process.poll() is not None)
+            return int(self.process.returncode), termios.tcgetattr(self._theirs) == self._before
+        finally:
+            asyncio.get_running_loop().remove_reader(self._ours)
+            if self.process.poll() is None:
+                self.process.kill()
+                self.process.wait()
+            os.close(self._ours)
+            os.close(self._theirs)
+
+
+@pytest.mark.parametrize("presses", [pytest.param(1, marks=pytest.mark.slow), 2])
+async def test_ctrl_c_leaves_the_terminal_whole_and_tells_what_is_kept(tmp_path: Path, presses: int) -> None:
+    """Two attempts end; the others think when Ctrl-C is pressed."""
+    answers, run = asyncio.Event(), tmp_path / "run"
+    async with a_world() as world:
+        world.model = StandInModel(steps=1)
+        reply, numbers = world.model._reply, itertools.count(1)
+
+        async def two_answer(request: Any) -> Any:
+            if next(numbers) > 2:
+                await answers.wait()
+            return await reply(request)
+
+        world.model._reply = two_answer  # type: ignore[method-assign]
+        await world.stop("model")
+        await world.start("model")
+        held = world.config(tmp_path, 12).model_copy(update={"judge": JudgeChoice(name="operator:eq")})
+        settings = tmp_path / "run.yaml"
+        settings.write_text(yaml.safe_dump(held.model_dump(mode="json", exclude={"sites": {"token"}})))
+        arguments = ["rollout", "--config", str(settings), "--out", str(run)]
+        terminal = Terminal(arguments, {"WEBGYM_TOKEN": TOKEN})
+        try:
+            await until(lambda: "2/12" in terminal.shown)
+            assert b"\x1b[?25l" in terminal.raw, "the cursor is hidden"
+            terminal.press_ctrl_c()
+            await until(lambda: "Ctrl-C again abandons" in terminal.shown)
+            terminal.press_ctrl_c() if presses == 2 else answers.set()
+            await until(lambda: str(run) in terminal.shown.rpartition("--resume")[2])
+        finally:
+            ended = await terminal.end()
+    kept = 2 if presses == 2 else 6
+    told = terminal.shown.splitlines()
+    assert ended == (130, True)
+    assert told[-1] == f"{kept} attempts are kept; go on with: webgym rollout --resume {run}"
+    assert f"{kept}/12 done" in terminal.shown
+    assert terminal.raw.rindex(b"\x1b[?25h") > terminal.raw.rindex(b"\x1b[?25l")
+    assert json.loads((run / "summary.json").read_text())["attempts"] == 6
+    assert (run / "report.html").is_file()

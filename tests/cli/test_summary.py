@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import io
 
+import msgspec
 from rich.console import Console
 from tests.rollout.test_summary import TASKS, attempt
 
 from webgym.cli._summary import all_failed, print_retry, print_summary
+from webgym.core.action import Wait
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Failure
 from webgym.rollout.summary import summarise
@@ -46,9 +48,25 @@ def test_what_errors_took_can_be_attempted_again() -> None:
     assert said.getvalue() == (
         "errors   1 sample ended in an error; again: webgym rollout --resume r --retry-errors\n"
     )
-    said.truncate(0)
+    said = io.StringIO()
     print_retry(summarise([attempt("m", Outcome.BLOCKED)], TASKS), "", Console(file=said))
     assert not said.getvalue()
+
+
+def test_attempts_without_a_verdict_can_be_judged_again() -> None:
+    said = io.StringIO()
+    unjudged = summarise([attempt("e", Outcome.JUDGE_ERROR), attempt("m", Outcome.SUCCESS)], TASKS)
+    print_retry(unjudged, "webgym rollout --resume r", Console(file=said, width=200))
+    assert said.getvalue() == "unjudged 1 attempt has no verdict; judge again: webgym rollout --resume r\n"
+
+
+def test_the_share_of_invalid_replies_is_always_told() -> None:
+    said = io.StringIO()
+    valid = attempt("e", Outcome.SUCCESS, steps=2)
+    steps = tuple(msgspec.structs.replace(step, action=Wait(1)) for step in valid.episode.steps)
+    valid = msgspec.structs.replace(valid, episode=msgspec.structs.replace(valid.episode, steps=steps))
+    print_summary(summarise([valid], TASKS), Console(file=said, width=200))
+    assert said.getvalue().rstrip().endswith(", 0.0% of replies invalid")
 
 
 def test_a_run_of_errors_alone_has_failed() -> None:

@@ -78,6 +78,12 @@ def test_nothing_is_loaded_from_outside(run: Path) -> None:
     assert not re.findall(r"@import|url\(\s*[\"']?http", shell)
 
 
+def test_the_report_says_that_an_oracle_played_and_how_many_replies_were_invalid(run: Path) -> None:
+    text = write_report(run, config=SMALL).read_text()
+    assert "the scripted policy is an oracle: it plays known solutions and asks no model." in text
+    assert "replies without an action: " in text
+
+
 def test_a_report_is_replaced_whole(run: Path) -> None:
     (run / "report.html").write_text("old")
     assert write_report(run, config=SMALL).read_text().startswith("<!doctype html>")

@@ -5,21 +5,37 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import Counter
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
+from pydantic import SecretStr
 
 from webgym.agent.config import AgentConfig
+from webgym.agent.policy import Player, Turn
+from webgym.agent.scripted import ScriptedPolicy
+from webgym.browser import BrowserConfig
 from webgym.checking import unexpected
-from webgym.collection import PolicyChoice, RunConfig, ServerChoice, TaskChoice, collect, read_config, resume
+from webgym.collection import (
+    PolicyChoice,
+    RunConfig,
+    Secrets,
+    ServerChoice,
+    TaskChoice,
+    collect,
+    read_config,
+    resume,
+)
 from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
 from webgym.core.outcome import Outcome
-from webgym.core.trajectory import Trajectory
+from webgym.core.task import Task
+from webgym.core.trajectory import Reply, Trajectory
 from webgym.core.websites import host_of
 from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig
+from webgym.offline.app import SitesConfig, serving
 from webgym.rollout.attempt import AttemptConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import CollectorConfig
@@ -256,3 +272,66 @@ async def test_every_attempt_may_be_late_at_any_moment(tmp_path: Path) -> None:
     outcomes = Counter(each.outcome for each in add_up(tmp_path / "run"))
     assert outcomes[Outcome.SUCCESS] >= 1
     assert outcomes[Outcome.SUCCESS] + outcomes[Outcome.CANCELLED] == outcomes.total() == 6
+
+
+class Held(ScriptedPolicy):
+    """Plays solutions. All attempts wait in the middle, once, until they are let."""
+
+    def __init__(self, attempts: int) -> None:
+        super().__init__()
+        self.lets = asyncio.Event()
+        self.waiting = asyncio.Barrier(attempts + 1)
+
+    def begin(self, task: Task, seed: int) -> Player:  # type: ignore[override]
+        return HeldPlayer(super().begin(task, seed), self)
+
+
+class HeldPlayer:
+    def __init__(self, player: Player, policy: Held) -> None:
+        self._player, self._policy = player, policy
+
+    async def reply(self, turn: Turn) -> Reply:
+        if turn.index == 1 and not self._policy.lets.is_set():
+            await self._policy.waiting.wait()
+            await self._policy.lets.wait()
+        return await self._player.reply(turn)
+
+
+@pytest.mark.slow
+async def test_the_offline_web_away_under_open_pages_costs_attempts_but_no_reward(tmp_path: Path) -> None:
+    """Its server is really stopped while every page is open, and comes back."""
+    file, policy, progress = task_file(tmp_path, 3), Held(3), Progress(total=0)
+    secrets = Secrets(sites_token=SecretStr("the-token-of-the-offline-web"))
+    served = SITES.model_copy(update={"token": secrets.sites_token})
+
+    @asynccontextmanager
+    async def show(shown: Progress) -> AsyncIterator[None]:
+        nonlocal progress
+        progress = shown
+        yield
+
+    async with AsyncExitStack() as away:
+        sites = await away.enter_async_context(serving(served))
+        settings = config(
+            file,
+            browser=BrowserConfig().allowing(*sites.allowed_hosts),
+            server=ServerChoice(sites_url=sites.url),
+            retries=1000,
+        )
+        run = asyncio.create_task(
+            collect(settings, tmp_path / "run", policy=policy, secrets=secrets, show=show)
+        )
+        async with asyncio.timeout(60):
+            await policy.waiting.wait()
+    policy.lets.set()
+    async with asyncio.timeout(60):
+        while progress.outcomes[Outcome.ENVIRONMENT_ERROR] < 3 and not run.done():
+            await asyncio.sleep(0.01)
+    again = served.model_copy(update={"port": int(sites.address.rpartition(":")[2])})
+    async with serving(again), asyncio.timeout(90):
+        await run
+    outcomes = Counter(each.outcome for each in add_up(tmp_path / "run"))
+    assert outcomes.keys() == {Outcome.SUCCESS, Outcome.ENVIRONMENT_ERROR}
+    assert outcomes[Outcome.SUCCESS] == 3
+    first = [each for each in add_up(tmp_path / "run") if each.episode.retry == 0 and each.episode.steps]
+    assert Outcome.ENVIRONMENT_ERROR in {each.outcome for each in first}

@@ -338,7 +338,7 @@ async def test_prometheus_reads_a_collectors_figures() -> None:
     queues = call_queues({"policy": 2})
     async with queues["policy"].turn():
         pass
-    progress = Progress(total=3, calls=queues, steps=7)
+    progress = Progress(total=3, calls=queues, steps=7, note="an oracle")
     progress.outcomes[Outcome.SUCCESS] = 2
 
     def read(port: int | None) -> str:
@@ -350,3 +350,4 @@ async def test_prometheus_reads_a_collectors_figures() -> None:
     assert 'webgym_collector_calls_done_total{kind="policy"} 1.0' in said
     assert 'webgym_collector_outcomes_total{outcome="success"} 2.0' in said
     assert "webgym_collector_steps_total 7.0" in said
+    assert 'webgym_collector_note{note="an oracle"} 1.0' in said

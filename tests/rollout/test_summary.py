@@ -180,6 +180,8 @@ def test_replies_without_an_action_are_counted_and_many_are_said() -> None:
     )
     few = summarise([acted, attempt("e", Outcome.FAILURE, steps=1)], TASKS)
     assert (few["invalid_replies"], few["notes"][1:]) == (1, [])
+    assert few["invalid_reply_rate"] == pytest.approx(1 / 61)
+    assert summarise([], TASKS)["invalid_reply_rate"] is None
     many = summarise([acted, *(attempt("e", Outcome.FAILURE, steps=1) for _ in range(9))], TASKS)
     assert many["invalid_replies"] == 9
     assert "13.0% of 69 replies hold no action; the first: " in many["notes"][-1]

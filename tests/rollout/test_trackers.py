@@ -56,6 +56,20 @@ def scalars(path: Path) -> dict[str, list[tuple[int, float]]]:
     }
 
 
+def texts(path: Path) -> dict[str, list[str]]:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+    from tensorboard.util.tensor_util import make_ndarray  # type: ignore[import-untyped]
+
+    found = EventAccumulator(str(path / FOLDER))
+    found.Reload()
+    return {
+        name.removesuffix("/text_summary"): [
+            make_ndarray(each.tensor_proto)[0].decode() for each in found.Tensors(name)
+        ]
+        for name in found.Tags()["tensors"]
+    }
+
+
 def test_tensorboard_shows_every_iteration_once_also_after_a_resume(tmp_path: Path) -> None:
     with tracking(["tensorboard"], tmp_path, "webgym", [], print) as track:
         track(row(1, 0.25))
@@ -81,6 +95,9 @@ async def test_a_run_tells_what_its_metrics_hold_also_after_a_resume(tmp_path: P
         rows = [json.loads(line) for line in lines]
         done = scalars(tmp_path / "run")["done"]
         assert done == [(number, row["done"]) for number, row in enumerate(rows, 1)]
+    notes = {row["note"] for row in rows}
+    assert notes == {"the scripted policy is an oracle: it plays known solutions and asks no model"}
+    assert texts(tmp_path / "run") == {"note": [*notes]}
     assert done[-1] == (len(rows), 3)
 
 
@@ -97,17 +114,19 @@ def test_weights_and_biases_is_given_the_same(tmp_path: Path, monkeypatch: pytes
     asked: list[dict[str, Any]] = []
     logged: list[tuple[int, dict[str, float]]] = []
     ended: list[bool] = []
+    run = types.SimpleNamespace(
+        log=lambda numbers, step: logged.append((step, numbers)), finish=lambda: ended.append(True)
+    )
 
     def init(**options: Any) -> Any:
         asked.append(options)
-        return types.SimpleNamespace(
-            log=lambda numbers, step: logged.append((step, numbers)), finish=lambda: ended.append(True)
-        )
+        return run
 
     monkeypatch.setitem(sys.modules, "wandb", types.SimpleNamespace(init=init))
     for _ in range(2):
         with tracking(["wandb"], tmp_path / "first", "study", [row(1, 0.25)], print) as track:
-            track(row(2, 0.5))
+            track(row(2, 0.5) | {"note": "an oracle"})
+    assert run.notes == "an oracle"
     assert [step for step, _ in logged] == [1, 2, 1, 2]
     assert logged[1][1]["collect/success_rate/overall"] == 0.5
     assert asked[0] == asked[1], "a training that goes on is the same run"

@@ -69,9 +69,10 @@ def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
         (own(website="2852039166"), "metadata service"),
         (own(website="http://metadata.google.internal./computeMetadata"), "metadata service"),
         (
-            own(instruction="x" * 160_000_000, website="x" * 9_000),
-            "160,000,000 characters.*website: it",
+            own(instruction="x" * 160_000, website="x" * 9_000),
+            "160,000 characters.*website: it",
         ),
+        (own(instruction="x" * 160_000_000), "it has 160,000,0.. bytes, and at most 8,388,608 are taken"),
         (own(rubric={"groups": []}), "rubric: a rubric needs"),
         (own(refrence_answer="7"), "'refrence_answer'; did you mean reference_answer"),
         (b"not json", "malformed"),

@@ -232,7 +232,7 @@ class BrowserConfig(Settings):
 
     # --- what is observed -----------------------------------------------------------------------------
     # A page may hold hundreds of megabytes of each. What is longer is cut in the page, before it reaches us
-    # and every record, and a notice says so; names are cut in silence, as the first words of one will do.
+    # and every record, and a notice says so.
 
     title_characters: int = Field(default=1_000, gt=0)
     """Longest title."""

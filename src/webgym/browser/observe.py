@@ -33,6 +33,7 @@ _SHORTENED = {
     "address": "an address",
     "text": "the text",
     "value": "what stands in a field",
+    "name": "the name of an element",
     "elements": "the list of elements",
     "options": "the open list of options",
 }

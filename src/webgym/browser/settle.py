@@ -27,7 +27,7 @@ Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy"
 * ``unchanged``: nothing happened after the action.
 * ``quiet``: all that was started has ended.
 * ``long_poll``: quiet, but a request is left open that is too old to be waited for.
-* ``loading``: quiet, but the page still shows that it is loading, or nothing at all.
+* ``loading``: quiet, but the page still shows that it is loading, or nothing at all; a notice says so.
 * ``busy``: loaded, but the page never stopped changing.
 * ``deadline``: still under way when time was up; a notice says so.
 """
@@ -181,7 +181,8 @@ class _Settling:
         page.changes, page.timers_set = seen.changes, seen.timers
         page.idlers.learn(self._vain, self._target, brought=False)
         if seen.loading:
-            page.post("overlook")
+            page.post("overlook")  # so it is told once
+            page.note("still_loading", "the page still shows that it is loading, or nothing at all")
             return "loading"
         if seen.reason == "quiet" and not page.traffic.is_empty:
             return "long_poll"

@@ -19,10 +19,13 @@ from rich.text import Text
 
 from webgym.collection import RunConfig, Secrets
 from webgym.core.errors import ConfigError
+from webgym.core.outcome import Outcome
 from webgym.core.text import plain
+from webgym.report import write_report
 from webgym.rollout.files import CONFIG
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
+from webgym.rollout.store import RunReader
 from webgym.settings import first_problem, merged, read_settings, without_none
 
 T = TypeVar("T")
@@ -36,6 +39,7 @@ def run(
     *,
     resumed_by: tuple[str, Path] | None = None,
     finishing: asyncio.Event | None = None,
+    report: bool = False,
 ) -> T:
     """Run a coroutine; Ctrl-C and SIGTERM cancel it, so that what is in flight is recorded.
 
@@ -43,7 +47,8 @@ def run(
         job: what to run.
         resumed_by: a command, and the folder that it goes on with: told if the job does not come to its end.
         finishing: the first Ctrl-C sets this, on which the job is to end when what it has begun is done; the
-            second cancels.
+            second cancels. When all that came of it is told, call :func:`end_early`.
+        report: of a job that makes a run: write its report also when it is cancelled.
 
     Raises:
         KeyboardInterrupt: it was cancelled.
@@ -63,21 +68,38 @@ def run(
         loop.add_signal_handler(signal.SIGINT, interrupt)
         loop.add_signal_handler(signal.SIGTERM, task.cancel)
         try:
-            done = await task
+            return await task
         except asyncio.CancelledError:
             raise KeyboardInterrupt from None
-        if finishing is not None and finishing.is_set():
-            raise KeyboardInterrupt
-        return done
 
     try:
         with asyncio.Runner(loop_factory=uvloop.new_event_loop) as runner:
             return runner.run(guarded())
-    except BaseException:
+    except BaseException as error:
         if resumed_by is not None and (resumed_by[1] / CONFIG).is_file():
-            command = f"{resumed_by[0]} --resume {shlex.quote(str(resumed_by[1]))}"
-            print(f"what is done is kept; go on with: {command}", file=sys.stderr)
+            if report and isinstance(error, KeyboardInterrupt):
+                write_report(resumed_by[1])
+            _tell_kept(*resumed_by)
         raise
+
+
+def end_early(finishing: asyncio.Event, resumed_by: tuple[str, Path]) -> None:
+    """End a command whose job Ctrl-C has asked to finish; nothing if it has not.
+
+    Raises:
+        KeyboardInterrupt: it was asked to.
+    """
+    if finishing.is_set():
+        _tell_kept(*resumed_by)
+        raise KeyboardInterrupt
+
+
+def _tell_kept(command: str, folder: Path) -> None:
+    entries = RunReader(folder, skip_corrupt=True).attempts.values()
+    count = sum(entry.outcome is not Outcome.CANCELLED for entry in entries)
+    kept = "what is done is" if not count else "1 attempt is" if count == 1 else f"{count:,} attempts are"
+    told = f"{kept} kept; go on with: {command} --resume {shlex.quote(str(folder))}"
+    print(told, file=sys.stderr)
 
 
 def secrets(server_token_file: Path | None = None) -> Secrets:

@@ -54,10 +54,12 @@ def print_summary(summary: Summary, console: Console) -> None:
         if count := summary["outcomes"].get(outcome, 0):
             outcomes.append(f"{count} ", style="bold")
             outcomes.append(f"{outcome}   ", style=COLORS[outcome])
-    step = summary["step_milliseconds"]
-    latency = ""
+    step, invalid = summary["step_milliseconds"], summary["invalid_reply_rate"]
+    more = ""
     if step["p50"] is not None and step["p95"] is not None:
-        latency = f", step latency {step['p50']:.0f} ms (p50) {step['p95']:.0f} ms (p95)"
+        more = f", step latency {step['p50']:.0f} ms (p50) {step['p95']:.0f} ms (p95)"
+    if invalid is not None:
+        more += f", {invalid:.1%} of replies invalid"
     console.print()
     console.print(rates)
     console.print()
@@ -66,7 +68,7 @@ def print_summary(summary: Summary, console: Console) -> None:
     print_notes(summary, console)
     console.print(
         f"{summary['attempts']} trajectories, {summary['steps']} steps in "
-        f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{latency}",
+        f"{duration(summary['wall_seconds'])}: {summary['steps_per_second']:.1f} steps/s{more}",
         highlight=False,
     )
 
@@ -85,11 +87,16 @@ def print_notes(summary: Summary, console: Console) -> None:
 
 
 def print_retry(summary: Summary, command: str, console: Console) -> None:
-    """How to attempt again what errors took, where there is any."""
+    """How to attempt again what errors took, and judge what has no verdict, where there is any."""
+    told = []
     if count := summary["lost_samples"]:
-        told = "1 sample ended in an error" if count == 1 else f"{count} samples ended in errors"
-        told = f"errors   {told}; again: {command} --retry-errors"
-        console.print(told, highlight=False, soft_wrap=True, markup=False)
+        lost = "1 sample ended in an error" if count == 1 else f"{count} samples ended in errors"
+        told.append(f"errors   {lost}; again: {command} --retry-errors")
+    if count := summary["outcomes"][Outcome.JUDGE_ERROR]:
+        unjudged = "1 attempt has" if count == 1 else f"{count} attempts have"
+        told.append(f"unjudged {unjudged} no verdict; judge again: {command}")
+    for each in told:
+        console.print(each, highlight=False, soft_wrap=True, markup=False)
 
 
 def print_losses(summary: Summary, console: Console) -> None:

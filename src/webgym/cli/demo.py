@@ -112,6 +112,7 @@ def command(
     summary = run(
         lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)),
         resumed_by=("webgym rollout", folder),
+        report=True,
     )
     report = write_report(folder)
     print_summary(summary, console)

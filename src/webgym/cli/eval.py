@@ -114,6 +114,7 @@ def command(
             ),
             resumed_by=("webgym eval", folder),
             finishing=finishing,
+            report=report,
         )
     else:
         overrides: dict[str, Any] = {
@@ -138,6 +139,7 @@ def command(
             lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell, finishing=finishing),
             resumed_by=("webgym eval", folder),
             finishing=finishing,
+            report=report,
         )
     if report:
         write_report(folder)
@@ -146,6 +148,7 @@ def command(
     told = f"\nrun      {folder}\nbrowse   webgym view {folder}"
     console.print(told, highlight=False, soft_wrap=True, markup=False)
     print_retry(summary, f"webgym eval --resume {folder}", console)
+    _run.end_early(finishing, ("webgym eval", folder))
     if all_failed(summary):
         raise typer.Exit(1)
 

@@ -91,6 +91,7 @@ def command(
             ),
             resumed_by=("webgym rollout", folder),
             finishing=finishing,
+            report=report,
         )
     elif out is not None and resume is None:
         folder = out
@@ -117,6 +118,7 @@ def command(
             lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell, finishing=finishing),
             resumed_by=("webgym rollout", folder),
             finishing=finishing,
+            report=report,
         )
     else:
         raise UsageError("give either --out or --resume", hint="--out makes a run, --resume goes on with one")
@@ -126,5 +128,6 @@ def command(
     print_retry(summary, f"webgym rollout --resume {folder}", console)
     if path is not None:
         console.print(f"report   {path}", highlight=False, soft_wrap=True, markup=False)
+    _run.end_early(finishing, ("webgym rollout", folder))
     if all_failed(summary):
         raise typer.Exit(1)

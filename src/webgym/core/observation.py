@@ -14,7 +14,7 @@ NoticeKind: TypeAlias = Literal[
     "action_failed",
     "dialog",  # alert, confirm, prompt, beforeunload: what it said, how it was answered
     "popup",  # a second window was wanted; it was opened in this tab
-    "still_loading",  # the page was not quiet when the settle deadline came
+    "still_loading",  # the page was not quiet at the settle deadline, or showed that more was to come
     "crashed",  # the renderer died and was brought back
     "reply_unreadable",  # the agent's last reply held no action
     "shortened",  # something was too long to be observed whole

@@ -46,6 +46,10 @@ class _Figures(Collector):
             ended.add_metric([outcome.value], count)
         yield ended
         yield CounterMetricFamily("webgym_collector_steps", "Steps taken", value=progress.steps)
+        if progress.note:
+            note = GaugeMetricFamily("webgym_collector_note", "To read the figures with", labels=["note"])
+            note.add_metric([progress.note], 1)
+            yield note
         lag = GaugeMetricFamily(
             "webgym_collector_loop_lag_seconds", "How late the event loop is", labels=["quantile"]
         )

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Iterable
+from collections.abc import AsyncIterator, Coroutine, Iterable
 from contextlib import asynccontextmanager, suppress
+from typing import Any
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.live import Live
@@ -174,20 +175,16 @@ def _ended(outcome: Outcome, task_id: str, steps: int) -> Text:
 @asynccontextmanager
 async def showing(progress: Progress, console: Console) -> AsyncIterator[None]:
     """Show the progress until the block ends: live in a terminal, else a line now and then."""
-    if console.is_terminal:
-        with Live(panel(progress), console=console, auto_refresh=False, transient=True) as live:
-            task = asyncio.create_task(_refresh(live, progress))
-            try:
+    try:
+        if console.is_terminal:
+            with Live(panel(progress), console=console, auto_refresh=False, transient=True) as live:
+                async with _beside(_refresh(live, progress)):
+                    yield
+        else:
+            async with _beside(_print_lines(progress, console)):
                 yield
-            finally:
-                await _stop(task)
-    else:
-        task = asyncio.create_task(_print_lines(progress, console))
-        try:
-            yield
-        finally:
-            await _stop(task)
-    console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
+    finally:  # also of a run that was stopped
+        console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
 
 
 async def _refresh(live: Live, progress: Progress) -> None:
@@ -204,7 +201,13 @@ async def _print_lines(progress: Progress, console: Console) -> None:
         console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
 
 
-async def _stop(task: asyncio.Task[None]) -> None:
-    task.cancel()
-    with suppress(asyncio.CancelledError):
-        await task
+@asynccontextmanager
+async def _beside(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
+    """Work that goes on until the block ends."""
+    task = asyncio.create_task(work)
+    try:
+        yield
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task

@@ -240,7 +240,9 @@ class Progress:
 
     def metric(self) -> dict[str, Any]:
         """A line for ``metrics.jsonl``."""
+        note = {"note": self.note} if self.note else {}
         return {
+            **note,
             "at": time.time(),
             "done": self.done,
             "total": self.total,

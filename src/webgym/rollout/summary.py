@@ -130,6 +130,7 @@ class Summary(TypedDict):
         by_level, by_domain, by_website: the same figures for a part of the attempts.
         lost_samples: samples whose last attempt ended in an error of the environment or the policy.
         invalid_replies: steps whose replies hold no action.
+        invalid_reply_rate: their share of all steps; ``None`` if there is none.
         notes: what every figure here must be read with, a sentence each: that an oracle played, that many
             replies held no action.
         blocked_hosts: attempts that each host kept out, most first.
@@ -164,6 +165,7 @@ class Summary(TypedDict):
     losses: dict[str, Loss]
     lost_samples: int
     invalid_replies: int
+    invalid_reply_rate: float | None
     notes: list[str]
 
 
@@ -451,6 +453,7 @@ class Tally:
                 for _, last in samples.values()
             ),
             "invalid_replies": self._invalid,
+            "invalid_reply_rate": self._invalid / overall["steps"] if overall["steps"] else None,
             "notes": list(self._notes(self._policies)),
             "blocked_hosts": dict(self._blocked_by.most_common()),
             "losses": dict(sorted(self._losses.items(), key=lambda item: -item[1]["count"])),

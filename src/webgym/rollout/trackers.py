@@ -23,7 +23,8 @@ from webgym.core.errors import ConfigError
 from webgym.rollout.files import disk_errors
 
 TrackerName: TypeAlias = Literal["tensorboard", "wandb"]
-Log: TypeAlias = Callable[[int, Mapping[str, float]], None]
+Log: TypeAlias = Callable[[int, Mapping[str, float], str], None]
+"""Takes a step's numbers, and what must be read with them from then on; empty for nothing new."""
 
 FOLDER: Final = "tensorboard"
 
@@ -38,9 +39,9 @@ class _Tracker:
         self._has_failed = False
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"tracker-{name}")
 
-    def log(self, step: int, numbers: Mapping[str, float]) -> None:
+    def log(self, step: int, numbers: Mapping[str, float], note: str) -> None:
         if not self._has_failed:
-            self._thread.submit(self._do, lambda: self._log(step, numbers))
+            self._thread.submit(self._do, lambda: self._log(step, numbers, note))
 
     def close(self) -> None:
         """Wait until it has all, and end it."""
@@ -81,12 +82,13 @@ def tracking(
         ConfigError: a tracker is not installed, or does not start.
     """
     trackers: list[_Tracker] = []
-    counted = itertools.count(1)
+    counted, told = itertools.count(1), set[str]()
 
     def track(row: Mapping[str, Any]) -> None:
-        numbers, number = dict(numbers_in(row)), next(counted)
+        numbers, number, note = dict(numbers_in(row)), next(counted), row.get("note", "")
         for tracker in trackers:
-            tracker.log(int(row.get("iteration", number)), numbers)
+            tracker.log(int(row.get("iteration", number)), numbers, "" if note in told else note)
+        told.add(note)
 
     with ExitStack() as stack:
         for name in names:
@@ -146,7 +148,9 @@ def _tensorboard(path: Path, project: str) -> tuple[Log, Callable[[], object]]: 
     with disk_errors("writing figures for TensorBoard"):
         writer: Any = SummaryWriter(str(path / FOLDER))
 
-    def log(step: int, numbers: Mapping[str, float]) -> None:
+    def log(step: int, numbers: Mapping[str, float], note: str) -> None:
+        if note:
+            writer.add_text("note", note, step)
         for name, value in numbers.items():
             writer.add_scalar(name, value, step)
         writer.flush()
@@ -167,7 +171,13 @@ def _wandb(path: Path, project: str) -> tuple[Log, Callable[[], object]]:
         raise ConfigError(
             f"Weights & Biases does not start: {reason}", hint="WANDB_MODE=offline needs no account"
         ) from error
-    return lambda step, numbers: run.log(dict(numbers), step=step), run.finish
+
+    def log(step: int, numbers: Mapping[str, float], note: str) -> None:
+        if note:
+            run.notes = note
+        run.log(dict(numbers), step=step)
+
+    return log, run.finish
 
 
 _OPEN: Final[dict[TrackerName, Callable[[Path, str], tuple[Log, Callable[[], object]]]]] = {

@@ -14,10 +14,11 @@ Reading goes by what a file holds, writing by its name and by what is asked for.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterable, Iterator
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
-from typing import Final, Literal, TypeAlias, get_args
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Task
@@ -40,6 +41,8 @@ _PARQUET: Final = b"PAR1"
 _LINES: Final = (".jsonl", ".jsonl.gz", ".jsonl.zst")
 _ENDINGS: Final = (".parquet", *_LINES)
 """What task files end in; of two files that differ in nothing else, the first counts."""
+_LONGEST_LINE: Final = 2**23
+"""Bytes of a line that is read."""
 _SPLITS: Final[tuple[Literal["train", "test"], ...]] = ("train", "test")
 
 
@@ -109,13 +112,31 @@ def _read(path: Path, found: Findings) -> None:
             read_parquet(path, split_of(path), found)
             return
         begin: list[bytes] = []
-        is_published = _is_published(file, begin)
-        lines = chain(begin, file)
+        whole = _bounded(file, path, found)
+        is_published = _is_published(whole, begin)
+        lines = chain(begin, whole)
         if is_published:
             found.split = None
             read_published(lines, path, split_of(path), found)
         else:
             read_lines(lines, path, found)
+
+
+def _bounded(file: io.BufferedReader[Any], path: Path, found: Findings) -> Iterator[bytes]:
+    """The lines of a file. One without end is left out, and never in memory: a task is a few kilobytes, and
+    what decodes a line lets no other thread run."""
+    for number in count(1):
+        line = file.readline(_LONGEST_LINE)
+        if not line:
+            return
+        if len(line) == _LONGEST_LINE and not line.endswith(b"\n"):
+            length, part = len(line), line
+            while part and not part.endswith(b"\n"):
+                part = file.readline(_LONGEST_LINE)
+                length += len(part)
+            found.skip(path, number, f"it has {length:,} bytes, and at most {_LONGEST_LINE:,} are taken")
+            line = b"\n"
+        yield line
 
 
 def _write(path: Path, tasks: Iterable[Task], format: Format) -> int:

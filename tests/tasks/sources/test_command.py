@@ -75,5 +75,5 @@ def test_what_cannot_be_read_is_one_line(
 def test_it_fails_if_there_is_no_task(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "a.json"
     path.write_text(json.dumps([{"ques": None}]))
-    assert run("--read", f"deepshop={path}") == 1
+    assert run("--read", f"deepshop={path}") == 2, "as wherever a file holds no task"
     assert "'ques' is empty" in capsys.readouterr().out

@@ -142,7 +142,7 @@
       tag: localName(element),
       ...(localName(element) === 'input' ? { type: element.type } : {}),
       role,
-      name: nameOf(element, role),
+      name: nameOf(element, role).slice(0, webgym.limits.name),
       scrolls: scrollHeight(element) - clientHeight(element) >= 1,
       boxes: dropdown ? [] : boxes,
     };

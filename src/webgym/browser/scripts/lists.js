@@ -56,7 +56,7 @@
     element.setAttribute('role', 'option');
     element.setAttribute('aria-selected', String(option.selected));
     if (!webgym.isOffered(option)) element.setAttribute('aria-disabled', 'true');
-    element.textContent = option.label.slice(0, webgym.limits.name) || '\u00a0';
+    element.textContent = webgym.shorten(option.label, 'name') || '\u00a0';
     return element;
   };
 

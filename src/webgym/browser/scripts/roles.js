@@ -121,7 +121,7 @@
     ];
     for (const candidate of candidates) {
       const name = fold(first(candidate()));
-      if (name) return name.slice(0, webgym.limits.name);
+      if (name) return name.slice(0, webgym.limits.name + 1); // one more than is told, so that a cut is seen
     }
     return '';
   };

@@ -320,7 +320,7 @@
 
   const describe = ({ element, role }) => ({
     role,
-    name: nameOf(element, role),
+    name: shorten(nameOf(element, role), 'name'),
     value: valueOf(element, role) ?? undefined,
     href: role === 'link' ? hrefOf(element) : undefined,
   });

@@ -29,6 +29,8 @@ def sources(
     """List the benchmarks that tasks come from; with --read, what files hold. Fails if one holds none."""
     from rich.console import Console
 
+    from webgym.cli import EXIT_USAGE
+
     console = Console()
     if not read:
         _list(console)
@@ -37,7 +39,7 @@ def sources(
     for name, where in [_named(each) for each in read]:
         without_tasks |= not _report(console, name, where, lines)
     if without_tasks:
-        raise typer.Exit(1)
+        raise typer.Exit(EXIT_USAGE)
 
 
 def _named(given: str) -> tuple[str, str]:

@@ -70,7 +70,7 @@ from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.files import unfit
 from webgym.tasks.sampling import Sampler, SamplerConfig
-from webgym.tasks.selection import Selected, Selection, select
+from webgym.tasks.selection import BLOCKED, Selected, Selection, select
 
 FEW: Final = 20
 """Tasks of a run that does not say how many, unless somebody has put a file of no more than :data:`MANY`
@@ -321,6 +321,8 @@ async def collect(
     config = config.model_copy(update={"tasks": config.tasks.model_copy(update=update)})
     if told := selected.told():
         _say(tell, f"{len(selected.tasks):,} tasks to draw from, split {selected.split!r}; left out: {told}")
+    if BLOCKED in selected.left_out:
+        _say(tell, f"left alone: {await asyncio.to_thread(Blocklist(config.blocklist).told)}")
     if given is None and config.tasks.count is None and len(tasks) < len(selected.tasks):
         told = f"{len(tasks):,} of {len(selected.tasks):,} tasks are drawn"
         _say(tell, f"{told}; --limit (tasks.count) takes another number, or all")

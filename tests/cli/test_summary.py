@@ -41,6 +41,15 @@ def test_whoever_reads_an_oracles_figures_is_told() -> None:
     assert "the scripted policy is an oracle: it plays known solutions and asks no model" in said.getvalue()
 
 
+def test_hosts_that_kept_the_agent_out_are_named() -> None:
+    said = io.StringIO()
+    found = summarise([attempt("e", Outcome.SUCCESS)], TASKS)
+    found["blocked_hosts"] = {f"s{number}.example": 9 - number for number in range(7)}
+    print_summary(found, Console(file=said, width=200))
+    assert "  kept out by s0.example (9), s1.example (8), " in said.getvalue()
+    assert "s4.example (5), and 2 others\n" in said.getvalue()
+
+
 def test_what_errors_took_can_be_attempted_again() -> None:
     said = io.StringIO()
     lost = summarise([attempt("e", Outcome.POLICY_ERROR), attempt("m", Outcome.SUCCESS)], TASKS)

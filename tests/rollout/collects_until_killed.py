@@ -39,7 +39,7 @@ def tear(torn: int) -> None:
             threading.Event().wait()
         append(log, line, durable=durable)
 
-    Log.append = tears  # type: ignore[method-assign]
+    Log.append = tears  # type: ignore[assignment, method-assign]
 
 
 if __name__ == "__main__":

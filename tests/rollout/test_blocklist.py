@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from webgym.collection import RunConfig, TaskChoice, choose_tasks
+from webgym.collection import RunConfig, ServerChoice, TaskChoice, choose_tasks, collect
 from webgym.core.errors import ConfigError, StoreError
 from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.websites import host_of
+from webgym.offline.app import SitesConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.tasks import write_tasks
 
@@ -33,6 +35,7 @@ def test_a_website_is_left_out_for_twelve_hours(tmp_path: Path) -> None:
     assert not blocklist.is_blocked("https://other.example/")
     (block,) = blocklist.blocked().values()
     assert (block.host, block.at, block.reason) == ("shop.example", clock.now, "a challenge")
+    assert blocklist.told() == "shop.example until 1970-01-13 01:46 UTC"
     clock.now += 11 * 3600
     assert blocklist.is_blocked("shop.example")
     made(file, clock).add("shop.example", "again")
@@ -40,6 +43,20 @@ def test_a_website_is_left_out_for_twelve_hours(tmp_path: Path) -> None:
     assert blocklist.blocked()["shop.example"].reason == "again"
     clock.now += 3600
     assert not blocklist.is_blocked("shop.example")
+
+
+def test_of_many_the_last_are_told_by_name(tmp_path: Path) -> None:
+    clock = Clock()
+    blocklist = made(tmp_path / "blocked.jsonl", clock)
+    assert blocklist.told() == ""
+    for number in range(7):
+        clock.now += 60
+        blocklist.add(f"s{number}.example", "x")
+    told = blocklist.told().split(", ")
+    assert [each.partition(" ")[0] for each in told[:5]] == [
+        f"s{number}.example" for number in (6, 5, 4, 3, 2)
+    ]
+    assert told[5:] == ["and 2 others"]
 
 
 def test_a_torn_line_swallows_nothing(tmp_path: Path) -> None:
@@ -73,3 +90,18 @@ def test_tasks_of_blocked_websites_are_not_drawn(tmp_path: Path) -> None:
         Blocklist(kept).add(host, "x")
     with pytest.raises(ConfigError, match="blocked"):
         choose_tasks(config)
+
+
+async def test_a_run_says_who_is_left_alone_and_until_when(tmp_path: Path) -> None:
+    kept = BlocklistConfig(file=tmp_path / "blocked.jsonl")
+    config = RunConfig(
+        server=ServerChoice(rehearsed=True),
+        sites=SitesConfig(collection="small", per_family=1),
+        tasks=TaskChoice(count=1),
+        blocklist=kept,
+    )
+    Blocklist(kept).add(host := host_of(choose_tasks(config).tasks[0].website), "x")
+    told: list[str] = []
+    await collect(config, tmp_path / "run", tell=told.append)
+    [line] = [line for line in told if line.startswith("left alone: ")]
+    assert line.startswith(f"left alone: {host} until 20")

@@ -129,7 +129,8 @@ async def hold(world: World) -> None:
             world.judge.lets.clear()
         return await verdict(request)
 
-    world.browsers._open, world.judge._verdict = opens_six, two_verdicts  # type: ignore[method-assign]
+    world.browsers._open = opens_six  # type: ignore[assignment, method-assign]
+    world.judge._verdict = two_verdicts  # type: ignore[assignment, method-assign]
     for name in ("browsers", "judge"):
         await world.stop(name)
         await world.start(name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from webgym.collection import RunConfig, TaskChoice, choose_tasks
@@ -134,6 +135,15 @@ def test_what_is_blocked_is_left_out_of_training_until_it_expires_and_never_of_t
     chosen = select(SET, Selection(split="all"), blocked={"small.example", "site1.example"})
     assert (len(chosen.tasks), chosen.told()) == (len(SET) - 1, "1 on blocked websites")
     assert TEST[1] in chosen.tasks
+
+
+def test_a_set_without_splits_that_is_asked_for_as_test_is_the_same_set_whatever_is_blocked() -> None:
+    tasks = [msgspec.structs.replace(each, split=None) for each in SET]
+    blocked = {"site0.example", "site1.example"}
+    assert select(tasks, Selection(split="test"), blocked).tasks == tasks
+    assert len(select(tasks, Selection(split="train"), blocked).tasks) < len(tasks)
+    drawn = Sampler(tasks, SamplerConfig(split="test"), blocked=lambda: blocked).draw(len(tasks))
+    assert {each.id for each in drawn} == {each.id for each in tasks}
 
 
 def test_a_run_may_draw_by_ratio(tmp_path: Path) -> None:

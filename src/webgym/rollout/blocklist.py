@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import msgspec
 from pydantic import AfterValidator, Field
@@ -17,6 +18,9 @@ from pydantic import AfterValidator, Field
 from webgym.core.websites import host_or_text
 from webgym.rollout.files import Log, disk_errors
 from webgym.settings import Settings
+
+_SHOWN: Final = 5
+"""Websites that a person is told by name."""
 
 
 class BlocklistConfig(Settings):
@@ -76,6 +80,18 @@ class Blocklist:
                 if block.at > since and block.at >= found.get(block.host, block).at:
                     found[block.host] = block
         return found
+
+    def told(self) -> str:
+        """Who is left out now, and until when, for a person; the longest first, and empty if nobody is.
+
+        Raises:
+            StoreError: as for :meth:`blocked`.
+        """
+        held = sorted(self.blocked().values(), key=lambda block: -block.at)
+        ends = (datetime.fromtimestamp(block.at + self._config.hours * 3600, UTC) for block in held)
+        told = [f"{block.host} until {end:%Y-%m-%d %H:%M} UTC" for block, end in zip(held, ends, strict=True)]
+        others = [f"and {len(told) - _SHOWN:,} others"] if len(told) > _SHOWN else []
+        return ", ".join(told[:_SHOWN] + others)
 
     def is_blocked(self, website: str) -> bool:
         """Whether a website is left out now."""

@@ -211,7 +211,8 @@ class Sampler:
             NothingToDraw: every task that there is to draw from is blocked.
         """
         batch: list[Task] = []
-        blocked = self._blocked.union(self._blocked_for_now())
+        is_test = self.config.split == "test"  # also of a set that does not say what it is for
+        blocked = () if is_test else self._blocked.union(self._blocked_for_now())
         self.passed_over = Counter()
         for deck, quota in zip(self._decks, self._quotas(count), strict=True):
             if self._anew and deck.position:

@@ -13,7 +13,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -23,6 +23,9 @@ from webgym.core.websites import host_or_text
 from webgym.settings import Settings
 from webgym.tasks.split import leaks
 from webgym.tasks.taxonomy import DOMAIN_OF, DOMAINS
+
+BLOCKED: Final = "on blocked websites"
+"""Why tasks are left out whose websites kept the agent out lately."""
 
 SplitName: TypeAlias = Literal["train", "test", "all", "unsplit"]
 
@@ -87,7 +90,8 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
         tasks: the set. Where it holds test tasks, training tasks that would give them away are left out.
         selection: which.
         blocked: hosts that are left alone for now, as :func:`webgym.core.websites.host_of` names them.
-            Test tasks on them stay: a test set is the same set whatever happened before.
+            Tasks on them that are, or are asked for as, test tasks stay: a test set is the same set whatever
+            happened before.
 
     Raises:
         ConfigError: there is no such domain.
@@ -97,6 +101,8 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
         split = "unsplit"
     without = _without(tasks, selection)
     given_away = _given_away(tasks) if split == "train" else set()
+    if selection.split == "test":  # also of a set that does not say what it is for
+        blocked = ()
     wanted, unwanted = {*selection.domains}, {*without}
     left_out: Counter[str] = Counter()
     kept: list[Task] = []
@@ -109,7 +115,7 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
         elif (wanted and wanted.isdisjoint(names)) or not unwanted.isdisjoint(names):
             left_out["of other domains"] += 1
         elif blocked and task.split != "test" and host_or_text(task.website) in blocked:
-            left_out["on blocked websites"] += 1
+            left_out[BLOCKED] += 1
         else:
             kept.append(task)
     return Selected(kept, split, without, left_out)

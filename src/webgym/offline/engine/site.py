@@ -22,6 +22,8 @@ class SmallWebsite(Website):
     """
 
     mix: ClassVar[Mix] = Mix()
+    topic: ClassVar[tuple[str, str]] = ("Misc.", "General Info.")
+    """Domain and subdomain: what :class:`webgym.tasks.selection.Selection` can leave out."""
     design: Design
 
     @classmethod
@@ -32,7 +34,7 @@ class SmallWebsite(Website):
 
     def build(self) -> None:
         """Draw the design and fill the tables."""
-        self.domain, self.subdomain, self.tagline = "Misc.", "General Info.", ""
+        (self.domain, self.subdomain), self.tagline = self.topic, ""
         self.design = design(self.seed, self.split)
         self.fill()
 

@@ -35,6 +35,7 @@ class Board(SmallWebsite):
     """
 
     family: ClassVar[str] = "board"
+    topic: ClassVar[tuple[str, str]] = ("Misc.", "News")
     tables: dict[str, list[Record]]
     signs: dict[str, Sign]
     size: int

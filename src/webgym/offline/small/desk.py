@@ -55,6 +55,7 @@ class Desk(SmallWebsite):
     """
 
     family: ClassVar[str] = "desk"
+    topic: ClassVar[tuple[str, str]] = ("Misc.", "Legal & Government Services")
     forms: dict[str, Form]
     infos: dict[str, Record]
     in_steps: bool

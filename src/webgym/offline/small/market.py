@@ -28,6 +28,7 @@ class Market(Catalog):
     """A shop."""
 
     family: ClassVar[str] = "market"
+    topic: ClassVar[tuple[str, str]] = ("Lifestyle & Leisure", "Shopping")
 
     @property
     def has_words(self) -> bool:

@@ -59,6 +59,7 @@ class Signpost(Catalog):
     """
 
     family: ClassVar[str] = "signpost"
+    topic: ClassVar[tuple[str, str]] = ("Travel & Transportation", "Travel & Accommodation")
     kinds: ClassVar[tuple[Kind, ...]] = ("color", "icon")
     shows: Literal["thing", "color", "icon"]
     notices: dict[str, Record]

@@ -70,6 +70,7 @@ class Trail(SmallWebsite):
     """
 
     family: ClassVar[str] = "trail"
+    topic: ClassVar[tuple[str, str]] = ("Travel & Transportation", "Outdoor & Recreation")
     trails: dict[str, tuple[Stop, ...]]
     match: Literal["thing", "color", "icon"]
     strays: bool

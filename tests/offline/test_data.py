@@ -24,7 +24,7 @@ def test_rows_and_tables_hold_what_their_fields_say(data: object, shape: type, s
 
 
 def test_a_subject_takes_its_words_from_a_list_that_is_there() -> None:
-    data = msgspec.to_builtins(Stock({}, ())) | {"subjects": [SUBJECT]}
+    data = msgspec.to_builtins(Stock((), (), (), {}, ())) | {"subjects": [SUBJECT]}
     with pytest.raises(msgspec.ValidationError, match="owls: there are no words 'colours'"):
         msgspec.convert(data, Stock)
 

@@ -11,7 +11,7 @@ import pytest
 
 from webgym.core.text import fold, says
 from webgym.offline.families.forum import Forum, stock
-from webgym.offline.families.forum.schema import HOBBIES, KINDS
+from webgym.offline.families.forum.schema import KINDS, STOCK
 from webgym.offline.look import look
 from webgym.offline.website import Response, State, Visit, slug
 
@@ -79,7 +79,7 @@ def test_websites_differ() -> None:
 
 
 def test_every_hobby_can_be_built() -> None:
-    for hobby in HOBBIES:
+    for hobby in STOCK.hobbies:
         assert len(hobby.boards) == len(KINDS)
         assert len(stock.make(5, hobby).threads) >= 40, hobby.name
 

@@ -16,7 +16,7 @@ from webgym.core.text import fold, says
 from webgym.offline.families.shop import Shop, art
 from webgym.offline.families.shop.catalogue import sector_of
 from webgym.offline.families.shop.schema import SECTORS
-from webgym.offline.families.shop.words import SERIES
+from webgym.offline.families.shop.words import WORDS
 from webgym.offline.look import look
 from webgym.offline.seeds import number
 from webgym.offline.website import Response, State, Visit
@@ -78,7 +78,7 @@ class Visitor:
 
 
 def test_words_are_there_once() -> None:
-    assert len(set(SERIES)) == len(SERIES)
+    assert len(set(WORDS.series)) == len(WORDS.series)
     assert len({sector.key for sector in SECTORS}) == len(SECTORS) >= 10
 
 

@@ -135,12 +135,18 @@ class Stock(Table, frozen=True):
     """``subjects.toml``.
 
     Attributes:
+        fillers: sentences of running text.
+        comments: of edits.
+        schools: where people studied.
         words: first words of names, for one subject or several.
 
     Raises:
         ValueError: a subject names a list that is not there.
     """
 
+    fillers: tuple[str, ...]
+    comments: tuple[str, ...]
+    schools: tuple[str, ...]
     words: dict[str, tuple[str, ...]]
     subjects: tuple[Subject, ...]
 

@@ -20,44 +20,6 @@ from webgym.offline.families.encyclopedia.schema import (
 from webgym.offline.seeds import stream
 from webgym.offline.website import TODAY, slug
 
-FILLERS = (
-    "Early accounts of {title} disagree on almost everything but its name.",
-    "Among the {plural} of its kind ({group}) it holds a place of its own.",
-    "Much of what was long believed about {title} goes back to a single unreliable source.",
-    "The standard work devotes a whole chapter to it.",
-    "A travelling exhibition made {title} known to a wider public.",
-    "Older reference books list it under a different spelling.",
-    "The best introduction is still the essay that {person} wrote late in life.",
-    "Few {plural} have been discussed so often in so short a time.",
-    "A small collection in {place} is devoted to it.",
-    "It is often confused with its better known neighbours in the same list.",
-    "Several claims that were once made about it could not be confirmed.",
-    "Opinions on its importance still differ.",
-    "The name was spelt in at least five ways before the present form was agreed upon.",
-    "It owes its fame to a description that was copied from book to book.",
-)
-COMMENTS = (
-    "fixed a date",
-    "added a source",
-    "shortened the lead",
-    "new picture",
-    "corrected a figure",
-    "spelling",
-    "moved a paragraph",
-    "removed a doubtful claim",
-    "linked related entries",
-    "updated the infobox",
-    "better wording",
-    "merged two sections",
-)
-SCHOOLS = (
-    "Academy of Sciences",
-    "Old University",
-    "Polytechnic School",
-    "Cathedral School",
-    "Institute of Letters",
-    "Royal College",
-)
 KINDS = ("Wrong figure", "Outdated figure", "Spelling", "Missing source", "Wrong picture", "Broken link")
 """What a correction can be about."""
 OFTEN = ("Every week", "Every month", "Every quarter")
@@ -189,7 +151,7 @@ def _people(rng: random.Random, subject: Subject, count: int) -> tuple[Person, .
     for name, town in zip(names.people(rng, count), towns, strict=True):
         born = rng.randint(*subject.era)
         died = min(born + rng.randint(48, 91), 2014)
-        made.append(Person(name, slug(name), born, died, town, rng.choice(SCHOOLS), subject.profession))
+        made.append(Person(name, slug(name), born, died, town, rng.choice(STOCK.schools), subject.profession))
     return tuple(sorted(made, key=lambda person: person.name.split()[::-1]))
 
 
@@ -202,7 +164,7 @@ def _texts(
     rng: random.Random, subject: Subject, title: str, group: str, place: str, person: Person
 ) -> dict[str, list[str]]:
     """For every section, sentences that stand before and after the one with the detail."""
-    sentences = rng.sample(FILLERS, 8)
+    sentences = rng.sample(STOCK.fillers, 8)
     texts = {}
     for heading, fillers in ((OVERVIEW, ()), *((s.title, s.fillers) for s in subject.sections)):
         own = [*fillers, *(sentences.pop() for _ in range(2 if fillers else 4))]
@@ -217,7 +179,10 @@ def _revisions(rng: random.Random, editors: list[str]) -> tuple[Revision, ...]:
     ages = sorted(rng.sample(range(3, 520), rng.randint(3, 6)))
     return tuple(
         Revision(
-            TODAY - timedelta(days=age), rng.choice(editors), rng.choice(COMMENTS), rng.randint(-180, 940)
+            TODAY - timedelta(days=age),
+            rng.choice(editors),
+            rng.choice(STOCK.comments),
+            rng.randint(-180, 940),
         )
         for age in ages
     )

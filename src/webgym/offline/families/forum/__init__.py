@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from webgym.offline.families.forum import stock, tasks, till
-from webgym.offline.families.forum.schema import HOBBIES, Hobby, Post, Thread, User
+from webgym.offline.families.forum.schema import STOCK, Hobby, Post, Thread, User
 from webgym.offline.families.forum.stock import Catalogue
 from webgym.offline.families.forum.words import PLURALS, VOCABULARY, Topic, topics
 from webgym.offline.listing import paged
@@ -63,12 +63,12 @@ class Forum(Website):
     @classmethod
     def christen(cls, stem: str, seed: int) -> tuple[str, str]:
         """A name that tells the hobby."""
-        brand = f"{stem} {pick(pick(HOBBIES, seed, 'hobby').brands, seed, 'brand')}"
+        brand = f"{stem} {pick(pick(STOCK.hobbies, seed, 'hobby').brands, seed, 'brand')}"
         return brand, slug(brand)
 
     def build(self) -> None:
         """Choose the hobby, and write all threads."""
-        self.hobby = pick(HOBBIES, self.seed, "hobby")
+        self.hobby = pick(STOCK.hobbies, self.seed, "hobby")
         self.domain, self.subdomain = self.hobby.domain, self.hobby.subdomain
         self.stock = stock.make(self.seed, self.hobby)
         self.topics = topics(self.seed, self.host, self.word("thread"))

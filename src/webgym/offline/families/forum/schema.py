@@ -53,12 +53,25 @@ class Hobby(Table, frozen=True):
 
 
 class Stock(Table, frozen=True):
-    """``hobbies.toml``."""
+    """``hobbies.toml``.
 
+    Attributes:
+        openings: what opens a thread that sells nothing.
+        chatter: replies without a number.
+        shades: what may follow one with a number.
+        letters: private messages: subject, text with ``{mark}``, and the mark with ``{n}``.
+        titles: of threads, with ``{thing}``.
+    """
+
+    openings: tuple[str, ...]
+    chatter: tuple[str, ...]
+    shades: tuple[str, ...]
+    letters: tuple[tuple[str, str, str], ...]
+    titles: dict[Kind, tuple[str, ...]]
     hobbies: tuple[Hobby, ...]
 
 
-HOBBIES = load("webgym.offline.families.forum", "hobbies.toml", Stock).hobbies
+STOCK = load("webgym.offline.families.forum", "hobbies.toml", Stock)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from functools import cached_property
 from webgym.offline import names
 from webgym.offline.families.forum.schema import (
     KINDS,
+    STOCK,
     Ask,
     Hobby,
     Kind,
@@ -25,68 +26,6 @@ from webgym.offline.website import TODAY, slug
 USERS = 32
 NOW = datetime.combine(TODAY, time(9, 30))
 
-TITLES: dict[Kind, tuple[str, ...]] = {
-    "start": (
-        "My first {thing}: what should I know?",
-        "What I wish I had known about my {thing}",
-        "Is a {thing} right for a beginner?",
-    ),
-    "craft": ("Something is wrong with my {thing}", "How I look after my {thing}", "Tips for the {thing}"),
-    "gear": (
-        "Is a second-hand {thing} worth the money?",
-        "Which {thing} would you get today?",
-        "Old or new: the {thing} question",
-    ),
-    "show": ("Show us your {thing}", "Done at last: my {thing}", "Before and after: {thing}"),
-    "market": (
-        "For sale: {thing}, hardly used",
-        "Moving out: {thing} must go",
-        "Offering a {thing} with extras",
-    ),
-    "talk": (
-        "What would you do without your {thing}?",
-        "My neighbour's {thing}",
-        "Confessions about a {thing}",
-    ),
-}
-OPENINGS = (
-    "I have been thinking about this for weeks and the books do not agree. What do you say?",
-    "Everybody I ask tells me something else, so I am asking here.",
-    "Long-time reader, rarely a writer. I would be glad of your experience.",
-    "A short question that turned out to be a long one for me.",
-    "I searched the archive and found only very old posts about it.",
-    "This may have been asked before, but things have changed since then.",
-)
-CHATTER = (
-    "Same here, I would love to hear more about it.",
-    "It depends on what you want, as always.",
-    "Thanks for asking, I was about to.",
-    "I gave up on that years ago and have been happier since.",
-    "Do not listen to anybody who says there is only one way.",
-    "I would start small and see where it leads.",
-    "My grandfather did it differently and it worked for forty years.",
-    "Great thread, bookmarked.",
-    "I made that mistake twice before I learned.",
-    "There is a good chapter on this in the old handbook.",
-    "Could you post a picture? That would help a lot.",
-    "Patience is all it takes, believe me.",
-    "I asked at the club and they shrugged.",
-    "Wait for the season to change, then decide.",
-    "Second that. It made all the difference for me.",
-    "Careful, that went badly for a friend of mine.",
-    "I have one of these and would not give it away.",
-    "Not sure I agree, but I see what you mean.",
-)
-SHADES = ("", " Your mileage may vary.", " That is with the cheap one.", " I would do it again.",
-          " Less did not work for me.", " Ask me again next year.")  # fmt: skip
-LETTERS = (
-    ("Saturday", "We meet at {mark}. Bring something to drink.", "gate {n}"),
-    ("Your parcel", "I sent it this morning. The parcel has the number {mark}.", "{n}"),
-    ("The raffle", "You won something! Your ticket is {mark}.", "number {n}"),
-    ("About your offer", "I could pay {mark} and collect it at the weekend.", "{n} dollars"),
-    ("Spare part", "I still have one in the cellar. Ask the shop for {mark}.", "part {n}"),
-    ("Club room", "The key is in the box. The code is {mark}.", "code {n}"),
-)
 REASONS = ("Spam", "Insult", "Wrong board", "Advertising", "Dangerous advice", "Double post")
 """Why a thread can be reported."""
 DIGESTS = ("Never", "Once a day", "Once a week", "Once a month")
@@ -188,7 +127,7 @@ def _titles(rng: random.Random, hobby: Hobby) -> list[tuple[Kind, str, str, Ask 
         kind: Kind = rng.choice(("start", "craft", "craft", "gear"))
         found.append((kind, ask.title.format(thing=thing), thing, ask))
     for kind in KINDS:
-        pairs = [(title, thing) for title in TITLES[kind] for thing in hobby.things]
+        pairs = [(title, thing) for title in STOCK.titles[kind] for thing in hobby.things]
         for title, thing in rng.sample(pairs, rng.randint(2, 4) if kind in KINDS[:3] else rng.randint(6, 9)):
             found.append((kind, title.format(thing=thing), thing, None))
     rng.shuffle(found)
@@ -211,7 +150,11 @@ def _threads(rng: random.Random, hobby: Hobby, users: tuple[User, ...]) -> tuple
         count = 0 if i in silent.values() else rng.choice((2, 3, 4, 5, 6, 7, 8, 9, 12, 15, 19, 24, 27))
         cast = rng.sample(users, count + 1)
         price = rng.randint(25, 890) if kind == "market" else 0
-        text = f"It is in good shape. I am asking {price} dollars for it." if price else rng.choice(OPENINGS)
+        text = (
+            f"It is in good shape. I am asking {price} dollars for it."
+            if price
+            else rng.choice(STOCK.openings)
+        )
         replies = _replies(rng, cast[1:], ask, start)
         answers = [place for place, reply in enumerate(replies) if reply.mark]
         made.append(
@@ -241,13 +184,13 @@ def _replies(rng: random.Random, cast: list[User], ask: Ask | None, start: datet
     values = (
         rng.sample(range(ask.low, ask.high + 1), min(len(cast), (ask.high - ask.low) // 2)) if ask else []
     )
-    talk = rng.sample(CHATTER, len(CHATTER))
+    talk = rng.sample(STOCK.chatter, len(STOCK.chatter))
     made = []
     for place, user in enumerate(cast):
         mark, text = "", talk[place % len(talk)]
         if ask and values and (place == 0 or rng.random() < 0.7):
             mark = ask.mark.format(n=f"{values.pop():,}")
-            text = ask.reply.format(mark=mark) + rng.choice(SHADES)
+            text = ask.reply.format(mark=mark) + rng.choice(STOCK.shades)
         made.append(Post(user, start + timedelta(minutes=minutes[place]), text, likes[place], mark))
     return tuple(made)
 
@@ -263,7 +206,7 @@ def _capital(text: str) -> str:
 
 
 def _messages(rng: random.Random, users: tuple[User, ...]) -> tuple[Message, ...]:
-    letters = rng.sample(LETTERS, 5)
+    letters = rng.sample(STOCK.letters, 5)
     days = sorted(rng.sample(range(2, 90), 5))
     made = []
     for (subject, text, mark), sender, age in zip(letters, rng.sample(users, 5), days, strict=True):

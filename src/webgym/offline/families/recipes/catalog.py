@@ -23,20 +23,6 @@ DIETS: dict[str, tuple[str, str]] = {
 }
 _FRACTIONS = {0: "", 1: "¼", 2: "½", 3: "¾"}
 
-PRAISE = (
-    "Worked first time and the whole table asked for more.",
-    "A little less salt next time, but the texture was spot on.",
-    "I doubled the herbs and do not regret it.",
-    "Took me longer than stated, still worth it.",
-    "Even better on the second day.",
-    "My oven runs hot, so I took it out early.",
-    "The children picked around it, the adults did not.",
-    "Made it for a potluck and came home with an empty dish.",
-    "Good, though I missed a bit of acidity.",
-    "Clear instructions, no fuss, will cook again.",
-)
-"""What reviewers write."""
-
 
 @dataclass(frozen=True)
 class Review:
@@ -139,18 +125,6 @@ class Collection:
     recipes: tuple[Recipe, ...]
 
 
-_COLLECTIONS = (
-    ("Sunday Table", "For when there is time to cook and time to sit."),
-    ("Rainy Day Cooking", "Windows steamed up, something on the stove."),
-    ("Lunchbox Favourites", "They travel well and taste good cold or warm."),
-    ("Friends Are Coming", "Nothing here needs you in the kitchen at the last minute."),
-    ("The Birthday Spread", "A little of everything, and one thing to blow candles out on."),
-    ("Market Day", "What to make of a basket that was filled without a plan."),
-    ("First Kitchen", "Recipes that forgive, for those who have just moved out."),
-    ("Editors' Picks", "What we cook ourselves when nobody is taking pictures."),
-    ("Leftovers Welcome", "Good beginnings for what is in the fridge already."),
-)
-
 _ROLES = ("Head of recipes", "Food writer", "Test cook", "Guest cook", "Pastry cook", "Founder")
 
 
@@ -180,7 +154,7 @@ def _ingredients(form: Form, main: str, spice: str, cuisine: Cuisine) -> tuple[I
 
 def _reviews(rng: random.Random) -> tuple[Review, ...]:
     count = rng.randint(3, 5)
-    texts = rng.sample(PRAISE, count)
+    texts = rng.sample(WORDS.praise, count)
     return tuple(
         Review(name, rng.choice((2, 3, 4, 4, 5, 5)), text)
         for name, text in zip(names.people(rng, count), texts, strict=True)
@@ -278,7 +252,7 @@ def make_collections(
         Collection(
             slug(title), title, intro, rng.choice(cooks).name, tuple(rng.sample(recipes, rng.randint(5, 6)))
         )
-        for title, intro in rng.sample(_COLLECTIONS, rng.randint(4, 6))
+        for title, intro in rng.sample(WORDS.collections, rng.randint(4, 6))
     )
 
 

@@ -77,6 +77,8 @@ class Words(Table, frozen=True):
 
     Attributes:
         ingredients: all there are.
+        praise: what readers write.
+        collections: titles with what stands below.
         sweet: flavours of sweet dishes: word in the title and its ingredient.
         mains: by group, word in the title and its ingredient.
         forms: by name.
@@ -84,6 +86,8 @@ class Words(Table, frozen=True):
     """
 
     ingredients: tuple[Ingredient, ...]
+    praise: tuple[str, ...]
+    collections: tuple[tuple[str, str], ...]
     sweet: dict[str, str]
     mains: dict[str, dict[str, str]]
     forms: dict[str, Form]

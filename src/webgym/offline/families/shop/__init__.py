@@ -22,7 +22,7 @@ from webgym.offline.families.shop.catalogue import (
 )
 from webgym.offline.families.shop.schema import Category, Sector
 from webgym.offline.families.shop.shelf import Facet, Order, displayed, make_facets, matches, ordered, select
-from webgym.offline.families.shop.words import TOPICS, VOICE
+from webgym.offline.families.shop.words import WORDS
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
 from webgym.offline.seeds import number, pick, stream
@@ -38,7 +38,7 @@ class Shop(Website):
 
     Attributes:
         sector: what it sells; decides brand, domain and catalogue.
-        say: what it calls things (:data:`webgym.offline.families.shop.words.VOICE`).
+        say: what it calls things (:data:`webgym.offline.families.shop.words.Words`).
         style: filters as checkboxes, dropdowns or links.
         applies: whether checkboxes wait for a button instead of acting at once.
         stays: whether one stays on the product's page after putting it in the cart.
@@ -99,7 +99,7 @@ class Shop(Website):
         self.sector = sector_of(self.seed)
         self.domain, self.subdomain = self.sector.domain, self.sector.subdomain
         self.tagline = pick(self.sector.taglines, self.seed, "tagline")
-        self.say = {key: pick(options, self.seed, "say", key) for key, options in VOICE.items()}
+        self.say = {key: pick(options, self.seed, "say", key) for key, options in WORDS.voice.items()}
         for key in ("empty", "save"):
             self.say[key] = self.say[key].format(cart=self.say["cart"], wish=self.say["wish"].lower())
         self.say["add"] = f"Add to {self.say['cart']}"
@@ -463,15 +463,15 @@ class Shop(Website):
     @page("/~contact")
     def contact(self, visit: Visit) -> Response:
         """The contact form."""
-        return self.render("shop/contact.html", visit, given={}, errors={}, topics=TOPICS)
+        return self.render("shop/contact.html", visit, given={}, errors={}, topics=WORDS.topics)
 
     @page("/~contact", method="POST")
     def write(self, visit: Visit) -> Response:
         """Take a message."""
-        given, errors = till.check_message(self, visit.form, TOPICS)
+        given, errors = till.check_message(self, visit.form, WORDS.topics)
         if errors:
             return self.render(
-                "shop/contact.html", visit, status=400, given=given, errors=errors, topics=TOPICS
+                "shop/contact.html", visit, status=400, given=given, errors=errors, topics=WORDS.topics
             )
         visit.state["message"] = given
         return redirect(self.path("/~contact/sent"))

@@ -9,8 +9,8 @@ from datetime import date, timedelta
 from itertools import pairwise
 
 from webgym.offline import names
-from webgym.offline.families.shop import words
 from webgym.offline.families.shop.schema import SECTORS, Category, Sector
+from webgym.offline.families.shop.words import WORDS
 from webgym.offline.seeds import number, stream
 from webgym.offline.website import TODAY, slug
 
@@ -146,9 +146,9 @@ def make_products(seed: int, sector: Sector, categories: tuple[Category, ...]) -
     rng = stream(seed, "products")
     per_category = rng.choice((6, 9, 12, 16))
     counts = [rng.randint(max(5, per_category - 3), per_category + 3) for _ in categories]
-    maker_pool = names.people(rng, 9) if sector.maker in ("Author", "Director", "Designer") else words.MAKERS
+    maker_pool = names.people(rng, 9) if sector.maker in ("Author", "Director", "Designer") else WORDS.makers
     makers = rng.sample(list(maker_pool), rng.randint(5, 8))
-    fresh_names = _titles(rng) if sector.naming == "title" else rng.sample(words.SERIES, len(words.SERIES))
+    fresh_names = _titles(rng) if sector.naming == "title" else rng.sample(WORDS.series, len(WORDS.series))
     codes = rng.sample(range(1000, 9999), sum(counts))
     prices: set[int] = set()
     found: list[Product] = []
@@ -207,7 +207,7 @@ def _product(
         kept.append((label, tuple(value for value in values if value in chosen)))
     use = rng.choice(sector.uses)
     called = f"“{name}”" if sector.naming == "title" else f"the {name}"
-    first = rng.choice(words.DESCRIPTIONS).format(
+    first = rng.choice(WORDS.descriptions).format(
         Name=called[0].upper() + called[1:], name=called, maker=maker, use=use
     )
     return Product(
@@ -225,7 +225,7 @@ def _product(
         figures=measured,
         facts=tuple(facts),
         options=tuple(kept),
-        description=(first, *rng.sample(words.DESCRIPTIONS_MORE, 3)),
+        description=(first, *rng.sample(WORDS.descriptions_more, 3)),
         reviews=_reviews(rng) if rated else (),
     )
 
@@ -233,12 +233,12 @@ def _product(
 def _reviews(rng: random.Random) -> tuple[Review, ...]:
     count = rng.randint(3, 6)
     authors = names.people(rng, count)
-    titles = rng.sample(words.REVIEW_TITLES, count)
+    titles = rng.sample(WORDS.review_titles, count)
     days = sorted((TODAY - timedelta(days=d) for d in rng.sample(range(2, 600), count)), reverse=True)
     made = []
     for author, day, title in zip(authors, days, titles, strict=True):
         stars = rng.choice((5, 5, 4, 4, 4, 3, 3, 2, 1))
-        pool = words.REVIEW_GOOD if stars > 3 else words.REVIEW_FAIR if stars == 3 else words.REVIEW_BAD
+        pool = WORDS.review_good if stars > 3 else WORDS.review_fair if stars == 3 else WORDS.review_bad
         made.append(Review(author, day, stars, title, " ".join(rng.sample(pool, 2))))
     return tuple(made)
 
@@ -267,11 +267,11 @@ def _titles(rng: random.Random) -> list[str]:
     towns = names.towns(rng, 30)
     found: list[str] = []
     while len(found) < 160:
-        adjective, adjective2 = rng.sample(words.TITLE_ADJECTIVES, 2)
-        title = rng.choice(words.TITLE_PATTERNS).format(
+        adjective, adjective2 = rng.sample(WORDS.title_adjectives, 2)
+        title = rng.choice(WORDS.title_patterns).format(
             adjective=adjective,
             adjective2=adjective2,
-            noun=rng.choice(words.TITLE_NOUNS),
+            noun=rng.choice(WORDS.title_nouns),
             town=rng.choice(towns),
             given=rng.choice(names.GIVEN),
         )
@@ -324,11 +324,11 @@ def make_terms(seed: int) -> Terms:
         return_days=rng.choice((14, 21, 30, 45, 60, 100)),
         wrapping=rng.choice((250, 300, 350, 420)),
         guarantee=rng.choice((2, 3, 4, 5)),
-        returns=rng.choice(words.RETURNS),
-        gift_cards=rng.choice(words.GIFT_CARDS),
+        returns=rng.choice(WORDS.returns),
+        gift_cards=rng.choice(WORDS.gift_cards),
         phone=f"0800 555 {rng.randint(100, 999)}",
         hours=f"Monday to Friday, {rng.randint(7, 10)} am to {rng.randint(4, 9)} pm",
-        code=f"{rng.choice(words.CODES)}{percent}",
+        code=f"{rng.choice(WORDS.codes)}{percent}",
         percent=percent,
     )
 
@@ -338,7 +338,7 @@ def make_account(seed: int, products: list[Product]) -> Account:
     rng = stream(seed, "account")
     person = names.person(rng)
     email = f"{slug(person).replace('-', '.')}@mailbox.test"
-    word = rng.choice(words.SERIES).lower()
+    word = rng.choice(WORDS.series).lower()
     days = sorted((TODAY - timedelta(days=d) for d in rng.sample(range(1, 200), 4)), reverse=True)
     statuses = [rng.choice(("On its way", "Being packed")), "Delivered", "Cancelled", "Sent back"]
     rng.shuffle(statuses)

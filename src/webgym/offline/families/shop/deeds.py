@@ -7,7 +7,7 @@ from webgym.offline import names
 from webgym.offline.families.shop import till
 from webgym.offline.families.shop.catalogue import Product
 from webgym.offline.families.shop.guide import said
-from webgym.offline.families.shop.words import TOPICS
+from webgym.offline.families.shop.words import WORDS
 from webgym.offline.families.shop.writer import Writer
 from webgym.offline.parts import Fact, Part
 
@@ -348,7 +348,7 @@ class Deeds(Writer):
 
     def message(self) -> Part | None:
         """Write to the shop."""
-        say, topic, text = self.shop.say, self.rng.choice(TOPICS), self.rng.choice(MESSAGES)
+        say, topic, text = self.shop.say, self.rng.choice(WORDS.topics), self.rng.choice(MESSAGES)
         person = names.person(self.rng)
         email = f"{person.split()[1].lower()}@post.test"
         sent = self.guide.at("/~contact/sent")

@@ -27,7 +27,7 @@ Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy"
 * ``unchanged``: nothing happened after the action.
 * ``quiet``: all that was started has ended.
 * ``long_poll``: quiet, but a request is left open that is too old to be waited for.
-* ``loading``: quiet, but the page still shows that it is loading, or nothing at all; a notice says so.
+* ``loading``: quiet, but the page still shows that it is loading, which a notice says, or nothing at all.
 * ``busy``: loaded, but the page never stopped changing.
 * ``deadline``: still under way when time was up; a notice says so.
 """
@@ -46,6 +46,7 @@ class _Quiet(msgspec.Struct, frozen=True):
         early, timers: timers set when the wait began, and when it ended.
         handles: the same as ``timers``, our own included.
         loading: whether the page shows that it is loading.
+        blank: whether it does so by showing nothing, as an empty page does.
     """
 
     reason: Literal["unchanged", "quiet", "busy"]
@@ -57,6 +58,7 @@ class _Quiet(msgspec.Struct, frozen=True):
     timers: int
     handles: int
     loading: bool
+    blank: bool
 
 
 async def settle(page: Page) -> Reason:
@@ -182,7 +184,8 @@ class _Settling:
         page.idlers.learn(self._vain, self._target, brought=False)
         if seen.loading:
             page.post("overlook")  # so it is told once
-            page.note("still_loading", "the page still shows that it is loading, or nothing at all")
+            if not seen.blank:
+                page.note("still_loading", "the page still shows that it is loading")
             return "loading"
         if seen.reason == "quiet" and not page.traffic.is_empty:
             return "long_poll"

@@ -224,7 +224,7 @@
       webgym.census(false);
       state.settled = state.reactions;
       return {
-        reason, changes: state.changes, loading: Boolean(found),
+        reason, changes: state.changes, loading: Boolean(found), blank: found === true,
         planned, target, typed: hasTyped, early, timers: timers.asked(), handles: timers.given(),
       };
     };

@@ -121,7 +121,6 @@ async def test_a_page_that_never_stops_changing(site: Site, tab: Tab) -> None:
         site.page("<p id=p></p><script>setInterval(() => { p.textContent = performance.now() }, 20)</script>")
     )
     assert reason(tab) == "busy"
-    assert settle_ms(tab) < 4000
 
 
 async def test_long_polls_and_streams_are_not_waited_for(site: Site, open_tab: Open) -> None:

@@ -37,8 +37,8 @@ HUGE = {
         "what stands in a field",
     ),
     "textarea": ("area.value = 'x'.repeat(1e6)", "what stands in a field"),
-    "button": ("button.value = 'x '.repeat(2e5)", "what stands in a field"),
-    "placeholder": ("field.placeholder = 'x'.repeat(1e6)", "what stands in a field"),
+    "button": ("button.value = 'x '.repeat(2e5)", "what stands in a field, the name of an element"),
+    "placeholder": ("field.placeholder = 'x'.repeat(1e6)", "what stands in a field, the name of an element"),
     "fields": (
         "many.innerHTML = `<input value=${'x'.repeat(9e3)}>`.repeat(30)",
         "the text, what stands in a field",

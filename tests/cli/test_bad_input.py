@@ -117,7 +117,8 @@ def without_truth(path: Path) -> Path:
     return path
 
 
-JUDGE = ("--split", "all", "--judge-base-url", "http://127.0.0.1:9/v1", "--judge-model", "m")
+def judged_by(endpoint: Endpoint) -> tuple[str, ...]:
+    return ("--split", "all", "--judge-base-url", endpoint.url(), "--judge-model", "m")
 
 
 def test_a_judge_that_cannot_judge_the_tasks_is_refused_before_anything_starts(
@@ -136,10 +137,12 @@ def test_a_judge_that_cannot_judge_the_tasks_is_refused_before_anything_starts(
     assert not (tmp_path / "run").exists()
 
 
-def test_an_unreachable_server(tmp_path: Path, calls: Calls) -> None:
+async def test_an_unreachable_server(tmp_path: Path, commands: Commands) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
-    options = ("--tasks", file, "--out", tmp_path / "run", "--server", "http://127.0.0.1:9", *JUDGE)
-    code, said = calls.run("rollout", *options, WEBGYM_TOKEN="x" * 20)
+    async with serve() as judge:
+        options = ("--tasks", file, "--out", tmp_path / "run", "--server", "http://127.0.0.1:9")
+        command = ("rollout", *options, *judged_by(judge))
+        code, said = await asyncio.to_thread(commands.run, *command, WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "127.0.0.1:9" in one_line(said)
 
@@ -147,8 +150,8 @@ def test_an_unreachable_server(tmp_path: Path, calls: Calls) -> None:
 @pytest.mark.browser
 async def test_a_wrong_token(tmp_path: Path, commands: Commands) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
-    async with running_server(ServerConfig(slots=1)) as server:
-        options = ("--tasks", file, "--out", tmp_path / "run", "--server", server.url, *JUDGE)
+    async with running_server(ServerConfig(slots=1)) as server, serve() as judge:
+        options = ("--tasks", file, "--out", tmp_path / "run", "--server", server.url, *judged_by(judge))
         code, said = await asyncio.to_thread(commands.run, "rollout", *options, WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "token" in one_line(said)

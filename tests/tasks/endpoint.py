@@ -48,6 +48,7 @@ class Endpoint:
         stubborn: whether a few tasks are never answered well.
         hold_after: answered requests after which it answers no more, until it is ``None``.
         holding: set once it holds.
+        answering: requests that are being answered.
     """
 
     def __init__(self, port: int) -> None:
@@ -59,6 +60,7 @@ class Endpoint:
         self.paid: Counter[str] = Counter()
         self.kinds: Counter[str] = Counter()
         self.status: int | None = None
+        self.answering = 0
         self._busy: set[str] = set()
 
     @property
@@ -66,6 +68,13 @@ class Endpoint:
         return f"http://127.0.0.1:{self.port}/v1"
 
     async def answer(self, request: Request) -> Response:
+        self.answering += 1
+        try:
+            return await self._answer(request)
+        finally:
+            self.answering -= 1
+
+    async def _answer(self, request: Request) -> Response:
         body = await request.body()
         name = hashlib.sha256(body).hexdigest()
         if self.status is not None:

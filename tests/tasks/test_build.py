@@ -156,6 +156,8 @@ async def killed_after(command: Command, endpoint: Endpoint, out: Path, answers:
     process.send_signal(signal.SIGKILL)
     await process.communicate()
     assert process.returncode == -signal.SIGKILL
+    await asyncio.sleep(0.1)  # what it had sent is read
+    await until(lambda: not endpoint.answering)  # or the dead would still be answered, and pay
     endpoint.hold_after = None
     assert not (out / "manifest.json").exists()
 

@@ -45,9 +45,11 @@ def test_hosts_that_kept_the_agent_out_are_named() -> None:
     said = io.StringIO()
     found = summarise([attempt("e", Outcome.SUCCESS)], TASKS)
     found["blocked_hosts"] = {f"s{number}.example": 9 - number for number in range(7)}
+    found["invalid_reply_rate"] = 0.5
     print_summary(found, Console(file=said, width=200))
     assert "  kept out by s0.example (9), s1.example (8), " in said.getvalue()
     assert "s4.example (5), and 2 others\n" in said.getvalue()
+    assert said.getvalue().endswith(" ms (p95), 50.0% of replies invalid\n")
 
 
 def test_what_errors_took_can_be_attempted_again() -> None:

@@ -47,26 +47,14 @@ def _count(told: str) -> int | str:
     return told if told == "all" else int(told)
 
 
-Limit: TypeAlias = Annotated[
-    Any,
-    typer.Option(
-        "--limit",
-        metavar="N|all",
-        parser=_count,
-        help="Draw so many tasks.",
-        show_default="all of a file of up to 100, else 20",
-    ),
-]
-LimitOfTest: TypeAlias = Annotated[
-    Any,
-    typer.Option(
-        "--limit",
-        metavar="N|all",
-        parser=_count,
-        help="Draw so many tasks.",
-        show_default="all of a file, 20 of the offline web",
-    ),
-]
+def _limit(default: str) -> Any:
+    return typer.Option(
+        "--limit", metavar="N|all", parser=_count, help="Draw so many tasks.", show_default=default
+    )
+
+
+Limit: TypeAlias = Annotated[Any, _limit("all of a file of up to 100, else 20")]
+LimitOfTest: TypeAlias = Annotated[Any, _limit("all of a file, 20 of the offline web")]
 Samples: TypeAlias = Annotated[
     int | None, typer.Option("--samples", min=1, help="Attempts per task.", show_default="1")
 ]

@@ -67,8 +67,8 @@ def print_summary(summary: Summary, console: Console) -> None:
     print_losses(summary, console)
     if hosts := summary["blocked_hosts"]:
         told = ", ".join(f"{plain(host)} ({count})" for host, count in list(hosts.items())[:REASONS])
-        more = f", and {len(hosts) - REASONS} others" if len(hosts) > REASONS else ""
-        console.print(f"  kept out by {told}{more}", highlight=False, soft_wrap=True, markup=False)
+        others = f", and {len(hosts) - REASONS} others" if len(hosts) > REASONS else ""
+        console.print(f"  kept out by {told}{others}", highlight=False, soft_wrap=True, markup=False)
     print_notes(summary, console)
     console.print(
         f"{summary['attempts']} trajectories, {summary['steps']} steps in "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from pathlib import Path
 
 from rich.console import Console, Group, RenderableType
@@ -16,6 +16,7 @@ from rich.table import Table
 
 from webgym.cli import _run
 from webgym.collection import Secrets
+from webgym.core.background import beside
 from webgym.report import write_training_report
 from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, panel
 from webgym.rollout.progress import Progress
@@ -57,11 +58,11 @@ class TrainingView:
         """Show the training until the block ends."""
         self._training = training
         if not self._console.is_terminal:
-            async with _beside(self._print_lines()):
+            async with beside(self._print_lines()):
                 yield
             return
         with Live(self._drawn(), console=self._console, auto_refresh=False, transient=True) as live:
-            async with _beside(self._refresh(live)):
+            async with beside(self._refresh(live)):
                 yield
 
     async def _refresh(self, live: Live) -> None:
@@ -110,19 +111,6 @@ class TrainingView:
             frame,
             *(panel(run, "attempts", reserved=_FRAME_LINES, among=len(self._runs)) for run in self._runs),
         )
-
-
-@asynccontextmanager
-async def _beside(job: object) -> AsyncIterator[None]:
-    """Run a job while the block runs."""
-    assert asyncio.iscoroutine(job)
-    task = asyncio.create_task(job)
-    try:
-        yield
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
 
 
 def carry_out(

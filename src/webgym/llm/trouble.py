@@ -8,6 +8,8 @@ from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
 from typing import Final, Protocol
 
+from webgym.core.background import beside
+
 _LOOK_SECONDS: Final = 0.5
 _REPEAT_SECONDS: Final = 30.0
 """Between two lines about trouble that lasts."""
@@ -57,9 +59,5 @@ async def telling(trouble: Callable[[], str], tell: Callable[[str], None]) -> As
                 tell(told)
                 await asyncio.sleep(_REPEAT_SECONDS)
 
-    looking = asyncio.create_task(look())
-    try:
+    async with beside(look()):
         yield
-    finally:
-        looking.cancel()
-        await asyncio.wait({looking})

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Coroutine, Iterable
-from contextlib import asynccontextmanager, suppress
-from typing import Any
+from collections.abc import AsyncIterator, Iterable
+from contextlib import asynccontextmanager
 
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.live import Live
@@ -15,6 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from webgym.core.background import beside
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
 from webgym.core.text import plain
@@ -178,10 +178,10 @@ async def showing(progress: Progress, console: Console) -> AsyncIterator[None]:
     try:
         if console.is_terminal:
             with Live(panel(progress), console=console, auto_refresh=False, transient=True) as live:
-                async with _beside(_refresh(live, progress)):
+                async with beside(_refresh(live, progress)):
                     yield
         else:
-            async with _beside(_print_lines(progress, console)):
+            async with beside(_print_lines(progress, console)):
                 yield
     finally:  # also of a run that was stopped
         console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
@@ -199,15 +199,3 @@ async def _print_lines(progress: Progress, console: Console) -> None:
     while True:
         await asyncio.sleep(LINE_SECONDS)
         console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
-
-
-@asynccontextmanager
-async def _beside(work: Coroutine[Any, Any, None]) -> AsyncIterator[None]:
-    """Work that goes on until the block ends."""
-    task = asyncio.create_task(work)
-    try:
-        yield
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task

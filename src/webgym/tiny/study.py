@@ -17,7 +17,7 @@ import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from statistics import mean, stdev
+from statistics import mean, stdev, variance
 from typing import Any, Final
 
 import msgspec
@@ -240,20 +240,32 @@ def table(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
 
 
 def findings(study: StudyConfig, results: Sequence[Result]) -> Iterator[str]:
-    """The paper's findings in Markdown. One repeats if the difference is beyond two standard errors."""
+    """The paper's findings in Markdown, each with the 95 % interval of its difference (Welch's t)."""
     rows = _by_row(results)
-    yield "| the paper's finding | difference after training | repeats? |"
+    yield "| the paper's finding | difference after training, 95 % | repeats? |"
     yield "|---|---|---|"
     for says, (better, worse) in study.findings.items():
         first, second = ([each.last for each in rows.get(row, [])] for row in (better, worse))
         if min(len(first), len(second)) < 2:
             continue
-        difference = mean(first) - mean(second)
-        error = math.hypot(stdev(first) / math.sqrt(len(first)), stdev(second) / math.sqrt(len(second)))
+        difference, half = mean(first) - mean(second), _half_width(first, second)
         verdict = "not decided"
-        if abs(difference) > 2 * error:
+        if abs(difference) > half > 0:
             verdict = "yes" if difference > 0 else "no, the opposite"
-        yield f"| {says} | {100 * difference:+.1f} ± {100 * error:.1f} | {verdict} |"
+        yield f"| {says} | {100 * difference:+.1f} ± {100 * half:.1f} | {verdict} |"
+
+
+_STUDENT: Final = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26)
+"""97.5 % quantiles of Student's t with 1, 2, … degrees of freedom; the last serves for more."""
+
+
+def _half_width(first: Sequence[float], second: Sequence[float]) -> float:
+    """Of the 95 % interval of a difference of means, degrees of freedom rounded down; 0 without spread."""
+    one, other = variance(first) / len(first), variance(second) / len(second)
+    if not one + other:
+        return 0.0
+    freedom = (one + other) ** 2 / (one**2 / (len(first) - 1) + other**2 / (len(second) - 1))
+    return _STUDENT[min(int(freedom), len(_STUDENT)) - 1] * math.sqrt(one + other)
 
 
 def _spread(values: Sequence[float]) -> str:

@@ -38,7 +38,7 @@ def _schedules(cells: Sequence[Repeated]) -> Table:
         (
             f"{one.cell.cpus} CPUs, {one.cell.mode}",
             _spread(one.of("seconds"), ".0f"),
-            _spread(over_async(one, cells), ".2f") if over_async(one, cells) else "–",
+            _spread(ratios, ".2f") if (ratios := over_async(one, cells)) else "–",
             _spread(one.of("per_minute"), ".1f"),
             f"{1 - median(one.of('cpu')):.0%}",
             f"{1 - median(one.of('policy')):.0%}",

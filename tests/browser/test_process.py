@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import gc
 import os
 import resource
 import shutil
@@ -50,6 +51,13 @@ def descriptors() -> list[int]:
 
 def children() -> list[int]:
     return [child.pid for child in psutil.Process().children()]
+
+
+async def at_rest() -> tuple[int, list[int]]:
+    """How many descriptors are open, and the children, once nothing of other tests is left to go."""
+    await asyncio.to_thread(descriptors)  # so that the first thread of the pool is there
+    gc.collect()
+    return len(descriptors()), children()
 
 
 @contextlib.contextmanager
@@ -111,14 +119,14 @@ async def test_it_writes_into_its_profile_alone(
 
 
 async def test_when_files_run_out_nothing_is_left(root: ProfileRoot, egress: Egress) -> None:
-    await asyncio.to_thread(descriptors)  # so that the first thread of the pool is there
-    before, offspring = len(descriptors()), children()
+    before, offspring = await at_rest()
     said = set()
     for spare in range(12):  # each fails at another point of the start
         with only(spare), pytest.raises(BrowserLaunchFailed) as caught:
             await start(MUTE, root, egress)
         said.add(caught.value.message.partition(":")[0])
-        assert (len(descriptors()), children()) == (before + root.path.exists(), offspring)
+        assert len(descriptors()) <= before + root.path.exists()
+        assert children() == offspring
     assert len(said) == 3, "no profile; no process; no answer"
     with pytest.raises(BrowserLaunchFailed):
         await start(MUTE, root, egress)
@@ -128,8 +136,7 @@ async def test_when_files_run_out_nothing_is_left(root: ProfileRoot, egress: Egr
 
 
 async def test_a_start_that_is_given_up_leaves_nothing(root: ProfileRoot, egress: Egress) -> None:
-    await asyncio.to_thread(descriptors)
-    before, offspring = len(descriptors()), children()
+    before, offspring = await at_rest()
     for moments in range(12):
         starting = asyncio.create_task(start(MUTE, root, egress))
         for _ in range(moments):
@@ -138,7 +145,7 @@ async def test_a_start_that_is_given_up_leaves_nothing(root: ProfileRoot, egress
         with pytest.raises((asyncio.CancelledError, BrowserLaunchFailed)):
             await starting
         async with asyncio.timeout(10):  # an end goes on though nobody waits for it
-            while root.path.exists() or (len(descriptors()), children()) != (before, offspring):
+            while root.path.exists() or len(descriptors()) > before or children() != offspring:
                 await asyncio.sleep(0.005)
 
 

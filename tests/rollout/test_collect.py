@@ -57,7 +57,7 @@ def config(file: Path | None = None, **changes: Any) -> RunConfig:
     return RunConfig(**settings | changes)
 
 
-def task_file(path: Path, count: int, *, behaviour: str = "good", most_moves: int = 6) -> Path:
+def task_file(path: Path, count: int, *, behaviour: str = "good", most_moves: int = 4) -> Path:
     """Tasks whose solutions are short, where it does not matter how long they are."""
     web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == behaviour]
@@ -92,7 +92,7 @@ def add_up(run: Path) -> list[Trajectory]:
 
 @pytest.mark.parametrize("mode", ["coordinates", "marks"])
 async def test_solutions_succeed_in_both_modes(tmp_path: Path, mode: Any) -> None:
-    file = task_file(tmp_path, 4, most_moves=99)
+    file = task_file(tmp_path, 4, most_moves=12)
     await collect(config(file, agent=AgentConfig(mode=mode)), tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     assert [each.outcome for each in trajectories] == [Outcome.SUCCESS] * 4
@@ -143,7 +143,7 @@ async def test_an_error_is_attempted_again_and_both_are_counted(tmp_path: Path) 
 
 async def test_every_mistake_is_data(tmp_path: Path) -> None:
     file = task_file(tmp_path, 14)
-    short = AttemptConfig(budget_easy=15, budget_medium=15, budget_hard=15)
+    short = AttemptConfig(budget_easy=8, budget_medium=8, budget_hard=8)
     mistaken = config(file, policy=PolicyChoice(mistakes=1.0), retries=0, attempt=short)
     await collect(mistaken, tmp_path / "run")
     trajectories = add_up(tmp_path / "run")

@@ -47,7 +47,8 @@ async def test_a_whole_session(site: Site, client: BrowserClient) -> None:
     view = await session.step(GoBack())
     view = await session.step(Scroll("down"))
     assert view.observation.scroll[0] > 0
-    assert set(view.observation.milliseconds) == {"execute", "settle", "metadata", "screenshot", "queued"}
+    turns = {"queued", "queued_screenshot"}
+    assert set(view.observation.milliseconds) == {"execute", "settle", "metadata", "screenshot"} | turns
     await session.close()
     await session.close()
     with pytest.raises(LeaseLost):
@@ -224,6 +225,32 @@ async def test_a_holder_can_ask_how_long_its_call_waits(
                 await asyncio.sleep(0.01)
         told = (await step).observation.milliseconds["queued"]
     assert waited * 1000 <= told == pytest.approx((await session.heartbeat()).queued_seconds * 1000)
+    await gate.stop()
+
+
+async def test_what_a_look_waits_and_takes_is_not_its_actions(
+    site: Site, client: BrowserClient, server: RunningServer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session = await client.open()
+    gate = Gatekeeper(Admission(fewest=1, most=1))
+    monkeypatch.setattr(server.service, "gate", gate)
+    async with asyncio.timeout(60):
+        step = asyncio.create_task(session.step(Navigate(site.url())))
+        while not gate.permits.running:
+            await asyncio.sleep(0.001)
+        async with gate.permit("execute"):  # between acting and looking
+            while (waited := (await session.heartbeat()).queued_seconds) < 0.3:
+                await asyncio.sleep(0.01)
+        seen = (await step).observation
+    assert seen.seconds("queued") < waited <= seen.seconds("queued_screenshot")
+    assert seen.own_seconds == pytest.approx(seen.seconds("navigate", "settle", "metadata", "screenshot"))
+    loads = {kind: queue.load for kind, queue in client.calls.items()}
+    assert [loads[kind].done for kind in ("navigate", "execute", "screenshot", "metadata")] == [1, 0, 1, 1]
+    assert loads["screenshot"].waited_seconds == pytest.approx(seen.seconds("queued_screenshot"), abs=1e-5)
+    assert loads["screenshot"].served_seconds == pytest.approx(seen.seconds("screenshot"), abs=1e-5)
+    assert loads["metadata"].served_seconds == pytest.approx(seen.seconds("metadata"), abs=1e-5)
+    assert seen.seconds("navigate", "settle") < loads["navigate"].served_seconds < waited + seen.own_seconds
+    await session.close()
     await gate.stop()
 
 

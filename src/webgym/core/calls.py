@@ -79,11 +79,23 @@ class CallQueue:
 
     def waited_elsewhere(self, seconds: float) -> None:
         """Part of the time of a call that is done was a wait in a queue of whoever was called."""
-        self._waited += seconds
-        self._served -= seconds
+        self._correct(seconds, -seconds)
+
+    def held(self, other: CallQueue, waited: float, served: float) -> None:
+        """The end of a call that is done was one of another kind: what that has waited and been served,
+        seconds."""
+        self._correct(0.0, -waited - served)
+        other._done += 1
+        other._waited += waited
+        other._served += served
+        other._lately.append((waited, served))
+
+    def _correct(self, waited: float, served: float) -> None:
+        self._waited += waited
+        self._served += served
         if self._lately:
-            waited, served = self._lately.pop()  # this call's, or that of one that ended in the same moment
-            self._lately.append((waited + seconds, max(served - seconds, 0.0)))
+            before = self._lately.pop()  # this call's, or that of one that ended in the same moment
+            self._lately.append((before[0] + waited, max(before[1] + served, 0.0)))
 
     @property
     def load(self) -> CallLoad:

@@ -76,7 +76,8 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
             ``(whole, shown)``, where they were asked for.
         elements: the interactive elements, where they were asked for (always in marks mode).
         milliseconds: wall time per operation (``execute``, ``navigate``, ``settle``, ``screenshot``,
-            ``metadata``), and for how long the step waited in the server's queues (``queued``).
+            ``metadata``), and for how long the step waited for its turns in the server's queues: to act
+            (``queued``) and to be looked at (``queued_screenshot``).
     """
 
     screenshot: str
@@ -93,3 +94,12 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     cuts: tuple[tuple[str, str], ...] = ()
     elements: tuple[Element, ...] | None = None
     milliseconds: dict[str, float] = {}
+
+    def seconds(self, *operations: str) -> float:
+        """Wall time of these operations together."""
+        return sum(self.milliseconds.get(operation, 0.0) for operation in operations) / 1000
+
+    @property
+    def own_seconds(self) -> float:
+        """Wall time of all operations, without waits for turns."""
+        return self.seconds(*(self.milliseconds.keys() - {"queued", "queued_screenshot"}))

@@ -312,8 +312,7 @@ class Attempt:
         """A step in the browser."""
         self._move("acting")
         view = await session.step(action)
-        taken = view.observation.milliseconds
-        self._spend(sum(taken.values()) / 1000 - taken.get("queued", 0.0) / 1000)
+        self._spend(view.observation.own_seconds)
         return view
 
     def _spend(self, seconds: float) -> None:

@@ -411,9 +411,13 @@ class Session:
             queue = "screenshot"
         request = StepRequest(action, tuple(self._pictures))
         reply = await self._call(STEP, StepReply, request, queue)
-        queued = reply.observation.milliseconds.get("queued", 0.0) / 1000
-        self._client.calls[queue].waited_elsewhere(queued)
-        name = reply.observation.screenshot
+        calls, seen = self._client.calls, reply.observation
+        calls[queue].waited_elsewhere(seen.seconds("queued"))
+        calls[queue].held(calls["metadata"], 0.0, seen.seconds("metadata"))
+        if queue != "screenshot":
+            waited = seen.seconds("queued_screenshot")
+            calls[queue].held(calls["screenshot"], waited, seen.seconds("screenshot"))
+        name = seen.screenshot
         image = self._pictures.get(name) if reply.image is None else reply.image
         if image is None:
             raise ProtocolError("the server left out a picture that was never sent")
@@ -421,7 +425,7 @@ class Session:
         self._pictures.move_to_end(name)
         if len(self._pictures) > self._client.limits.pictures:
             self._pictures.popitem(last=False)
-        return View(reply.observation, image)
+        return View(seen, image)
 
     async def navigate(self, url: str) -> PageMetadata:
         """Open a URL, without looking."""

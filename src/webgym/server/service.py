@@ -169,9 +169,12 @@ class Service:
 
         async def work() -> StepReply:
             async with self._serving(lease, _queue_of(action)) as permit:
+                waited = permit.waited
                 look = await slot.step(action, between=lambda: permit.exchange("screenshot", slot.asleep))
-            spent = look.observation.milliseconds | {"queued": permit.waited * 1000}
-            observation = msgspec.structs.replace(look.observation, milliseconds=spent)
+            turns = {"queued": waited * 1000, "queued_screenshot": (permit.waited - waited) * 1000}
+            observation = msgspec.structs.replace(
+                look.observation, milliseconds=look.observation.milliseconds | turns
+            )
             has_it = observation.screenshot in request.have
             return StepReply(observation, None if has_it else look.image)
 

@@ -100,6 +100,16 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<x-one></x-one>" + COMPONENT.format("<p>Town</p><div style=opacity:0><input aria-label=Town></div>"),
         ["Town"],
     ),
+    "a pointer under the mouse alone": (
+        "<style>@media screen { .row:hover .one { cursor: pointer } }"
+        ".two { & b:hover { cursor: pointer } } .row:not(:hover) i { cursor: pointer }</style>"
+        "<div class=row><p class=one>One</p><p>Plain</p></div><div class=two><b>Two</b></div>",
+        ["One", "Two"],
+    ),
+    "a pointer under the mouse in a component": (
+        "<x-one></x-one>" + COMPONENT.format("<style>p:hover{cursor:pointer}</style><p>One</p><i>Plain</i>"),
+        ["One"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

@@ -215,6 +215,7 @@
       return part;
     };
     const found = [];
+    webgym.targets.begin();
     if (elements) collect(document, null, most, found);
     return {
       title: title(document).slice(0, webgym.limits.title),

@@ -53,7 +53,10 @@
     'children firstElementChild childElementCount querySelector querySelectorAll',
   );
   takeOfEach([Document, DocumentFragment], 'getElementById');
-  takeOfEach([Document, ShadowRoot], 'activeElement adoptedStyleSheets elementFromPoint elementsFromPoint');
+  takeOfEach(
+    [Document, ShadowRoot],
+    'activeElement styleSheets adoptedStyleSheets elementFromPoint elementsFromPoint',
+  );
 
   // What only HTML elements have, or others in their own way.
   for (const name of ['offsetWidth', 'offsetHeight', 'isContentEditable', 'tabIndex', 'innerText']) {

@@ -417,6 +417,7 @@
   const walkAll = (sink, isWhole = false) => {
     webgym.geometry.begin(isWhole);
     sight.begin();
+    webgym.targets.begin();
     const clip = isWhole ? EVERYTHING : { left: 0, top: 0, right: innerWidth, bottom: innerHeight };
     if (documentElement(document)) walk(documentElement(document), { map: null, clip }, sink);
     sink.finish();

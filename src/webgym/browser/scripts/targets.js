@@ -5,7 +5,7 @@
   const {
     dispatchEvent, nodeType, childNodes, getRootNode, localName, baseURI, getAttribute, matches, closest,
     checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector, createRange,
-    offsetWidth, offsetHeight, ofKind,
+    offsetWidth, offsetHeight, ofKind, styleSheets, adoptedStyleSheets,
   } = webgym.dom;
   const { rootOf, shorten } = webgym;
   const { widgetOf, roleOf, nameOf, valueOf } = webgym.roles;
@@ -161,12 +161,46 @@
 
   // --- what can be used ---------------------------------------------------------------------------
 
+  // Selectors of rules that show a pointer under the mouse alone, as if the mouse were everywhere.
+  const hoverSelectors = (rules, outer) =>
+    [...rules].flatMap((rule) => {
+      if (rule.media && !matchMedia(rule.media.mediaText).matches) return [];
+      const text = (rule.selectorText || outer).replaceAll('&', `:is(${outer})`);
+      const own = rule.style?.cursor === 'pointer' && text.includes(':hover') ? [text.replaceAll(':hover', ':is(*)')] : [];
+      return [...own.filter((one) => CSS.supports(`selector(${one})`)), ...hoverSelectors(rule.cssRules || [], text)];
+    });
+
+  const known = new WeakMap(); // by style sheet: how many rules it had, and their selectors
+  const selectorsOf = (sheet) => {
+    if (sheet.disabled || (sheet.media.length && !matchMedia(sheet.media.mediaText).matches)) return [];
+    let rules;
+    try {
+      rules = sheet.cssRules;
+    } catch {
+      return []; // another origin's
+    }
+    if (known.get(sheet)?.count !== rules.length)
+      known.set(sheet, { count: rules.length, selectors: hoverSelectors(rules, ':scope') });
+    return known.get(sheet).selectors;
+  };
+
+  let hovers = new Map(); // by document or shadow root: the selectors in this look, null if there are none
+  const showsPointer = (element, style) => {
+    if (style.cursor === 'pointer') return true;
+    const root = getRootNode(element);
+    if (!hovers.has(root)) {
+      const sheets = nodeType(root) === Node.ELEMENT_NODE ? [] : [...styleSheets(root), ...adoptedStyleSheets(root)];
+      hovers.set(root, sheets.flatMap(selectorsOf).join(',') || null);
+    }
+    return hovers.get(root) !== null && matches(element, hovers.get(root));
+  };
+
   // What only its script and its cursor make clickable is found by them.
   const UNMARKED = new Set(['label', 'html', 'body', 'slot']);
   const startsPointer = (element, style) => {
-    if (style.cursor !== 'pointer' || UNMARKED.has(localName(element))) return false;
+    if (UNMARKED.has(localName(element)) || !showsPointer(element, style)) return false;
     const around = parentOf(element);
-    return !around || getComputedStyle(around).cursor !== 'pointer';
+    return !around || !showsPointer(around, getComputedStyle(around));
   };
 
   // Is a press of the mouse on this element heard by it? The page's own world answers (listeners.js).
@@ -325,8 +359,13 @@
     href: role === 'link' ? hrefOf(element) : undefined,
   });
 
+  // A new look: style sheets may have come and gone.
+  const begin = () => {
+    hovers = new Map();
+  };
+
   webgym.targets = {
     MAX_PARTS, isShown, isOff, isTick, answersItsLabel, startsPointer, visibleParts, standIn, candidateOf, choose,
-    describe,
+    describe, begin,
   };
 })();

@@ -12,18 +12,22 @@ import msgspec
 import pytest
 import torch
 from PIL import Image
+from pydantic import SecretStr
 from safetensors.torch import load_file, save_file
 from tests.inference.tiny import write_tiny_model
 from tests.train import fake_vllm
 from tests.train.making import NAMES, PICTURES, request, step
 from tests.train.updating import CASES, samples, updater
 
+from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.core.errors import PublishError
 from webgym.core.trajectory import ImageRef, Message, Reply, TextPart
 from webgym.inference.generate import Draws, generate
 from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import load_model
-from webgym.inference.vllm import VllmConfig, VllmPolicy
+from webgym.inference.vllm import Served, VllmApi, VllmConfig, VllmPolicy
+from webgym.llm import ChatConfig
+from webgym.llm.trouble import watched
 from webgym.train.config import LoraConfig
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.samples import SampleMaker
@@ -178,3 +182,15 @@ async def test_what_is_said_over_http_is_what_the_learner_trains_on(
         own = ReplyLogProbs(loaded.model, 100)(collate([sample], loaded.renderer, off_policy=True))
     assert sample.logprobs is not None
     assert sample.logprobs.tolist() == pytest.approx(own.tolist(), abs=1e-3)
+
+
+async def test_a_run_sees_what_holds_the_served_policy_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its client was opened before the run, once for the whole training."""
+    policy = VllmPolicy("tiny")
+    client = OpenAIPolicy(ChatConfig(base_url="http://127.0.0.1:9/v1", model="tiny"))
+    monkeypatch.setattr(OpenAIPolicy, "trouble", property(lambda _: "the endpoint is busy"))
+    with watched() as trouble:
+        async with policy:
+            assert trouble() == "replies wait for new weights"
+            policy.switch(Served(VllmApi("http://127.0.0.1:9/v1", SecretStr("")), "tiny", "1", client))
+            assert trouble() == "the endpoint is busy"

@@ -60,6 +60,11 @@ class OpenAIPolicy:
         """The model's name."""
         return self._client.config.model
 
+    @property
+    def trouble(self) -> str:
+        """What holds its requests up at this moment; empty for nothing."""
+        return self._client.trouble
+
     def begin(self, task: Task, seed: int) -> OpenAIPolicy:  # noqa: ARG002
         """Itself: nothing is kept from turn to turn, and an endpoint draws its own random numbers."""
         return self

@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, Self, TypeAlias
 
 import httpx
 import msgspec
@@ -26,6 +26,7 @@ from webgym.core.trajectory import Reply
 from webgym.llm.client import is_loopback
 from webgym.llm.completion import first_line, quote, told
 from webgym.llm.config import ChatConfig, Sampling
+from webgym.llm.trouble import note_opened
 from webgym.settings import Settings
 
 Way: TypeAlias = Literal["lora", "in_place", "restart"]
@@ -398,6 +399,17 @@ class VllmPolicy(OpensNothing):
     def hold(self) -> None:
         """Let no further request through; those in flight are lost, and will be sent again."""
         self._open.clear()
+
+    @property
+    def trouble(self) -> str:
+        """What holds its requests up at this moment; empty for nothing."""
+        if not self._open.is_set():
+            return "replies wait for new weights"
+        return self.served.policy.trouble if self.served is not None else ""
+
+    async def __aenter__(self) -> Self:
+        note_opened(self)  # to each run anew; its client is open for longer
+        return self
 
     def begin(self, task: Task, seed: int) -> VllmPolicy:  # noqa: ARG002
         """Itself: nothing is kept from turn to turn."""

@@ -1,0 +1,151 @@
+"""What a neighbour's session feels of a page that would take everything for itself, round by round in turn.
+
+    .venv/bin/python benchmarks/denial.py --rounds 5
+
+Two browsers share one way out. One opens a page that asks for ever more names whose servers never answer, or
+one that loads itself anew without end; the other opens pages under names that are looked up for the first
+time, at a real name server on this machine. Its milliseconds per page are taken alone and beside each of the
+two, in the same round; the processors are shared, so a ratio of 1 is not to be had on few of them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import itertools
+import statistics
+import time
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager
+
+from aiodns import DNSResolver
+
+from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.egress.machine import Machine
+from webgym.browser.find import find_browser
+from webgym.core.action import Navigate
+from webgym.core.errors import WebGymError
+
+PAGES_PER_ROUND = 5
+KNOWN = "ok.test"
+HOSTILE = {
+    "names that are never answered": (
+        "names",
+        "let n = 0; setInterval(() => { for (let i = 0; i < 50; i++)"
+        " fetch(`http://n${n++}.d${n % 50}.silent.test/`).catch(() => {}) }, 20)",
+    ),
+    "reloads without end": ("reloads", "location.reload()"),
+}
+
+
+class NameServer(asyncio.DatagramProtocol):
+    """Knows the names below one, and never answers for any other."""
+
+    def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
+        self._transport = transport
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        end = data.index(b"\0", 12)
+        name, is_v4 = data[12:end], data[end + 2] == 1
+        if not name.endswith(b"".join(bytes([len(part)]) + part.encode() for part in KNOWN.split("."))):
+            return
+        answer = b"\xc0\x0c\0\1\0\1\0\0\0\x3c\0\4\x7f\0\0\1" if is_v4 else b""
+        counts = b"\0\1\0" + (b"\1" if answer else b"\0") + b"\0\0\0\0"
+        self._transport.sendto(data[:2] + b"\x81\x80" + counts + data[12 : end + 5] + answer, addr)
+
+
+async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    try:
+        while head := await reader.readuntil(b"\r\n\r\n"):
+            path = head.split(b" ", 2)[1].decode()
+            script = next((code for name, code in HOSTILE.values() if path == f"/{name}"), "")
+            body = f"<!doctype html><title>here</title><p>Hello<script>{script}</script>".encode()
+            told = f"HTTP/1.1 200 OK\r\ncontent-type: text/html\r\ncontent-length: {len(body)}\r\n\r\n"
+            writer.write(told.encode() + body)
+            await writer.drain()
+    except (asyncio.IncompleteReadError, ConnectionError):
+        return
+    finally:
+        writer.close()
+
+
+@asynccontextmanager
+async def two_browsers() -> AsyncIterator[tuple[int, Slot, Slot]]:
+    """(port of the pages, the hostile page's browser, the neighbour's)."""
+    pages = await asyncio.start_server(answer, "127.0.0.1", 0)
+    loop = asyncio.get_running_loop()
+    names, _ = await loop.create_datagram_endpoint(NameServer, local_addr=("127.0.0.1", 0))
+    machine = Machine()
+    machine._resolver = DNSResolver(
+        nameservers=["127.0.0.1"],
+        udp_port=names.get_extra_info("sockname")[1],
+        timeout=5,
+        tries=1,
+        domains=[],
+    )
+    async with Egress(EgressConfig(allow=(f"*.{KNOWN}",)), machine=machine) as egress:
+        slots = [Slot(BrowserConfig(), find_browser().path, ProfileRoot(), egress) for _ in range(2)]
+        try:
+            for slot in slots:
+                await slot.open(PageOptions())
+            yield pages.sockets[0].getsockname()[1], slots[0], slots[1]
+        finally:
+            for slot in slots:
+                await slot.stop()
+            pages.close()
+            names.close()
+
+
+async def opened(slot: Slot, port: int, fresh: Iterator[int]) -> tuple[float, int]:
+    """(median milliseconds of a page, pages that did not come)."""
+    times, missed = [], 0
+    for _ in range(PAGES_PER_ROUND):
+        start = time.perf_counter()
+        look = await slot.step(Navigate(f"http://n{next(fresh)}.{KNOWN}:{port}/"))
+        times.append((time.perf_counter() - start) * 1000)
+        missed += look.observation.title != "here"
+    return statistics.median(times), missed
+
+
+async def measure(rounds: int) -> Iterator[str]:
+    """The table's lines."""
+    fresh = itertools.count()
+    alone: dict[str, list[float]] = {name: [] for name in HOSTILE}
+    beside: dict[str, list[float]] = {name: [] for name in HOSTILE}
+    missed = dict.fromkeys(HOSTILE, 0)
+    recovered = dict.fromkeys(HOSTILE, 0)
+    async with two_browsers() as (port, hostile, neighbour):
+        for _ in range(rounds):
+            for name, (path, _) in HOSTILE.items():
+                alone[name].append((await opened(neighbour, port, fresh))[0])
+                await hostile.step(Navigate(f"http://bad.{KNOWN}:{port}/{path}"))
+                took, lost = await opened(neighbour, port, fresh)
+                beside[name].append(took)
+                missed[name] += lost
+                try:
+                    recovered[name] += not (await opened(hostile, port, fresh))[1]
+                except WebGymError:  # it went under; the next round has a new one
+                    await hostile.open(PageOptions())
+    lines = [
+        "| beside a page with | ms per page, alone | beside | ratio | missed | itself left it |",
+        "|---|--:|--:|--:|--:|--:|",
+    ]
+    for name in HOSTILE:
+        ratios = [later / before for before, later in zip(alone[name], beside[name], strict=True)]
+        lines.append(
+            f"| {name} | {statistics.median(alone[name]):.0f} | {statistics.median(beside[name]):.0f}"
+            f" | {statistics.median(ratios):.2f} ({min(ratios):.2f}-{max(ratios):.2f})"
+            f" | {missed[name]} of {rounds * PAGES_PER_ROUND} | {recovered[name]} of {rounds} |"
+        )
+    return iter(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rounds", type=int, default=5)
+    for line in asyncio.run(measure(parser.parse_args().rounds)):
+        print(line)
+
+
+if __name__ == "__main__":
+    main()

@@ -70,7 +70,8 @@ class Endpoint:
     Args:
         scripts: of the attempts; no two tasks have the same instruction, which tells them apart.
         costs: speeds of a GPU.
-        gpus: how many there are; a request goes to the one with the fewest.
+        gpus: how many there are; a request goes to the one with the fewest, and if there are several, to the
+            one that has read most of it before.
     """
 
     def __init__(self, scripts: Sequence[Script], costs: Costs, gpus: int) -> None:
@@ -79,6 +80,7 @@ class Endpoint:
         """Of all requests, those that need not be read included."""
         self._scripts = {script.task.instruction: script for script in scripts}
         self._steps: dict[str, int] = {}
+        self._last: dict[str, int] = {}
         self._engines = [Engine[asyncio.Future[None]](costs) for _ in range(gpus)]
         self._caches = [PrefixCache(_CACHED_TOKENS) for _ in range(gpus)]
         self._arrived = [asyncio.Event() for _ in range(gpus)]
@@ -106,7 +108,11 @@ class Endpoint:
         sizes = [_size(message) for message in messages]
         prompt = sum(size for _, size in sizes)
         self.prompt_tokens += prompt
-        index = min(range(len(self._engines)), key=lambda each: self._engines[each].requests)
+        before = self._last.get(script.task.instruction)
+        index = min(
+            range(len(self._engines)), key=lambda each: (self._engines[each].requests, each != before)
+        )
+        self._last[script.task.instruction] = index
         done = asyncio.get_running_loop().create_future()
         self._engines[index].submit(self._caches[index].unread(sizes), tokens, done)
         self._arrived[index].set()

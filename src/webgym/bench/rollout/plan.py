@@ -30,6 +30,8 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         trajectories: of every cell.
         sessions: environments.
         cpus: processors that the browsers may use, a cell each.
+        policy_gpus: of the cells that vary the processors: so many that the policy limits nothing where
+            processors are scarce, as in the paper. With one GPU it does already at one processor.
         gpus: of the cells that vary the policy's capacity.
         mean_steps: of a trajectory (the paper's 13.2).
         reply_tokens: of a reply, on average.
@@ -42,6 +44,7 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
     trajectories: int = 64
     sessions: int = 16
     cpus: tuple[int, ...] = (1, 2)
+    policy_gpus: int = 8
     gpus: tuple[int, ...] = (1, 2)
     mean_steps: float = 13.2
     reply_tokens: float = 80.0
@@ -73,6 +76,7 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         usual = Cell(
             part="schedules",
             cpus=max(self.cpus),
+            gpus=self.policy_gpus,
             sessions=self.sessions,
             trajectories=self.trajectories,
             round=number,

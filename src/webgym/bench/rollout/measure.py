@@ -43,6 +43,7 @@ class Load(msgspec.Struct, frozen=True):
     Attributes:
         seconds: since the beginning.
         cpu: share of the browsers' processors that they and their server used since the last moment.
+        cpu_seconds: what they used.
         policy: share of the time since then in which GPUs worked.
         requests: at the policy.
     """
@@ -51,6 +52,7 @@ class Load(msgspec.Struct, frozen=True):
     cpu: float
     policy: float
     requests: int
+    cpu_seconds: float = 0.0
 
 
 class Measured(msgspec.Struct, frozen=True):
@@ -209,7 +211,7 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
         config = _run_config(plan, cell, sites, endpoint, browsers)
         secrets = Secrets(server_token=SecretStr(browsers.token), sites_token=SecretStr(sites.token))
         loads: list[Load] = []
-        meter, whole = CpuTimes(browsers.pid), CpuTimes(browsers.pid)
+        meter = CpuTimes(browsers.pid)
         began = time.monotonic()
         watch = asyncio.create_task(_watch(cell, meter, endpoint, began, loads))
         try:
@@ -220,7 +222,9 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
         finally:
             watch.cancel()
             await asyncio.gather(watch, return_exceptions=True)
-        spent = sum((await asyncio.to_thread(whole.since_last)).values())
+        # Sample by sample, as a session's processes are gone when it is over; and what came after the last.
+        spent = sum(load.cpu_seconds for load in loads)
+        spent += sum((await asyncio.to_thread(meter.since_last)).values())
         found = await asyncio.to_thread(_read, scratch)
         await asyncio.to_thread(shutil.rmtree, scratch, ignore_errors=True)
         return Measured(
@@ -285,6 +289,7 @@ async def _watch(cell: Cell, meter: CpuTimes, endpoint: Endpoint, began: float, 
             Load(
                 seconds=now - began,
                 cpu=used / (passed * cell.cpus),
+                cpu_seconds=used,
                 policy=(busy - worked) / (passed * endpoint.gpus),
                 requests=endpoint.requests,
             )

@@ -144,4 +144,6 @@ def draw_rollout(found: Sequence[Measured], path: Path) -> None:
         if many:
             overload.legend(frameon=False)
         overload.set(title="Overload", ylabel="attempts")
+        for panel, measured in ((capacity, slow), (overload, many)):
+            panel.set_visible(bool(measured))
         save(figure, path)

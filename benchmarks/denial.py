@@ -24,7 +24,6 @@ from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, Pro
 from webgym.browser.egress.machine import Machine
 from webgym.browser.find import find_browser
 from webgym.core.action import Navigate
-from webgym.core.errors import WebGymError
 
 PAGES_PER_ROUND = 5
 KNOWN = "ok.test"
@@ -122,12 +121,11 @@ async def measure(rounds: int) -> Iterator[str]:
                 took, lost = await opened(neighbour, port, fresh)
                 beside[name].append(took)
                 missed[name] += lost
-                try:
-                    recovered[name] += not (await opened(hostile, port, fresh))[1]
-                except WebGymError:  # it went under; the next round has a new one
-                    await hostile.open(PageOptions())
+                await hostile.close()
+                await hostile.open(PageOptions())
+                recovered[name] += not (await opened(hostile, port, fresh))[1]
     lines = [
-        "| beside a page with | ms per page, alone | beside | ratio | missed | itself left it |",
+        "| beside a page with | ms per page, alone | beside | ratio | missed | next session whole |",
         "|---|--:|--:|--:|--:|--:|",
     ]
     for name in HOSTILE:

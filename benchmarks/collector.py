@@ -82,7 +82,7 @@ def settings(folder: Path, sessions: int, episodes: int, ports: tuple[int, int])
     write_tasks(folder / "tasks.jsonl", tasks)
     chat = ChatConfig(base_url=f"http://127.0.0.1:{ports[1]}/v1", model="m", concurrency=sessions, **PATIENT)
     return RunConfig(
-        tasks=TaskChoice(file=folder / "tasks.jsonl", split="all"),
+        tasks=TaskChoice(count="all", file=folder / "tasks.jsonl", split="all"),
         policy=PolicyChoice(chat=chat, check=False),
         agent=AgentConfig(image_max_side=None),
         judge=JudgeChoice(name="benchmarks.collector:judge"),

@@ -250,6 +250,13 @@ async def test_leftovers_of_a_dead_writer_are_swept(tmp_path: Path) -> None:
     assert (tmp_path / "metrics.jsonl").read_bytes() == b'{"a":1}\n'
 
 
+async def test_leftovers_of_one_who_died_making_the_run_are_swept(tmp_path: Path) -> None:
+    torn = tmp_path / ".tasks.jsonl.abc.tmp"
+    torn.write_bytes(b"half")
+    await (await begun(tmp_path, 0)).aclose()
+    assert not torn.exists()
+
+
 def _flip(data: bytes) -> bytes:
     return data.replace(b"a reply", b"b reply", 1)
 

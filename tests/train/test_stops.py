@@ -291,6 +291,24 @@ def test_two_processes_do_not_train_in_one_folder(tmp_path: Path) -> None:
         pass
 
 
+def test_what_a_dead_training_was_writing_is_deleted_by_the_next(tmp_path: Path) -> None:
+    folder = TrainingFolder(tmp_path)
+    folder.write(1, "sampler.json", {})
+    folder.evaluation(0).mkdir(parents=True)
+    folder.write_evaluation(0, {})
+    kept = set(tmp_path.rglob("*"))
+    for name in (
+        ".metrics.jsonl.ab.tmp",
+        "iterations/0001/.sampler.json.ab.tmp",
+        "evaluations/.0000.json.ab.tmp",
+    ):
+        (tmp_path / name).write_bytes(b"{")
+    (tmp_path / "iterations/0001/.weights.new.tmp").mkdir()
+    (tmp_path / "iterations/0001/.weights.new.tmp/state.json").write_bytes(b"{}")
+    with folder.locked():
+        assert set(tmp_path.rglob("*")) - {tmp_path / ".lock"} == kept
+
+
 def test_an_error_of_the_disk_that_is_not_about_space_is_told_too(tmp_path: Path) -> None:
     (tmp_path / "iterations").write_text("in the way")
     with pytest.raises(StoreError, match="making"):

@@ -59,11 +59,12 @@ async def train(path: Path, model: Path, *, browsers: bool) -> None:
             attempts=make_run if browsers else world.attempts,
         ).run()
 
-    if not browsers:
-        await run(ServerChoice(), Secrets())
-        return
-    async with services(given.rollout, Secrets()) as reached:
-        await run(*reached)
+    with folder.locked():
+        if not browsers:
+            await run(ServerChoice(), Secrets())
+            return
+        async with services(given.rollout, Secrets()) as reached:
+            await run(*reached)
 
 
 def live(path: Path, model: Path, browsers: bool, seconds: float | None) -> bool:

@@ -9,6 +9,7 @@ import errno
 import fcntl
 import os
 import re
+import shutil
 import uuid
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -127,6 +128,18 @@ def _write(file: BinaryIO, lines: Iterable[bytes], *, durable: bool) -> None:
     if durable:
         file.flush()
         os.fsync(file.fileno())
+
+
+def delete_torn(path: Path, *folders: str) -> None:
+    """Delete what a process that died was writing.
+
+    Args:
+        path: a folder that this process alone writes to.
+        folders: where in it to look, as patterns; ``""`` is the folder itself.
+    """
+    for folder in folders:
+        for torn in path.glob(f"{folder}.*{TORN}"):
+            shutil.rmtree(torn) if torn.is_dir() else torn.unlink()
 
 
 def last_line_end(path: Path) -> int:

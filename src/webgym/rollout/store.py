@@ -52,6 +52,7 @@ from webgym.rollout.files import (
     VERDICTS,
     Log,
     check_run,
+    delete_torn,
     disk_errors,
     image_path,
     last_line_end,
@@ -220,9 +221,6 @@ class RunWriter:
         return writer
 
     def _recover(self, skip_corrupt: bool) -> None:
-        for pattern in (f".*{TORN}", f"{SCREENSHOTS}/*/.*{TORN}"):
-            for torn in self.path.glob(pattern):
-                torn.unlink()
         self._make_folders()
         self._images = {file.stem for file in (self.path / SCREENSHOTS).glob("*/*.png")}
         self._unsynced = {name[:2] for name in self._images}  # nobody knows what the dead writer synced
@@ -238,6 +236,7 @@ class RunWriter:
             self._cut(metrics, last_line_end(metrics))
 
     def _make_folders(self) -> None:
+        delete_torn(self.path, "", f"{SCREENSHOTS}/*/")
         for byte in range(256):
             (self.path / SCREENSHOTS / f"{byte:02x}").mkdir(parents=True, exist_ok=True)
         self._folder.mkdir(exist_ok=True)

@@ -37,6 +37,7 @@ from webgym.rollout.files import (
     ITERATIONS,
     METRICS,
     TORN,
+    delete_torn,
     disk_errors,
     make_folder,
     take_lock,
@@ -145,7 +146,7 @@ class TrainingFolder:
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Keep the folder, which is there, for this process.
+        """Keep the folder, which is there, for this process; what one that died was writing is deleted.
 
         Raises:
             StoreLocked: another process trains in it.
@@ -153,6 +154,8 @@ class TrainingFolder:
         with disk_errors(f"opening {self.path}"):
             held = take_lock(self.path)
         try:
+            with disk_errors(f"clearing {self.path}"):
+                delete_torn(self.path, "", f"{ITERATIONS}/*/", f"{EVALUATIONS}/")
             yield
         finally:
             os.close(held)

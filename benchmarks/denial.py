@@ -74,14 +74,8 @@ async def two_browsers() -> AsyncIterator[tuple[int, Slot, Slot]]:
     pages = await asyncio.start_server(answer, "127.0.0.1", 0)
     loop = asyncio.get_running_loop()
     names, _ = await loop.create_datagram_endpoint(NameServer, local_addr=("127.0.0.1", 0))
-    machine = Machine()
-    machine._resolver = DNSResolver(
-        nameservers=["127.0.0.1"],
-        udp_port=names.get_extra_info("sockname")[1],
-        timeout=5,
-        tries=1,
-        domains=[],
-    )
+    port = names.get_extra_info("sockname")[1]
+    machine = Machine(DNSResolver(["127.0.0.1"], udp_port=port, timeout=5, tries=1, domains=[]))
     async with Egress(EgressConfig(allow=(f"*.{KNOWN}",)), machine=machine) as egress:
         slots = [Slot(BrowserConfig(), find_browser().path, ProfileRoot(), egress) for _ in range(2)]
         try:

@@ -83,6 +83,7 @@ class Names(Machine):
     """
 
     def __init__(self, answers: Mapping[str, Sequence[str] | Sequence[Sequence[str]]] | None = None) -> None:
+        super().__init__()
         self.answers = {name: list(given) for name, given in (answers or {}).items()}
         self.asked: list[str] = []
 

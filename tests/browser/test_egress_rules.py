@@ -351,14 +351,8 @@ class NameServer(asyncio.DatagramProtocol):
 async def test_a_real_name_server_that_leaves_names_unanswered() -> None:
     loop = asyncio.get_running_loop()
     transport, server = await loop.create_datagram_endpoint(NameServer, local_addr=("127.0.0.1", 0))
-    machine = Machine()
-    machine._resolver = DNSResolver(
-        nameservers=["127.0.0.1"],
-        udp_port=transport.get_extra_info("sockname")[1],
-        timeout=30,
-        tries=1,
-        domains=[],
-    )
+    port = transport.get_extra_info("sockname")[1]
+    machine = Machine(DNSResolver(["127.0.0.1"], udp_port=port, timeout=30, tries=1, domains=[]))
     resolver = Resolver(EgressConfig(), machine)
     slow = [asyncio.create_task(resolver.resolve(f"a.domain-{nth}.test")) for nth in range(100)]
     while len(set(server.asked)) < 100:

@@ -24,9 +24,14 @@ _DNS_TRIES = 3
 
 
 class Machine:
-    """This machine, as the system tells: its hosts file and its name servers (c-ares)."""
+    """This machine, as the system tells: its hosts file and its name servers (c-ares).
 
-    _resolver: DNSResolver | None = None
+    Args:
+        resolver: other name servers to ask.
+    """
+
+    def __init__(self, resolver: DNSResolver | None = None) -> None:
+        self._resolver = resolver
 
     async def lookup(self, name: str) -> list[Address]:
         """The addresses of a name, those that this machine reaches best first (RFC 6724).

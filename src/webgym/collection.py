@@ -49,9 +49,10 @@ from webgym.offline.client import SitesClient
 from webgym.offline.web import COLLECTIONS
 from webgym.offline.website import Split
 from webgym.rehearsal import Rehearsal
-from webgym.rollout.attempt import AttemptConfig, Backstage, Browsers, Stage
+from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
+from webgym.rollout.driver import AttemptConfig, Browsers, SiteState
 from webgym.rollout.exposition import exposing
 from webgym.rollout.feed import feeding
 from webgym.rollout.files import METRICS
@@ -451,7 +452,7 @@ def read_config(reader: RunReader) -> tuple[RunConfig, str]:
 class _Company:
     """Everything that a run talks to."""
 
-    backstage: Backstage | None
+    site_state: SiteState | None
     client: Browsers
     agent: Agent
     judge: Judge
@@ -479,8 +480,8 @@ async def _company(
                 await check_judge(config.judge)
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
-        backstage, client = await stack.enter_async_context(_places(config, secrets, tasks, tell, calls))
-        yield _Company(backstage, client, agent, judge, calls, trouble, tell)
+        site_state, client = await stack.enter_async_context(_places(config, secrets, tasks, tell, calls))
+        yield _Company(site_state, client, agent, judge, calls, trouble, tell)
 
 
 @asynccontextmanager
@@ -490,7 +491,7 @@ async def _places(
     tasks: Sequence[Task],
     tell: Tell | None,
     calls: dict[str, CallQueue],
-) -> AsyncIterator[tuple[Backstage | None, Browsers]]:
+) -> AsyncIterator[tuple[SiteState | None, Browsers]]:
     """Websites and browsers, or what stands in for both."""
     if config.server.rehearsed:
         if config.sites.collection != "small" or config.tasks.file is not None:
@@ -503,10 +504,10 @@ async def _places(
             yield rehearsal, rehearsal
         return
     async with (
-        _sites(config, secrets, tasks) as (backstage, allowed),
+        _sites(config, secrets, tasks) as (site_state, allowed),
         _browsers(config, secrets, allowed, tell, len(tasks) * config.samples, calls) as client,
     ):
-        yield backstage, client
+        yield site_state, client
 
 
 async def _carry_out(
@@ -553,13 +554,13 @@ async def _collected(
         trouble=company.trouble,
     )
     judge = company.judge
-    stage = Stage(
+    context = AttemptContext(
         client=company.client,
         agent=company.agent,
         store=store,
         config=config.attempt,
         progress=progress,
-        backstage=company.backstage,
+        site_state=company.site_state,
         run_id=run_id,
         seed=config.seed,
         calls=company.calls,
@@ -574,8 +575,8 @@ async def _collected(
             ):
                 blocklist = Blocklist(config.blocklist)
                 pictures = _pictures(store.path)
-                await Collector(stage, judge, pictures, config.collector, blocklist).run(plan, finishing)
-                await judge_again(stage, tasks, judge, pictures, config.collector, blocklist, plan)
+                await Collector(context, judge, pictures, config.collector, blocklist).run(plan, finishing)
+                await judge_again(context, tasks, judge, pictures, config.collector, blocklist, plan)
     finally:
         # Also of a run that was stopped: what is on disk has a summary.
         elsewhere = Counter(task_id for task_id, _ in plan.elsewhere)
@@ -610,7 +611,7 @@ async def _tracked(
             _say(tell, progress.tracker_error)
 
 
-class _Backstage:
+class _ServedState:
     """The offline web as a collector knows it."""
 
     def __init__(self, sites: SitesClient) -> None:
@@ -627,7 +628,7 @@ class _Backstage:
 @asynccontextmanager
 async def _sites(
     config: RunConfig, secrets: Secrets, tasks: Sequence[Task]
-) -> AsyncIterator[tuple[Backstage | None, tuple[str, ...]]]:
+) -> AsyncIterator[tuple[SiteState | None, tuple[str, ...]]]:
     """The offline web, here or elsewhere, and the rules that lead browsers to it."""
     if not any(task.truth for task in tasks):
         yield None, ()
@@ -640,7 +641,7 @@ async def _sites(
         token = secrets.sites_token.get_secret_value()
         async with SitesClient(config.server.sites_url, token) as client:
             await client.websites()  # fails now, in one line, rather than once per attempt
-            yield _Backstage(client), ()
+            yield _ServedState(client), ()
     elif config.server.url is not None:
         raise ConfigError(
             "these tasks are the offline web's, and the browser server is elsewhere",
@@ -649,7 +650,7 @@ async def _sites(
     else:
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
             _check_served(tasks, set(sites.web.specs))
-            yield _Backstage(client), tuple(sites.allowed_hosts)
+            yield _ServedState(client), tuple(sites.allowed_hosts)
 
 
 def _check_served(tasks: Sequence[Task], hosts: set[str]) -> None:

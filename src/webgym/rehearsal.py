@@ -27,7 +27,8 @@ from webgym.core.errors import NavigationFailed, PolicyBadReply, PolicyError
 from webgym.core.trajectory import Episode
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.attempt import Attempt, AttemptConfig, Stage
+from webgym.rollout.attempt import Attempt, AttemptContext
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.files import write_whole
 from webgym.rollout.judging import JUDGED
 from webgym.rollout.plan import Planned
@@ -210,13 +211,13 @@ class Rehearsals:
 
     def __init__(self, rehearsal: Rehearsal, agent: Agent, config: AttemptConfig, seed: int = 0) -> None:
         self._rehearsal = rehearsal
-        self._stage = Stage(
+        self._context = AttemptContext(
             client=rehearsal,
             agent=agent,
             store=_KeepsNothing(),
             config=config,
             progress=Progress(total=0),
-            backstage=rehearsal,
+            site_state=rehearsal,
             run_id="rehearsal",
             seed=seed,
         )
@@ -227,7 +228,7 @@ class Rehearsals:
         Raises:
             PolicyError: it did not come to an end of its own, and not because no reply held an action.
         """
-        attempt = Attempt(self._stage, planned)
+        attempt = Attempt(self._context, planned)
         session = await self._rehearsal.open(attempt.options())
         try:
             await attempt.run(session)

@@ -20,9 +20,9 @@ from webgym.judge.factory import JudgeChoice, open_judge
 from webgym.judge.rivals import rival
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
-from webgym.rollout.attempt import AttemptConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.rejudge import judge_run, verdicts_of
 from webgym.rollout.store import RunReader
 from webgym.tasks import write_tasks

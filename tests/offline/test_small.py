@@ -32,7 +32,7 @@ from webgym.offline.small.market import Market
 from webgym.offline.small.wording import words_of
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.website import Split, Visit, Website
-from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.driver import AttemptConfig
 from webgym.tasks import write_tasks
 from webgym.testing import check_family, check_tasks, play
 

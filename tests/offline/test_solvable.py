@@ -15,8 +15,8 @@ from webgym.core.outcome import Outcome
 from webgym.judge import OfflineJudge
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
-from webgym.rollout.attempt import AttemptConfig
 from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.store import RunReader
 from webgym.tasks import draw, write_tasks
 

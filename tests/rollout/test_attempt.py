@@ -20,7 +20,8 @@ from webgym.core.observation import Notice, Observation
 from webgym.core.outcome import Ending
 from webgym.core.trajectory import Episode, Reply
 from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth
-from webgym.rollout.attempt import Attempt, AttemptConfig, Stage
+from webgym.rollout.attempt import Attempt, AttemptContext
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
 from webgym.server import Cookie, SessionOptions, View
@@ -86,17 +87,17 @@ async def made(
     policy: Says, budget: int = 3, failures: Mapping[int, str] | None = None
 ) -> tuple[Episode, Pages, Progress]:
     pages, progress = Pages(failures or {}), Progress(total=1)
-    stage = Stage(
+    context = AttemptContext(
         client=pages,
         agent=Agent(policy, AgentConfig(image_max_side=None)),
         store=pages,
         config=AttemptConfig(budget_easy=budget),
         progress=progress,
-        backstage=None,
+        site_state=None,
         run_id="r",
         seed=0,
     )
-    attempt = Attempt(stage, Planned(task("t", 1), 0))
+    attempt = Attempt(context, Planned(task("t", 1), 0))
     await attempt.run(pages)
     return attempt.episode(), pages, progress
 
@@ -128,7 +129,7 @@ async def test_a_turn_that_fails_is_kept_with_its_cause_and_the_page_that_was_op
     assert episode.final.screenshot in pages.kept
 
 
-class Backstage:
+class SiteState:
     """Never tells what state a website is in."""
 
     def __init__(self) -> None:
@@ -146,14 +147,16 @@ class Backstage:
 
 
 async def test_who_is_stopped_before_judges_have_the_state_to_look_at_is_not_theirs() -> None:
-    pages, backstage = Pages({}), Backstage()
+    pages, site_state = Pages({}), SiteState()
     agent = Agent(Says(ACTS), AgentConfig(image_max_side=None))
-    stage = Stage(pages, agent, pages, AttemptConfig(budget_easy=1), Progress(total=1), backstage, "r", 0)
+    context = AttemptContext(
+        pages, agent, pages, AttemptConfig(budget_easy=1), Progress(total=1), site_state, "r", 0
+    )
     facts = (FactTruth(1, 0, state=(StateCheck(("cart",), 1),)),)
     known = msgspec.structs.replace(task("t", 1), truth=Truth("a.test", facts, AnswerTruth(), ()))
-    attempt = Attempt(stage, Planned(known, 0))
+    attempt = Attempt(context, Planned(known, 0))
     running = asyncio.create_task(attempt.run(pages))
-    await asyncio.wait_for(backstage.asked.wait(), 60)
+    await asyncio.wait_for(site_state.asked.wait(), 60)
     running.cancel()
     with pytest.raises(asyncio.CancelledError):
         await running

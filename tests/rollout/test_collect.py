@@ -36,9 +36,9 @@ from webgym.core.trajectory import Reply, Trajectory
 from webgym.core.websites import host_of
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
-from webgym.rollout.attempt import AttemptConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.tasks import draw, write_tasks

@@ -17,7 +17,7 @@ from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.bench.stand_ins import TOKEN, StandInModel
 from webgym.core.errors import LeaseLost, ServerUnreachable
-from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.files import TRAJECTORIES, Log
 from webgym.rollout.lockstep import Lockstep
 from webgym.server import BrowserClient, ClientLimits

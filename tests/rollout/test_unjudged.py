@@ -25,9 +25,10 @@ from webgym.judge.rubric import RubricJudge
 from webgym.llm.completion import Completion
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.report.live import view_app
-from webgym.rollout.attempt import AttemptConfig, Stage
+from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.judging import find
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter
@@ -78,9 +79,9 @@ def made(level: Level, number: int) -> tuple[Task, Episode, bool]:
     return task, episode(answer=answer, **named), succeeds
 
 
-def stage(store: RunWriter, progress: Progress) -> Stage[RunWriter]:
+def context(store: RunWriter, progress: Progress) -> AttemptContext[RunWriter]:
     nothing = cast(Any, None)
-    return Stage(nothing, nothing, store, AttemptConfig(), progress, None, "run", 0)
+    return AttemptContext(nothing, nothing, store, AttemptConfig(), progress, None, "run", 0)
 
 
 async def judged(
@@ -98,7 +99,7 @@ async def judged(
             await store.append(Trajectory(done, found.outcome, found.verdict, found.failure))
             progress.ended(Trajectory(done, found.outcome))
         before = summarise(RunReader(path).trajectories(), list(tasks.values()))
-        await judge_again(stage(store, progress), tasks.values(), judge, pictures, config)
+        await judge_again(context(store, progress), tasks.values(), judge, pictures, config)
     after = summarise(RunReader(path).trajectories(), list(tasks.values()))
     assert {outcome.value: progress.outcomes[outcome] for outcome in Outcome} == after["outcomes"]
     return before, after
@@ -184,7 +185,7 @@ async def test_a_run_that_is_resumed_judges_again_what_has_no_verdict(tmp_path: 
     for outcome in (Outcome.JUDGE_ERROR, Outcome.BLOCKED):
         async with await RunWriter.reopen(run) as store:
             config = CollectorConfig(judge_again=1)
-            await judge_again(stage(store, progress), tasks.values(), judge, pictures, config, kept)
+            await judge_again(context(store, progress), tasks.values(), judge, pictures, config, kept)
         assert {entry.outcome for entry in RunReader(run).attempts.values()} == {outcome}
     assert list(kept.blocked()) == ["mugs.example"]
     assert not +progress.outcomes  # they ended in an earlier session
@@ -231,7 +232,7 @@ async def test_the_viewer_shows_the_verdict_that_came_later(
 
     assert await outcomes() == {"judge_error": 3}
     async with await RunWriter.reopen(tmp_path / "run") as store:
-        held = stage(store, Progress(total=3))
+        held = context(store, Progress(total=3))
         await judge_again(
             held, RunReader(tmp_path / "run").tasks.values(), Doubtful(0), pictures, CollectorConfig()
         )

@@ -18,7 +18,7 @@ from webgym.judge import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
 from webgym.rehearsal import Rehearsal, Rehearsals
-from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.tiny.demonstrators import DEMONSTRATORS, Demonstrators, Habits
 from webgym.tiny.recipe import agent_of

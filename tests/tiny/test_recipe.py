@@ -19,7 +19,7 @@ from webgym.collection import RunConfig, collect
 from webgym.core.errors import ConfigError
 from webgym.offline.web import OfflineWeb
 from webgym.rehearsal import Rehearsal, Rehearsals
-from webgym.rollout.attempt import AttemptConfig
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.rollout.store import RunReader
 from webgym.tiny.demonstrators import Demonstrators

@@ -137,8 +137,8 @@ def check(
     from webgym.offline import OfflineWeb
     from webgym.offline.app import SitesConfig
     from webgym.offline.web import collection_name
-    from webgym.rollout.attempt import AttemptConfig
     from webgym.rollout.collector import CollectorConfig
+    from webgym.rollout.driver import AttemptConfig
     from webgym.rollout.store import RunReader
     from webgym.tasks import draw, write_tasks
 

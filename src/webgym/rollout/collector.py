@@ -33,8 +33,9 @@ from webgym.core.outcome import Ending, Outcome, outcome_of
 from webgym.core.trajectory import Episode, Failure, Trajectory
 from webgym.judge.base import Judge, Pictures
 from webgym.judge.blocking import blocking_host
-from webgym.rollout.attempt import Attempt, BrowserSession, Stage
+from webgym.rollout.attempt import Attempt, AttemptContext
 from webgym.rollout.blocklist import Blocklist
+from webgym.rollout.driver import BrowserSession
 from webgym.rollout.judging import JUDGED, TAKEN_OVER, Found, find
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
@@ -108,7 +109,7 @@ class Collector:
     """Carries out a plan.
 
     Args:
-        stage: what attempts are made with.
+        context: what attempts are made with.
         judge: turns episodes into verdicts.
         pictures: gives the judge the screenshots.
         config: limits.
@@ -117,14 +118,14 @@ class Collector:
 
     def __init__(
         self,
-        stage: Stage[RunWriter],
+        context: AttemptContext[RunWriter],
         judge: Judge,
         pictures: Pictures,
         config: CollectorConfig,
         blocklist: Blocklist | None = None,
     ) -> None:
         self._blocklist = blocklist
-        self._stage = stage
+        self._context = context
         self._judge = judge
         self._pictures = pictures
         self._config = config
@@ -151,10 +152,10 @@ class Collector:
             ExceptionGroup: of the first error that the run cannot go on with: StoreError, ServerError,
                 PolicyError.
         """
-        progress, lag = self._stage.progress, LoopLag()
+        progress, lag = self._context.progress, LoopLag()
         progress.done = progress.earlier = plan.done
-        progress.calls, progress.lag = self._stage.calls, lag
-        progress.queues = partial(queues_of, self._stage.calls)
+        progress.calls, progress.lag = self._context.calls, lag
+        progress.queues = partial(queues_of, self._context.calls)
         async with asyncio.TaskGroup() as background:
             helpers = [
                 background.create_task(lag.watch()),
@@ -169,7 +170,7 @@ class Collector:
                     await self._continuously(plan, group)
             for helper in helpers:
                 helper.cancel()
-        await self._stage.store.metric(progress.metric())
+        await self._context.store.metric(progress.metric())
 
     # --- schedules --------------------------------------------------------------------------------------
 
@@ -200,7 +201,7 @@ class Collector:
 
     async def _episode(self, plan: Plan, planned: Planned) -> None:
         """An attempt from its browser to its record. Its place is free for another before it is judged."""
-        attempt = Attempt(self._stage, planned)
+        attempt = Attempt(self._context, planned)
         try:
             await self._attempt(plan, attempt)
             episode = attempt.episode()
@@ -235,14 +236,14 @@ class Collector:
 
     async def _open(self, attempt: Attempt) -> BrowserSession:
         """A browser session; a server that is away for a moment is waited for."""
-        config, progress = self._config, self._stage.progress
+        config, progress = self._config, self._context.progress
         deadline = time.monotonic() + config.server_patience_seconds
         pause = config.server_retry_seconds
         progress.move(None, "opening", attempt.planned.attempt_id)
         try:
             while True:
                 try:
-                    return await self._stage.client.open(attempt.options())
+                    return await self._context.client.open(attempt.options())
                 except (ServerUnreachable, NoCapacity):
                     if time.monotonic() + pause > deadline:
                         raise
@@ -253,7 +254,7 @@ class Collector:
 
     async def _conclude(self, plan: Plan, planned: Planned, episode: Episode) -> None:
         """Judge and record an episode, then let the plan know."""
-        progress = self._stage.progress
+        progress = self._context.progress
         progress.move(None, "judging", planned.attempt_id)
         try:
             async with self._recorded_if_stopped(episode):
@@ -277,7 +278,7 @@ class Collector:
 
     async def _find(self, planned: Planned, episode: Episode) -> tuple[Found, float]:
         """What becomes of an episode, and how long that took to find out, seconds."""
-        queue = self._stage.calls["judge"].turn() if episode.ending in JUDGED else nullcontext()
+        queue = self._context.calls["judge"].turn() if episode.ending in JUDGED else nullcontext()
         async with queue:
             started = time.monotonic()
             seconds = self._config.judge_seconds
@@ -287,11 +288,11 @@ class Collector:
     async def _record(self, episode: Episode, judged: Found, judge_seconds: float = 0.0) -> None:
         trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure, judge_seconds)
         try:
-            await self._stage.store.append(trajectory)
+            await self._context.store.append(trajectory)
         except asyncio.CancelledError:
-            self._stage.progress.ended(trajectory)  # it is on disk: writing is carried through
+            self._context.progress.ended(trajectory)  # it is on disk: writing is carried through
             raise
-        self._stage.progress.ended(trajectory)
+        self._context.progress.ended(trajectory)
 
     @asynccontextmanager
     async def _recorded_if_stopped(self, episode: Episode) -> AsyncIterator[None]:
@@ -336,7 +337,7 @@ class Collector:
     async def _keep_metrics(self) -> None:
         while True:
             await asyncio.sleep(self._config.metric_seconds)
-            await self._stage.store.metric(self._stage.progress.metric())
+            await self._context.store.metric(self._context.progress.metric())
 
 
 async def _close(plan: Plan, finishing: asyncio.Event) -> None:

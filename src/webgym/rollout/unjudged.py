@@ -19,7 +19,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.judge.base import Judge, Pictures
 from webgym.judge.blocking import blocking_host
-from webgym.rollout.attempt import Stage
+from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.judging import TAKEN_OVER, Found, find
@@ -28,7 +28,7 @@ from webgym.rollout.store import RunReader, RunWriter
 
 
 async def judge_again(
-    stage: Stage[RunWriter],
+    context: AttemptContext[RunWriter],
     tasks: Iterable[Task],
     judge: Judge,
     pictures: Pictures,
@@ -42,7 +42,7 @@ async def judge_again(
     a verdict the rest are left as they are: the endpoint is gone, or the model is not up to it.
 
     Args:
-        stage: of the run; its store holds the attempts.
+        context: of the run; its store holds the attempts.
         tasks: of the run.
         judge: as in the collection.
         pictures: gives the judge the screenshots.
@@ -55,7 +55,7 @@ async def judge_again(
         StoreError: a verdict cannot be kept, a record cannot be trusted, or a disk that is shared with other
             collectors cannot be read.
     """
-    again = _Again(stage, tasks, judge, pictures, config, blocklist, plan)
+    again = _Again(context, tasks, judge, pictures, config, blocklist, plan)
     for _ in range(config.judge_again):
         if not await again.round():
             return
@@ -64,7 +64,7 @@ async def judge_again(
 class _Again:
     def __init__(
         self,
-        stage: Stage[RunWriter],
+        context: AttemptContext[RunWriter],
         tasks: Iterable[Task],
         judge: Judge,
         pictures: Pictures,
@@ -72,7 +72,7 @@ class _Again:
         blocklist: Blocklist | None,
         plan: Plan | None,
     ) -> None:
-        self._stage = stage
+        self._context = context
         self._tasks = {task.id: task for task in tasks}
         self._judge = judge
         self._pictures = pictures
@@ -83,11 +83,11 @@ class _Again:
 
     async def round(self) -> bool:
         """Judge all that have no verdict once; whether another round may help."""
-        entries = self._stage.store.attempts.values()
+        entries = self._context.store.attempts.values()
         waiting = deque(entry.attempt_id for entry in entries if entry.outcome is Outcome.JUDGE_ERROR)
         if not waiting:
             return False
-        reader = RunReader(self._stage.store.path, skip_corrupt=True)
+        reader = RunReader(self._context.store.path, skip_corrupt=True)
         await asyncio.to_thread(reader.refresh)
         try:
             async with asyncio.TaskGroup() as group:
@@ -122,12 +122,12 @@ class _Again:
     async def _find(self, task: Task, episode: Episode) -> Found:
         if not await self._holds(episode):
             return TAKEN_OVER
-        self._stage.progress.move(None, "judging")
+        self._context.progress.move(None, "judging")
         try:
             seconds = self._config.judge_seconds
             found = await find(self._judge, task, episode, self._pictures, seconds)
         finally:
-            self._stage.progress.move("judging", None)
+            self._context.progress.move("judging", None)
         return found if await self._holds(episode) else TAKEN_OVER
 
     async def _holds(self, episode: Episode) -> bool:
@@ -141,5 +141,5 @@ class _Again:
             judge_failure=found.failure,
             judge_seconds=trajectory.judge_seconds + seconds,
         )
-        await self._stage.store.append(judged)
-        self._stage.progress.judged_again(trajectory, judged)
+        await self._context.store.append(judged)
+        self._context.progress.judged_again(trajectory, judged)

@@ -33,8 +33,8 @@ from webgym.judge import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
 from webgym.rehearsal import Rehearsal, Rehearsals
-from webgym.rollout.attempt import AttemptConfig
 from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.files import write_whole
 from webgym.rollout.judging import find
 from webgym.rollout.plan import Planned

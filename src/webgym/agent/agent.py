@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, Self
 
 import msgspec
@@ -74,10 +75,16 @@ class Agent:
         await self.policy.__aexit__(*exc)
 
 
-class Conversation:
-    """One attempt, seen from the agent: observations go in, steps come out, one after the other.
+class Dialogue:
+    """One attempt, seen from whoever replies: views go in as requests, replies come back as steps.
 
     Keeps the records of all steps, but pictures of the last rounds only.
+
+    Args:
+        task: what to do.
+        budget: how many turns the attempt may take; the agent is told, the caller keeps to it.
+        config: prompt format, window, limits.
+        profile: of the model that replies.
 
     Attributes:
         memory: what the agent has remembered.
@@ -85,14 +92,14 @@ class Conversation:
         revisions: by step index, where a reply's memory broke the append-only rule.
     """
 
-    def __init__(self, agent: Agent, task: Task, seed: int, budget: int) -> None:
-        self._agent = agent
+    def __init__(self, task: Task, budget: int, config: AgentConfig, profile: Profile) -> None:
         self._task = task
         self._budget = budget
+        self._config = config
+        self._profile = profile
         self._rounds: list[Round] = []
         self._images: dict[str, bytes] = {}
-        with _policy_errors(agent.policy.name):
-            self._player = agent.policy.begin(task, seed)
+        self._asked: _Asked | None = None
         self.memory: dict[str, Any] = {}
         self.progress: dict[str, Any] = {}
         self.revisions: dict[int, Revision] = {}
@@ -102,23 +109,14 @@ class Conversation:
         """All steps so far; ``changed`` is known for all but the last."""
         return [past.step for past in self._rounds]
 
-    async def turn(self, observation: Observation, image: bytes, at: float) -> Step:
-        """Ask the policy what to do about this observation.
+    async def request(self, observation: Observation, image: bytes) -> Turn:
+        """What to ask about this observation. Asking again, for the same or another, takes this one's place.
 
         Args:
             observation: what there is to see.
             image: its picture, encoded.
-            at: seconds from the start of the attempt to the observation.
-
-        Returns:
-            The step, with the exact request and reply, and the action or why there is none. ``changed``
-            is ``None``: only the next observation tells.
-
-        Raises:
-            PolicyError: the policy gave no reply. The conversation stands as it did before the call,
-                so the same observation may be tried again.
         """
-        config, profile = self._agent.config, self._agent.profile
+        config, profile = self._config, self._profile
         past = _with_effect(self._rounds, observation)
         index = len(past)
         revision = self.revisions.get(index - 1, Revision())
@@ -141,31 +139,54 @@ class Conversation:
             screen=profile.screen(sent),
             space=config.actions,
         )
-        reply = await self._ask(turn)
-        parsed = self._parse(reply, turn)
         # A compact reply lists what is new only.
-        unseen = list(self.memory)[: request.cut.entries]
-        if config.prompt_format == "compact":
-            unseen = list(self.memory)
-        revision = self._remember(parsed, unseen)
+        unseen = list(self.memory)
+        if config.prompt_format != "compact":
+            unseen = unseen[: request.cut.entries]
+        self._asked = _Asked(turn, past, held, unseen)
+        return turn
+
+    def receive(self, reply: Reply, at: float) -> Step:
+        """Take in the reply to the last request.
+
+        Args:
+            reply: whole.
+            at: seconds from the start of the attempt to the observation.
+
+        Returns:
+            The step, with the exact request and reply, and the action or why there is none. ``changed``
+            is ``None``: only the next observation tells.
+
+        Raises:
+            PolicyBadReply: the reply is no text.
+        """
+        assert self._asked is not None, "request comes first"
+        asked, turn = self._asked, self._asked.turn
+        try:
+            reply.text.encode()
+        except UnicodeEncodeError as error:
+            raise PolicyBadReply(f"{reply.policy} replied with text that is no Unicode") from error
+        parsed = self._parse(reply, turn)
+        revision = self._remember(parsed, asked.unseen)
         if revision:
-            self.revisions[index] = revision
+            self.revisions[turn.index] = revision
         step = Step(
-            index,
-            observation,
-            request.messages,
+            turn.index,
+            turn.observation,
+            turn.messages,
             reply,
             at=at,
             revision=revision or None,
             **_meaning(parsed),
         )
-        self._rounds = [*past, Round(step, parsed)]
-        self._images = {name: held[name] for name in self._in_sight()}
+        self._rounds = [*asked.past, Round(step, parsed)]
+        self._images = {name: asked.images[name] for name in self._in_sight()}
+        self._asked = None
         return step
 
     def _in_sight(self) -> set[str]:
         """The pictures that the next request may show again."""
-        first = max(0, len(self._rounds) - self._agent.config.rounds)
+        first = max(0, len(self._rounds) - self._config.rounds)
         return {past.step.observation.screenshot for past in self._rounds[first:]}
 
     def _parse(self, reply: Reply, turn: Turn) -> ParsedReply | ParseError:
@@ -174,22 +195,12 @@ class Conversation:
             turn.mode,
             turn.prompt_format,
             screen=turn.screen,
-            thinking=thinking_of(reply, self._agent.profile),
+            thinking=thinking_of(reply, self._profile),
             space=turn.space,
         )
         if isinstance(parsed, ParseError) and reply.finish_reason == "length":
             return ParseError(parsed.kind, f"{parsed.message}; it was too long and was cut off")
         return parsed
-
-    async def _ask(self, turn: Turn) -> Reply:
-        name = self._agent.policy.name
-        with _policy_errors(name):
-            reply = await self._player.reply(turn)
-        try:
-            reply.text.encode()
-        except UnicodeEncodeError as error:
-            raise PolicyBadReply(f"{name} replied with text that is no Unicode") from error
-        return reply
 
     def _remember(self, parsed: ParsedReply | ParseError, unseen: Sequence[str]) -> Revision:
         """Take in a reply's memory and progress; how its memory had to be mended."""
@@ -197,11 +208,44 @@ class Conversation:
         if isinstance(parsed, ParseError):
             return revision
         if parsed.memory is not None:
-            limit = self._agent.config.memory_max_chars
+            limit = self._config.memory_max_chars
             self.memory, revision = merge(self.memory, parsed.memory, max_chars=limit, unseen=unseen)
         if parsed.progress is not None:
             self.progress = parsed.progress
         return revision
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """A request that waits for its reply: with the rounds before it, the pictures at hand, and the entries of
+    memory that it does not show."""
+
+    turn: Turn
+    past: list[Round]
+    images: dict[str, bytes]
+    unseen: list[str]
+
+
+class Conversation(Dialogue):
+    """An attempt of the agent's: observations go in, steps come out, one after the other."""
+
+    def __init__(self, agent: Agent, task: Task, seed: int, budget: int) -> None:
+        super().__init__(task, budget, agent.config, agent.profile)
+        self._name = agent.policy.name
+        with _policy_errors(self._name):
+            self._player = agent.policy.begin(task, seed)
+
+    async def turn(self, observation: Observation, image: bytes, at: float) -> Step:
+        """Ask the policy what to do about this observation: see :meth:`request` and :meth:`receive`.
+
+        Raises:
+            PolicyError: the policy gave no reply. The conversation stands as it did before the call,
+                so the same observation may be tried again.
+        """
+        turn = await self.request(observation, image)
+        with _policy_errors(self._name):
+            reply = await self._player.reply(turn)
+        return self.receive(reply, at)
 
 
 def _with_effect(rounds: list[Round], observation: Observation) -> list[Round]:

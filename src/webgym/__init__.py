@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from webgym.core.task import FactGroup, Rubric, Task
     from webgym.core.trajectory import Episode, Reply, Step, Trajectory
     from webgym.core.verdict import Verdict
+    from webgym.environment import Environment, make, make_many, random_action
     from webgym.judge import Judge, OfflineJudge
     from webgym.offline import OfflineWeb
     from webgym.report import write_report
     from webgym.rollout.store import RunReader
-    from webgym.server import BrowserClient, ServerConfig, running_server
+    from webgym.server import BrowserClient, ServerConfig, View, running_server
+    from webgym.sync import LoopThread, SyncEnvironment
     from webgym.tasks import read_tasks, write_tasks
 
 __version__ = "0.1.0"
@@ -41,11 +43,13 @@ _HOMES = {
     "webgym.core.task": ("FactGroup", "Rubric", "Task"),
     "webgym.core.trajectory": ("Episode", "Reply", "Step", "Trajectory"),
     "webgym.core.verdict": ("Verdict",),
+    "webgym.environment": ("Environment", "make", "make_many", "random_action"),
     "webgym.judge": ("Judge", "OfflineJudge"),
     "webgym.offline": ("OfflineWeb",),
     "webgym.report": ("write_report",),
     "webgym.rollout.store": ("RunReader",),
-    "webgym.server": ("BrowserClient", "ServerConfig", "running_server"),
+    "webgym.server": ("BrowserClient", "ServerConfig", "View", "running_server"),
+    "webgym.sync": ("LoopThread", "SyncEnvironment"),
     "webgym.tasks": ("read_tasks", "write_tasks"),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
@@ -55,9 +59,11 @@ __all__ = [
     "Agent",
     "AgentConfig",
     "BrowserClient",
+    "Environment",
     "Episode",
     "FactGroup",
     "Judge",
+    "LoopThread",
     "Observation",
     "OfflineJudge",
     "OfflineWeb",
@@ -70,13 +76,18 @@ __all__ = [
     "RunReader",
     "ServerConfig",
     "Step",
+    "SyncEnvironment",
     "Task",
     "Trajectory",
     "Turn",
     "Verdict",
+    "View",
     "WebGymError",
     "__version__",
     "collect",
+    "make",
+    "make_many",
+    "random_action",
     "read_tasks",
     "resume",
     "running_server",

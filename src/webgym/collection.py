@@ -480,19 +480,30 @@ async def _company(
                 await check_judge(config.judge)
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
-        site_state, client = await stack.enter_async_context(_places(config, secrets, tasks, tell, calls))
+        site_state, client = await stack.enter_async_context(places(config, secrets, tasks, tell, calls))
         yield _Company(site_state, client, agent, judge, calls, trouble, tell)
 
 
 @asynccontextmanager
-async def _places(
+async def places(
     config: RunConfig,
     secrets: Secrets,
     tasks: Sequence[Task],
     tell: Tell | None,
     calls: dict[str, CallQueue],
 ) -> AsyncIterator[tuple[SiteState | None, Browsers]]:
-    """Websites and browsers, or what stands in for both."""
+    """Websites and browsers, or what stands in for both, open until the block ends.
+
+    Args:
+        config: of the run.
+        secrets: tokens of servers that run elsewhere.
+        tasks: that are to be attempted, ``config.samples`` times each.
+        tell: is told, a line at a time, what a person should know.
+        calls: the queues in which a client waits, by kind of call.
+
+    Raises:
+        WebGymError: they cannot be started or reached, or do not serve these tasks.
+    """
     if config.server.rehearsed:
         if config.sites.collection != "small" or config.tasks.file is not None:
             raise ConfigError(

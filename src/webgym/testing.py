@@ -1,8 +1,9 @@
-"""Checks for those who write websites of their own: does every task hold what it promises?
+"""Checks for those who write websites or environments of their own: does everything hold what it promises?
 
 :func:`check_family` plays the tasks of a family of small websites without a browser, by following their
 solutions on the pages that the website answers with, and judges what comes of it: the solution must pass,
 and a wrong answer, an answer without evidence, a premature answer and an empty trajectory must not.
+:func:`check_environment` plays a few episodes on stand-ins: faults are no rewards, and no browser is kept.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Iterable, Iterator
 
 from webgym.agent.solver import Solver
 from webgym.checking import spoilt
+from webgym.conformance import check_environment
 from webgym.core.action import Answer
 from webgym.core.outcome import Ending
 from webgym.core.task import StepBudget, Task
@@ -20,7 +22,7 @@ from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
 
-__all__ = ["check_family", "check_tasks", "play"]
+__all__ = ["check_environment", "check_family", "check_tasks", "play"]
 
 
 def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:

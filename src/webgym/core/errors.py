@@ -41,6 +41,7 @@
     │   ├── PolicyTimeout      no complete reply within the deadline
     │   └── PolicyBadReply     an HTTP error, HTML, nothing, an endless stream
     ├── AttemptOverdue         an attempt, or a step of it, took longer than any may
+    ├── EpisodeLost            an environment's episode ended without a reward, and that is to be an error
     ├── JudgeError             no verdict could be had; never a silent 0 or 1
     ├── TrainingError          learning cannot go on; what was saved before is whole
     │   └── PublishError       the policy's server did not take new weights, or its replies are not theirs
@@ -339,6 +340,14 @@ class AttemptOverdue(WebGymError):
 
     code = "attempt_overdue"
     usual_hint = "attempt.longest_seconds is the limit"
+
+
+class EpisodeLost(WebGymError):
+    """An episode of an environment ended without a reward: blocked, or for an error of environment, policy or
+    judge."""
+
+    code = "episode_lost"
+    usual_hint = "reset and go on; on_fault='nan' gives a reward of NaN instead"
 
 
 class JudgeError(WebGymError):

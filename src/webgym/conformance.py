@@ -1,0 +1,286 @@
+"""Does an environment, or what wraps one for a trainer, keep what it promises? Seconds, and no browser."""
+
+from __future__ import annotations
+
+import asyncio
+import gc
+import hashlib
+import inspect
+import math
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from io import BytesIO
+from typing import Any, Final
+
+from PIL import Image
+
+from webgym.collection import PolicyChoice, RunConfig
+from webgym.core.action import Answer, BrowserAction, Scroll
+from webgym.core.errors import BrowserCrashed, JudgeError
+from webgym.core.observation import Observation
+from webgym.core.task import FactGroup, Rubric, Task
+from webgym.core.trajectory import Episode
+from webgym.core.verdict import Judgement, Verdict
+from webgym.environment import Environment
+from webgym.judge.base import Pictures
+from webgym.rollout.driver import AttemptConfig
+from webgym.server import SessionOptions, View
+
+_SIZE: Final = (64, 48)
+_BUDGET: Final = 4
+_RIGHT: Final = "right"
+_FAULTS: Final = ("browser", "judge", "no_reward", "blocked", "unreadable")
+"""What can keep an episode from a reward."""
+
+
+class _Browsers:
+    """Stand-ins of browsers: every page is another picture, and every session has its own.
+
+    Attributes:
+        open_now: sessions that nobody has given back.
+        steps: of every session, by its number.
+    """
+
+    def __init__(self) -> None:
+        self.open_now: set[int] = set()
+        self.steps: dict[int, int] = {}
+        self.fails = False
+        self.hangs = False
+        self.entered = asyncio.Event()
+
+    async def open(self, options: SessionOptions | None = None) -> _Session:
+        del options
+        session = _Session(self, len(self.steps))
+        self.open_now.add(session.number)
+        self.steps[session.number] = -1  # the start page
+        return session
+
+
+class _Session:
+    def __init__(self, browsers: _Browsers, number: int) -> None:
+        self._browsers, self.number = browsers, number
+        self.id = str(number)
+
+    async def step(self, action: BrowserAction | None = None) -> View:
+        browsers = self._browsers
+        if action is not None and browsers.fails and isinstance(action, Scroll):
+            raise BrowserCrashed("the browser of the check crashed")
+        if browsers.hangs and isinstance(action, Scroll):
+            browsers.entered.set()
+            await asyncio.Event().wait()
+        browsers.steps[self.number] += 1
+        count = browsers.steps[self.number]
+        held = BytesIO()
+        Image.new("RGB", _SIZE, (count * 40 % 256, 0, 0)).save(held, "PNG")
+        name = hashlib.sha256(held.getvalue()).hexdigest()
+        seen = Observation(name, f"http://check.test/{count}", f"page {count}", _SIZE, status=200)
+        return View(seen, held.getvalue())
+
+    async def close(self) -> None:
+        self._browsers.open_now.discard(self.number)
+
+
+class _Judge:
+    """Right is 1, all else is 0, unless it is told to fail."""
+
+    name = "check/1"
+
+    def __init__(self) -> None:
+        self.fault = ""
+
+    async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
+        del task
+        await pictures(episode.steps[0].observation.screenshot)
+        if self.fault == "judge":
+            raise JudgeError("the judge of the check gives no verdict")
+        reward = None if self.fault in ("no_reward", "blocked") else int(episode.answer == _RIGHT)
+        return Verdict(self.name, reward, (), Judgement(self.fault == "blocked", "as the check wants it"))
+
+
+_TASKS: Final = tuple(
+    Task(f"check-{number}", f"Find number {number}", "http://check.test/", "Check", "Check", _rubric, "check")
+    for _rubric in [Rubric((FactGroup(1, "all", ("it is found",)),))]
+    for number in range(12)
+)
+
+Adapt = Callable[[Environment], Any]
+"""Makes what is checked of an environment that is open: it has ``reset(seed=…, options=…)``, ``step(action)``
+and, where it holds anything, ``close()``, as coroutines or not."""
+
+
+class _Check:
+    """The rules, one method each, and what was found."""
+
+    def __init__(self, adapt: Adapt) -> None:
+        self._adapt = adapt
+        self.faults: list[str] = []
+
+    @asynccontextmanager
+    async def _opened(self) -> AsyncIterator[tuple[Any, _Browsers, _Judge]]:
+        browsers, judge = _Browsers(), _Judge()
+        async with self._environment(browsers, judge) as env:
+            adapted = self._adapt(env)
+            try:
+                yield adapted, browsers, judge
+            finally:
+                await _close(adapted)
+
+    def _environment(self, browsers: _Browsers, judge: _Judge) -> Environment:
+        attempt = AttemptConfig(viewport=_SIZE, budget_easy=_BUDGET)
+        config = RunConfig(attempt=attempt, policy=PolicyChoice(check=False))
+        return Environment(_TASKS, browsers=browsers, judge=judge, config=config)
+
+    def expect(self, holds: bool, rule: str) -> None:
+        if not holds:
+            self.faults.append(rule)
+
+    async def rewards(self) -> None:
+        """Once, and only at the end."""
+        for answer, wanted in ((_RIGHT, 1.0), ("wrong", 0.0), (None, 0.0)):
+            async with self._opened() as (env, _, _):
+                await _call(env.reset, seed=1)
+                last = Scroll("down") if answer is None else Answer(answer)
+                actions = [Scroll("down")] * (_BUDGET - 1) + [last]
+                taken = [await _call(env.step, action) for action in actions]
+                given = [each[1] for each in taken]
+                self.expect(given[:-1] == [0.0] * (_BUDGET - 1), f"a reward before the end: {given}")
+                self.expect(given[-1] == wanted, f"the reward for the answer {answer!r} is {given[-1]}")
+                ends = [(bool(each[2]), bool(each[3])) for each in taken]
+                self.expect(not any(map(any, ends[:-1])), "an episode is over before its end")
+                told = "an answer terminates an episode" if answer else "a budget that is spent truncates one"
+                self.expect(ends[-1] == ((True, False) if answer else (False, True)), told)
+                self.expect(await _raises(env.step, Scroll("down")), "a step after the end raises no error")
+
+    async def faults_are_no_rewards(self) -> None:
+        """Whatever failed, it is not the policy's 0."""
+        for fault in _FAULTS:
+            async with self._opened() as (env, browsers, judge):
+                await _call(env.reset, seed=1)
+                judge.fault, browsers.fails = fault, fault == "browser"
+                actions = [Scroll("down"), Answer(_RIGHT)]
+                if fault in ("judge", "no_reward", "blocked"):
+                    actions = [Answer(_RIGHT)]
+                elif fault == "unreadable":
+                    actions = ["I would click there."] * _BUDGET  # type: ignore[list-item]
+                reward, terminated, truncated, info = 0.0, False, False, {}
+                for action in actions:
+                    _, reward, terminated, truncated, info = await _call(env.step, action)
+                    if terminated or truncated:
+                        break
+                told = f"an episode without a reward ({fault})"
+                self.expect(math.isnan(reward), f"{told} has the reward {reward}, not NaN")
+                self.expect(not terminated and bool(truncated), f"{told} is not truncated")
+                self.expect(
+                    str(info.get("outcome")) not in ("success", "failure", "truncated", "None"),
+                    f"{told} has the outcome {info.get('outcome')}",
+                )
+
+    async def seeds(self) -> None:
+        """The same seed gives the same tasks."""
+        orders = []
+        for seed in (5, 5, 6):
+            async with self._opened() as (env, _, _):
+                first = (await _call(env.reset, seed=seed))[1]["task_id"]
+                orders.append([first, *[(await _call(env.reset))[1]["task_id"] for _ in range(4)]])
+        self.expect(orders[0] == orders[1], "the same seed gives other tasks")
+        self.expect(orders[0] != orders[2], "another seed gives the same tasks")
+        async with self._opened() as (env, _, _):
+            chosen = (await _call(env.reset, options={"task_id": "check-7"}))[1]["task_id"]
+            self.expect(chosen == "check-7", "options={'task_id': …} is not heard")
+
+    async def sessions_are_given_back(self) -> None:
+        """Whatever happens, nobody keeps a browser."""
+        async with self._opened() as (env, browsers, _):
+            for _ in range(3):
+                await _call(env.reset)
+            self.expect(len(browsers.open_now) <= 1, "an episode that is abandoned keeps its browser")
+            await _call(env.step, Answer(_RIGHT))
+            self.expect(not browsers.open_now, "an episode that is over keeps its browser")
+            await _call(env.reset)
+            browsers.fails = True
+            await _call(env.step, Scroll("down"))
+            self.expect(not browsers.open_now, "an episode that failed keeps its browser")
+            browsers.fails = False
+            await _call(env.reset)
+        self.expect(not browsers.open_now, "an environment that is closed keeps its browser")
+        async with self._opened() as (env, browsers, _):
+            if inspect.iscoroutinefunction(env.step):
+                await _call(env.reset)
+                browsers.hangs = True
+                step = asyncio.create_task(env.step(Scroll("down")))
+                await browsers.entered.wait()
+                step.cancel()
+                await asyncio.wait({step})
+                self.expect(step.cancelled(), "a step that is cancelled goes on")
+                self.expect(not browsers.open_now, "a step that is cancelled keeps its browser")
+        await self._forgotten()
+
+    async def _forgotten(self) -> None:
+        browsers = _Browsers()
+        env = self._environment(browsers, _Judge())
+        await env.__aenter__()
+        adapted = self._adapt(env)
+        await _call(adapted.reset)
+        del env, adapted
+        for _ in range(3):
+            gc.collect()
+            await asyncio.sleep(0)
+        self.expect(not browsers.open_now, "an environment that is forgotten keeps its browser")
+
+    async def isolation(self) -> None:
+        """Two environments never see each other's state."""
+        async with self._opened() as (one, seen_by_one, _), self._opened() as (other, seen_by_other, _):
+            await _call(one.reset, seed=1)
+            await _call(other.reset, seed=1)
+            for _ in range(_BUDGET - 1):
+                info = (await _call(one.step, Scroll("down")))[4]
+            quiet = max(seen_by_other.steps.values(), default=-1)
+            busy = max(seen_by_one.steps.values(), default=-1)
+            self.expect((busy, quiet) == (_BUDGET - 1, 0), "a step in one environment reaches another")
+            self.expect(info["step"] == _BUDGET - 1, "an environment does not count its own steps")
+
+
+async def check_environment(adapt: Adapt = lambda env: env) -> list[str]:
+    """Check an environment, or what wraps one: the reward comes once and only at the end; faults never become
+    rewards; seeds reproduce; browsers are given back after an end, a failure, a cancelled step, and when they
+    are forgotten; two environments never see each other's state. Browsers and judge are stand-ins.
+
+    Args:
+        adapt: wraps an :class:`~webgym.environment.Environment`; by default that itself is checked.
+
+    Returns:
+        A line for every rule that is broken; empty if there is none.
+    """
+    check = _Check(adapt)
+    rules = (
+        check.rewards,
+        check.faults_are_no_rewards,
+        check.seeds,
+        check.sessions_are_given_back,
+        check.isolation,
+    )
+    for rule in rules:
+        try:
+            await rule()
+        except Exception as error:
+            check.faults.append(f"{rule.__name__}: {type(error).__name__}: {error}")
+    return list(dict.fromkeys(check.faults))
+
+
+async def _call(function: Callable[..., Any], *given: Any, **named: Any) -> Any:
+    if inspect.iscoroutinefunction(function):
+        return await function(*given, **named)
+    return await asyncio.to_thread(function, *given, **named)
+
+
+async def _close(adapted: Any) -> None:
+    if (close := getattr(adapted, "close", None)) is not None:
+        await _call(close)
+
+
+async def _raises(function: Callable[..., Any], *given: Any) -> bool:
+    try:
+        await _call(function, *given)
+    except Exception:
+        return True
+    return False

@@ -1,0 +1,538 @@
+"""The environment for whoever brings the policy: reset, step, and a reward at the end.
+
+    async with webgym.make("offline-v1", split="train") as env:
+        view, info = await env.reset(seed=7)
+        while not info["is_over"]:
+            view, reward, terminated, truncated, info = await env.step(act(info["messages"], info["images"]))
+
+An episode here and an attempt of a run are the same code: the same browser, parser, record and judge.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import random
+import uuid
+import weakref
+from collections import Counter
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any, Final, Literal, Self, TypeAlias
+
+import msgspec
+
+from webgym.agent.agent import Dialogue
+from webgym.agent.policy import Turn
+from webgym.agent.profiles import choose_profile
+from webgym.agent.prompts import render_reply
+from webgym.collection import RunConfig, Secrets, choose_tasks, places, resolved
+from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Scroll, Target, Wait
+from webgym.core.calls import call_queues
+from webgym.core.errors import ConfigError, EpisodeLost, UsageError
+from webgym.core.task import Task
+from webgym.core.trajectory import Reply, Trajectory
+from webgym.judge import Judge
+from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
+from webgym.offline.app import SitesConfig
+from webgym.offline.web import CollectionName
+from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
+from webgym.rollout.judging import find
+from webgym.rollout.plan import Planned
+from webgym.server import View
+
+Info: TypeAlias = dict[str, Any]
+"""What :meth:`Environment.reset` and :meth:`Environment.step` tell beside the view:
+
+``task_id``, ``instruction``, ``website``
+    of the task.
+``step``, ``budget``
+    steps so far, and how many there may be.
+``messages``, ``images``
+    the request that WebGym's own agent would send now: memory, history and screenshots in its prompt
+    (:class:`~webgym.core.trajectory.Message`; pictures encoded, by name). Not there once the episode is over.
+``parse_error``
+    why the last reply held no action; empty if it did.
+``is_over``
+    whether the episode is over; then also
+``outcome``
+    one of eight (:class:`~webgym.core.outcome.Outcome`),
+``failure``
+    code and message of the error that kept the episode, or its verdict, from being, else ``None``,
+``trajectory``
+    the whole record (:class:`~webgym.core.trajectory.Trajectory`), as a run's folder would hold it,
+``pictures``
+    its screenshots, encoded, by name.
+"""
+
+COLLECTIONS: Final[dict[str, CollectionName]] = {"offline-v1": "large", "offline-small-v1": "small"}
+"""Names of the task sets that come with WebGym. A name always has the same websites and tasks."""
+
+OnFault: TypeAlias = Literal["nan", "raise"]
+
+
+@dataclass(frozen=True)
+class _Services:
+    """What several environments may share."""
+
+    tasks: dict[str, Task]
+    client: Browsers
+    site_state: SiteState | None
+    judge: Judge
+
+
+class Environment:
+    """Tasks on websites in a real browser, one at a time. Enter it before use, or call :func:`make`.
+
+    Args:
+        tasks: a task file, tasks, or ``None`` for those that ``config.tasks`` chooses (by default all
+            training tasks of the offline web).
+        browsers: an open client of a browser server, which several environments may share; by default what
+            ``config.server`` says: a server elsewhere, or a browser that is started here.
+        judge: gives the reward; by default the one that ``config.judge`` names.
+        config: everything else that a run has settings for: agent (prompt, mode, actions), browser, budgets.
+        secrets: tokens of servers that run elsewhere.
+        seed: of the order of tasks until :meth:`reset` is given one.
+        on_fault: what an episode gives that has no reward because the website blocked it or environment,
+            policy or judge failed. ``nan``: a reward of NaN, ``truncated``, and ``info["outcome"]`` tells.
+            ``raise``: :meth:`step` raises :class:`~webgym.core.errors.EpisodeLost`. It is never a 0.
+
+    Attributes:
+        config: as it was resolved.
+        profile: of the family of models that the requests are made for.
+    """
+
+    def __init__(
+        self,
+        tasks: Path | str | Sequence[Task] | None = None,
+        *,
+        browsers: Browsers | None = None,
+        judge: Judge | None = None,
+        config: RunConfig | None = None,
+        secrets: Secrets | None = None,
+        seed: int = 0,
+        on_fault: OnFault = "nan",
+    ) -> None:
+        config = config or RunConfig()
+        if isinstance(tasks, str | Path):
+            chosen = config.tasks.model_copy(update={"file": Path(tasks)})
+            config, tasks = config.model_copy(update={"tasks": chosen}), None
+        # All that there are, unless a number is asked for: nothing is spent on a task before it is drawn.
+        if config.tasks.count is None:
+            config = config.model_copy(update={"tasks": config.tasks.model_copy(update={"count": "all"})})
+        self.config = resolved(config, None, None)
+        self.profile = choose_profile(self.config.agent.profile, "", self.config.agent.mode)
+        self._given = tasks
+        self._browsers, self._judge = browsers, judge
+        self._secrets = secrets or Secrets()
+        self._on_fault = on_fault
+        self._stack = AsyncExitStack()
+        self._services: _Services | None = None
+        self._seed = seed
+        self._seed_anew(seed)
+        self._run_id = uuid.uuid4().hex
+        self._episode: _Episode | None = None
+
+    # --- open and close ---------------------------------------------------------------------------------
+
+    async def __aenter__(self) -> Self:
+        if self._services is None:
+            try:
+                self._services = await self._open()
+            except BaseException:
+                await self._stack.aclose()
+                raise
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Give the browser back, and stop what was started for this environment. Safe to call twice."""
+        await self._abandon()
+        self._services = None
+        await self._stack.aclose()
+
+    async def _open(self) -> _Services:
+        config, given = self.config, self._given
+        tasks = list(given) if given is not None else (await asyncio.to_thread(choose_tasks, config)).tasks
+        if not tasks:
+            raise ConfigError("there is no task", hint="give at least one")
+        judge = self._judge
+        if judge is None:
+            refuse_unjudgeable(config.judge, tasks)
+            if config.policy.check:
+                await check_judge(config.judge)
+            judge = await self._stack.enter_async_context(open_judge(config.judge))
+        limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
+        calls = call_queues(config.limits.calls | limits)
+        held = {task.id: task for task in tasks}
+        if self._browsers is None:
+            opened = places(config, self._secrets, tasks, None, calls)
+            site_state, client = await self._stack.enter_async_context(opened)
+            return _Services(held, client, site_state, judge)
+        if any(task.truth is not None and any(fact.state for fact in task.truth.facts) for task in tasks):
+            raise ConfigError(
+                "some of these tasks are judged by what the offline web's servers hold, which a client of "
+                "browsers does not know",
+                hint="give config.server its address and the offline web's, in place of browsers",
+            )
+        return _Services(held, self._browsers, None, judge)
+
+    def twin(self, seed: int) -> Environment:
+        """Another environment on the same browsers, websites, tasks and judge; this one outlives it.
+
+        Args:
+            seed: of the order of tasks.
+        """
+        other = Environment(self._given, config=self.config, seed=seed, on_fault=self._on_fault)
+        other._services = self._opened
+        return other
+
+    @property
+    def _opened(self) -> _Services:
+        if self._services is None:
+            raise UsageError(
+                "the environment is not open", hint="use it as: async with webgym.make(…) as env"
+            )
+        return self._services
+
+    @property
+    def tasks(self) -> Mapping[str, Task]:
+        """By id. Their ``truth`` is for judges and tests: no policy may see it."""
+        return self._opened.tasks
+
+    # --- reset and step ---------------------------------------------------------------------------------
+
+    async def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[View, Info]:
+        """Begin an episode; one that is not over is abandoned.
+
+        Args:
+            seed: begins the order of tasks anew: the same seed gives the same tasks. Without one, the next.
+            options: ``task_id``: this task.
+
+        Returns:
+            The start page, as picture and description, and :data:`Info`.
+
+        Raises:
+            ConfigError: there is no such task or option.
+            WebGymError: the browser or the website failed, so that no episode began; reset again.
+        """
+        services = self._opened
+        await self._abandon()
+        if seed is not None:
+            self._seed_anew(seed)
+        task = self._choose(options or {})
+        self._attempts[task.id] += 1
+        episode = _Episode(
+            self, services, Planned(task, self._attempts[task.id] - 1), f"{self._run_id}-{uuid.uuid4().hex}"
+        )
+        self._episode = episode
+        try:
+            view = await episode.begin()
+        except BaseException:
+            await self._abandon()
+            raise
+        return view, episode.info()
+
+    async def step(self, action: Action | str | Reply) -> tuple[View, float, bool, bool, Info]:
+        """Carry out an action, or what a model replied.
+
+        Args:
+            action: one of :mod:`webgym.core.action`; or a reply in the prompt's format, which the parser of
+                runs reads (one that holds no action is a step all the same, and ``info["parse_error"]`` says
+                why); or a :class:`~webgym.core.trajectory.Reply` with its tokens and weight version, which go
+                into the record.
+
+        Returns:
+            view: what there is to see now; at the end, what was seen last.
+            reward: 0.0 until the end; then 1.0 or 0.0 by the judge, or NaN where there is none.
+            terminated: the episode was answered and judged.
+            truncated: the budget is spent, or the episode has no reward.
+            info: :data:`Info`.
+
+        Raises:
+            UsageError: there is no episode, or it is over.
+            EpisodeLost: there is no reward, and ``on_fault`` is ``raise``.
+        """
+        episode = self._episode
+        if episode is None or episode.is_over:
+            raise UsageError("there is no episode to step", hint="call reset first")
+        try:
+            is_over = await episode.step(self._as_reply(action))
+        except BaseException:  # cancelled, or called wrongly: nobody can go on from here
+            await self._abandon()
+            raise
+        info = episode.info()
+        if not is_over:
+            return episode.view, 0.0, False, False, info
+        reward, outcome = episode.reward, info["outcome"]
+        if math.isnan(reward) and self._on_fault == "raise":
+            why = info["failure"]["message"] if info["failure"] else "the website kept the agent out"
+            raise EpisodeLost(f"the episode ended as {outcome}: {why}")
+        terminated = outcome in ("success", "failure")
+        return episode.view, reward, terminated, not terminated, info
+
+    def _as_reply(self, action: Action | str | Reply) -> Reply:
+        if isinstance(action, Reply):
+            return action
+        if not isinstance(action, str | Action):
+            raise UsageError(
+                f"{type(action).__name__} is no action",
+                hint="give one of webgym.core.action, or a reply's text",
+            )
+        if isinstance(action, str):
+            return Reply(action, "external")
+        # By way of the format that replies are in: one parser says what an action may be.
+        agent = self.config.agent
+        sent = self.profile.picture_size(self.config.attempt.viewport, agent.image_max_side)
+        screen = self.profile.screen(sent)
+        return Reply(render_reply(action, agent.prompt_format, description="", screen=screen), "external")
+
+    async def _abandon(self) -> None:
+        episode, self._episode = self._episode, None
+        if episode is not None:
+            await asyncio.shield(episode.give_back())
+
+    def _seed_anew(self, seed: int) -> None:
+        self._seed = seed
+        self._random = random.Random(seed)
+        self._waiting: list[str] = []
+        self._attempts: Counter[str] = Counter()
+
+    def _choose(self, options: Mapping[str, Any]) -> Task:
+        tasks = self._opened.tasks
+        if unknown := options.keys() - {"task_id"}:
+            raise ConfigError(f"there is no option {sorted(unknown)[0]!r}", hint="options has task_id alone")
+        task_id = options.get("task_id")
+        if task_id is None:
+            if not self._waiting:
+                self._waiting = self._random.sample(list(tasks), len(tasks))
+            task_id = self._waiting.pop()
+        if task_id not in tasks:
+            near = get_close_matches(str(task_id), tasks, 1)
+            raise ConfigError(
+                f"there is no task {str(task_id)[:80]!r}", hint=f"did you mean {near[0]}?" if near else ""
+            )
+        return tasks[task_id]
+
+
+class _Pictures:
+    """Of one episode, in memory."""
+
+    def __init__(self) -> None:
+        self.held: dict[str, bytes] = {}
+
+    async def put_image(self, name: str, data: bytes) -> None:
+        self.held[name] = data
+
+
+class _Episode:
+    """From reset to the end."""
+
+    def __init__(self, env: Environment, services: _Services, planned: Planned, run_id: str) -> None:
+        config = env.config
+        self._services = services
+        self._judge_seconds = config.collector.judge_seconds
+        self._pictures = _Pictures()
+        context = EpisodeContext(
+            store=self._pictures,
+            config=config.attempt,
+            site_state=services.site_state,
+            run_id=run_id,
+            seed=env._seed,
+            policy="external",
+            mode=env.profile.mode,
+            space=config.agent.actions,
+            elements=env.profile.mode == "marks",
+        )
+        self._driver = EpisodeDriver(context, planned)
+        # No policy is shown what proves that a task was done.
+        shown = msgspec.structs.replace(planned.task, truth=None)
+        self._dialogue = Dialogue(shown, self._driver.budget, config.agent, env.profile)
+        self._session: BrowserSession | None = None
+        self._finalizer: weakref.finalize[Any, _Episode] | None = None
+        self._seen_at = 0.0
+        self._parse_error = ""
+        self._trajectory: Trajectory | None = None
+        self.view: View
+        self.turn: Turn
+
+    async def begin(self) -> View:
+        """Open the start page."""
+        session = self._session = await self._services.client.open(self._driver.options())
+        # An environment that is forgotten keeps no browser.
+        self._finalizer = weakref.finalize(self, _close_later, asyncio.get_running_loop(), session)
+        self._finalizer.atexit = False
+        await self._see(await self._driver.start(session))
+        return self.view
+
+    async def step(self, reply: Reply) -> bool:
+        """A reply; whether the episode is over then."""
+        driver = self._driver
+        try:
+            step = self._dialogue.receive(reply, self._seen_at)
+            self._parse_error = step.parse_error
+            view = await driver.take(step)
+            if view is not None:
+                await self._see(view)
+        except Exception as error:
+            driver.fail(error)  # whatever it is, it is never a reward of 0
+        if driver.is_over or driver.failure is not None:
+            await self._end()
+        return self.is_over
+
+    async def _see(self, view: View) -> None:
+        self.view, self._seen_at = view, self._driver.elapsed
+        if not self._driver.is_over:
+            self.turn = await self._dialogue.request(view.observation, view.image)
+
+    async def _end(self) -> None:
+        """Whatever became of it has an outcome."""
+        await self._driver.conclude()
+        await self.give_back()
+        episode = self._driver.episode()
+        task = self._driver.planned.task
+        found = await find(self._services.judge, task, episode, self._picture, self._judge_seconds)
+        self._trajectory = Trajectory(episode, found.outcome, found.verdict, found.failure)
+
+    async def _picture(self, name: str) -> bytes:
+        return self._pictures.held[name]
+
+    async def give_back(self) -> None:
+        """Give the browser back. Safe to call twice."""
+        if self._finalizer is not None:
+            self._finalizer.detach()
+        session, self._session = self._session, None
+        if session is not None:
+            await session.close()
+
+    @property
+    def is_over(self) -> bool:
+        return self._trajectory is not None
+
+    @property
+    def reward(self) -> float:
+        assert self._trajectory is not None
+        outcome = self._trajectory.outcome
+        return float(outcome == "success") if outcome.is_rewarded else math.nan
+
+    def info(self) -> Info:
+        """See :data:`Info`."""
+        driver, trajectory = self._driver, self._trajectory
+        task = driver.planned.task
+        told: Info = {
+            "task_id": task.id,
+            "instruction": task.instruction,
+            "website": task.website,
+            "step": len(driver.steps),
+            "budget": driver.budget,
+            "parse_error": self._parse_error,
+            "is_over": trajectory is not None,
+        }
+        if trajectory is None:
+            return told | {"messages": self.turn.messages, "images": dict(self.turn.images)}
+        failure = trajectory.episode.failure or trajectory.judge_failure
+        return told | {
+            "outcome": trajectory.outcome.value,
+            "failure": msgspec.to_builtins(failure) if failure else None,
+            "trajectory": trajectory,
+            "pictures": self._pictures.held,
+        }
+
+
+def _close_later(loop: asyncio.AbstractEventLoop, session: BrowserSession) -> None:
+    with contextlib.suppress(RuntimeError):  # the loop is closed, and so is the client with all its sessions
+        loop.call_soon_threadsafe(lambda: _keep(loop.create_task(session.close())))
+
+
+_CLOSING: set[asyncio.Task[None]] = set()
+
+
+def _keep(task: asyncio.Task[None]) -> None:
+    _CLOSING.add(task)
+    task.add_done_callback(_CLOSING.discard)
+
+
+def random_action(seed: int) -> Action:
+    """An action of the paper's space, at random: mostly clicks and scrolls, now and then an answer.
+
+    Args:
+        seed: of it.
+    """
+    rng = random.Random(seed)
+    match rng.choices(("click", "scroll", "back", "wait", "answer"), (10, 5, 1, 1, 1))[0]:
+        case "click":
+            return LeftClick(Target(coordinate=(float(rng.randrange(GRID)), float(rng.randrange(GRID)))))
+        case "scroll":
+            return Scroll(rng.choice(("up", "down")))
+        case "back":
+            return GoBack()
+        case "wait":
+            return Wait(1.0)
+        case _:
+            return Answer("I do not know.")
+
+
+def make(
+    name: str = "offline-v1",
+    *,
+    split: Literal["train", "test", "all"] = "train",
+    config: RunConfig | None = None,
+    **given: Any,
+) -> Environment:
+    """An environment by the name of its tasks.
+
+    Args:
+        name: ``offline-v1`` (405 websites as on the real web), ``offline-small-v1`` (360 websites of a few
+            large signs), or the path of a task file.
+        split: which tasks; training never sees a test task unless it is asked for by this.
+        config: settings, in which the name and the split are set.
+        given: more of :class:`Environment`'s arguments.
+
+    Raises:
+        ConfigError: there are no tasks of this name.
+    """
+    config = config or RunConfig()
+    tasks = config.tasks.model_copy(update={"split": split})
+    if name in COLLECTIONS:
+        sites = SitesConfig(collection=COLLECTIONS[name], latency=config.sites.latency)
+        config = config.model_copy(update={"sites": sites})
+    elif Path(name).is_file():
+        tasks = tasks.model_copy(update={"file": Path(name)})
+    else:
+        raise ConfigError(
+            f"there are no tasks named {name!r}",
+            hint=f"give {', '.join(COLLECTIONS)} or the path of a task file",
+        )
+    return Environment(config=config.model_copy(update={"tasks": tasks}), **given)
+
+
+@asynccontextmanager
+async def make_many(count: int, name: str = "offline-v1", **given: Any) -> AsyncIterator[list[Environment]]:
+    """Several environments on the same browsers, websites and judge, each with an order of tasks of its own.
+
+        async with webgym.make_many(8, "offline-v1") as envs:
+            views = await asyncio.gather(*(env.reset() for env in envs))
+
+    Args:
+        count: how many, and so how many browsers.
+        name: see :func:`make`.
+        given: more of :func:`make`'s arguments.
+    """
+    config = given.pop("config", None) or RunConfig()
+    seed = given.pop("seed", 0)
+    collector = config.collector.model_copy(update={"sessions": count})
+    config = config.model_copy(update={"collector": collector})
+    async with AsyncExitStack() as stack:
+        first = await stack.enter_async_context(make(name, config=config, seed=seed, **given))
+        others = [first.twin(seed + 1 + place) for place in range(count - 1)]
+        for other in others:
+            await stack.enter_async_context(other)
+        yield [first, *others]

@@ -1,0 +1,1 @@
+"""WebGym for other frameworks: one file each, which imports the façade alone."""

@@ -1,0 +1,231 @@
+"""Gymnasium (extra ``gymnasium``; tested with gymnasium 1.4). Importing this module makes the ids known:
+
+import gymnasium
+import webgym.integrations.gymnasium
+
+env = gymnasium.make("WebGym/Offline-v1", split="train")
+envs = gymnasium.make_vec("WebGym/Offline-v1", num_envs=8)  # all browsers act at the same time
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from contextlib import AsyncExitStack
+from io import BytesIO
+from typing import Any, Final, TypeAlias
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+from PIL import Image
+
+from webgym import (
+    Action,
+    Environment,
+    LoopThread,
+    Reply,
+    SyncEnvironment,
+    View,
+    make,
+    make_many,
+    random_action,
+)
+
+IDS: Final = {"WebGym/Offline-v1": "offline-v1", "WebGym/OfflineSmall-v1": "offline-small-v1"}
+"""Environments by their Gymnasium ids. The same id always has the same websites and tasks."""
+
+Observation: TypeAlias = dict[str, Any]
+_LONGEST: Final = 2**20
+_CHARACTERS: Final = "".join(map(chr, (*range(0xD800), *range(0xE000, 0x10000))))
+_REPLACED: Final = "\ufffd"
+
+
+class ActionSpace(gymnasium.Space[Any]):
+    """What ``step`` takes: an action, or a model's reply, which may be any text. Samples are actions."""
+
+    def __init__(self, seed: int | None = None) -> None:
+        super().__init__((), None, seed)
+
+    @property
+    def is_np_flattenable(self) -> bool:
+        """It is not."""
+        return False
+
+    def sample(self, mask: Any | None = None, probability: Any | None = None) -> Action:
+        """A random action; masks and probabilities mean nothing here."""
+        return random_action(int(self.np_random.integers(2**31)))
+
+    def contains(self, x: Any) -> bool:
+        """Whether it can be given to ``step``."""
+        return isinstance(x, str | Reply | Action)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ActionSpace)
+
+    def __hash__(self) -> int:
+        return hash(ActionSpace)
+
+
+def _spaces(env: Environment) -> tuple[gymnasium.spaces.Dict, ActionSpace]:
+    width, height = env.config.attempt.viewport
+    text = gymnasium.spaces.Text(_LONGEST, min_length=0, charset=_CHARACTERS)
+    shown = {
+        "screenshot": gymnasium.spaces.Box(0, 255, (height, width, 3), np.uint8),
+        "instruction": text,
+        "text": text,
+    }
+    return gymnasium.spaces.Dict(shown), ActionSpace()
+
+
+def _observed(view: View, instruction: str) -> Observation:
+    pixels = np.asarray(Image.open(BytesIO(view.image)).convert("RGB"))
+    return {
+        "screenshot": pixels,
+        "instruction": _plain(instruction),
+        "text": _plain(view.observation.text or ""),
+    }
+
+
+def _plain(text: str) -> str:
+    return "".join(each if each <= "\uffff" else _REPLACED for each in text)[:_LONGEST]
+
+
+class WebGymEnv(gymnasium.Env[Observation, Any]):
+    """One browser. Observations are a dict of ``screenshot`` (height x width x 3, RGB), ``instruction`` and
+    ``text`` (what can be read in the viewport); actions are a model's replies or :mod:`webgym.core.action`.
+
+    An episode without a reward (blocked, or an error of environment, policy or judge) ends with a reward of
+    NaN, ``truncated``, and ``info["outcome"]``.
+
+    Args:
+        name: of the tasks, as for :func:`webgym.make`.
+        render_mode: ``rgb_array``, or none.
+        given: more of :func:`webgym.make`'s arguments.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 (as gymnasium has it)
+
+    def __init__(self, name: str = "offline-v1", render_mode: str | None = None, **given: Any) -> None:
+        env = given.pop("env", None) or make(name, **given)
+        self.render_mode = render_mode
+        self.observation_space, self.action_space = _spaces(env)
+        self._env = SyncEnvironment(env)
+        self._view: View | None = None
+        self._instruction = ""
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """See :meth:`webgym.Environment.reset`."""
+        super().reset(seed=seed)
+        self._view, info = self._env.reset(seed=seed, options=options)
+        self._instruction = info["instruction"]
+        return _observed(self._view, self._instruction), info
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """See :meth:`webgym.Environment.step`."""
+        self._view, reward, terminated, truncated, info = self._env.step(action)
+        return _observed(self._view, self._instruction), reward, terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The last screenshot."""
+        if self.render_mode is None or self._view is None:
+            return None
+        pixels: NDArray[np.uint8] = _observed(self._view, "")["screenshot"]
+        return pixels
+
+    def close(self) -> None:
+        """Give the browser back."""
+        self._env.close()
+
+
+class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDArray[Any]]):
+    """Several browsers that act at the same time. Autoreset is *next step*: the step after an episode's end
+    begins the next one, whatever the action.
+
+    Args:
+        num_envs: browsers.
+        name: of the tasks, as for :func:`webgym.make`.
+        given: more of :func:`webgym.make`'s arguments.
+    """
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(self, num_envs: int = 1, name: str = "offline-v1", **given: Any) -> None:
+        self.num_envs = num_envs
+        opened = AsyncExitStack()
+        self._loop = LoopThread(opened.aclose)
+        self._envs = self._loop.run(opened.enter_async_context(make_many(num_envs, name, **given)))
+        self.single_observation_space, self.single_action_space = _spaces(self._envs[0])
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._instructions = [""] * num_envs
+        self._is_over = np.zeros(num_envs, bool)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode in each. A number as seed gives every environment one of its own."""
+        seeds = [seed + place for place in range(self.num_envs)] if isinstance(seed, int) else seed
+        seeds = seeds or [None] * self.num_envs
+        begun = self._loop.run(
+            _all([env.reset(seed=each) for env, each in zip(self._envs, seeds, strict=True)])
+        )
+        self._is_over[:] = False
+        infos: dict[str, Any] = {}
+        for place, (_, info) in enumerate(begun):
+            self._instructions[place] = info["instruction"]
+            infos = self._add_info(infos, info, place)
+        return self._batch([view for view, _ in begun]), infos
+
+    def step(
+        self, actions: Sequence[Any]
+    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """An action in each, all at the same time."""
+        taken = self._loop.run(_all([self._turn(place, action) for place, action in enumerate(actions)]))
+        infos: dict[str, Any] = {}
+        for place, (_, _, terminated, truncated, info) in enumerate(taken):
+            self._is_over[place] = terminated or truncated
+            self._instructions[place] = info["instruction"]
+            infos = self._add_info(infos, info, place)
+        views, rewards, terminations, truncations, _ = zip(*taken, strict=True)
+        return self._batch(views), np.array(rewards), np.array(terminations), np.array(truncations), infos
+
+    async def _turn(self, place: int, action: Any) -> tuple[View, float, bool, bool, dict[str, Any]]:
+        env = self._envs[place]
+        if self._is_over[place]:
+            view, info = await env.reset()
+            return view, 0.0, False, False, info
+        return await env.step(action)
+
+    def _batch(self, views: Sequence[View]) -> Observation:
+        seen = [_observed(view, told) for view, told in zip(views, self._instructions, strict=True)]
+        return {
+            "screenshot": np.stack([each["screenshot"] for each in seen]),
+            "instruction": tuple(each["instruction"] for each in seen),
+            "text": tuple(each["text"] for each in seen),
+        }
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Give the browsers back."""
+        self._loop.close()
+
+
+async def _all(work: Sequence[Any]) -> list[Any]:
+    """Gather, but nothing is left running when one fails."""
+    async with asyncio.TaskGroup() as group:
+        tasks = [group.create_task(each) for each in work]
+    return [task.result() for task in tasks]
+
+
+for _id, _name in IDS.items():
+    gymnasium.register(
+        _id,
+        entry_point=f"{__name__}:WebGymEnv",
+        vector_entry_point=f"{__name__}:WebGymVectorEnv",
+        kwargs={"name": _name},
+        nondeterministic=True,  # a page's own timing
+    )

@@ -1,0 +1,105 @@
+"""An environment for scripts and notebooks: the same calls, without ``await``."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import weakref
+from collections.abc import Callable, Coroutine, Mapping
+from typing import Any, Self, TypeVar
+
+from webgym.core.action import Action
+from webgym.core.task import Task
+from webgym.core.trajectory import Reply
+from webgym.environment import Environment, Info
+from webgym.server import View
+
+T = TypeVar("T")
+
+
+class LoopThread:
+    """An event loop in a thread of its own, which goes on between calls: leases of browsers are renewed.
+
+    Args:
+        closing: is run at the end: when this is closed or forgotten, or Python exits.
+    """
+
+    def __init__(self, closing: Callable[[], Coroutine[Any, Any, object]]) -> None:
+        self._loop = asyncio.new_event_loop()
+        thread = threading.Thread(target=self._loop.run_forever, name="webgym", daemon=True)
+        thread.start()
+        self._ending = weakref.finalize(self, _end, self._loop, thread, closing)
+
+    def run(self, work: Coroutine[Any, Any, T]) -> T:
+        """Wait for a coroutine's result, or raise what it raises."""
+        future = asyncio.run_coroutine_threadsafe(work, self._loop)
+        try:
+            return future.result()
+        except BaseException:  # Ctrl-C while it waits: what was begun is not left running
+            future.cancel()
+            raise
+
+    def close(self) -> None:
+        """Run what is to be run at the end, and stop. Safe to call twice."""
+        self._ending()
+
+
+def _end(
+    loop: asyncio.AbstractEventLoop,
+    thread: threading.Thread,
+    closing: Callable[[], Coroutine[Any, Any, object]],
+) -> None:
+    closed = asyncio.run_coroutine_threadsafe(closing(), loop)
+    closed.add_done_callback(lambda _: loop.call_soon_threadsafe(loop.stop))
+    if threading.current_thread() is not thread:  # where garbage may be collected, too
+        thread.join()
+        loop.close()
+        closed.result()
+
+
+class SyncEnvironment:
+    """An :class:`~webgym.environment.Environment` on an event loop in a thread of its own.
+
+        with webgym.SyncEnvironment(webgym.make("offline-v1")) as env:
+            view, info = env.reset(seed=7)
+            view, reward, terminated, truncated, info = env.step(Scroll("down"))
+
+    Works where an event loop runs already, as in a notebook. Not for several threads at once.
+
+    Args:
+        env: not open yet; it is opened by the first :meth:`reset`, or by entering this one.
+    """
+
+    def __init__(self, env: Environment) -> None:
+        self._env = env
+        self._loop = LoopThread(env.close)
+        self._is_open = False
+
+    def __enter__(self) -> Self:
+        if not self._is_open:
+            self._loop.run(self._env.__aenter__())
+            self._is_open = True
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    @property
+    def tasks(self) -> Mapping[str, Task]:
+        """See :attr:`webgym.Environment.tasks`."""
+        return self.__enter__()._env.tasks
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[View, Info]:
+        """See :meth:`webgym.Environment.reset`."""
+        self.__enter__()
+        return self._loop.run(self._env.reset(seed=seed, options=options))
+
+    def step(self, action: Action | str | Reply) -> tuple[View, float, bool, bool, Info]:
+        """See :meth:`webgym.Environment.step`."""
+        return self._loop.run(self._env.step(action))
+
+    def close(self) -> None:
+        """Give everything back. Safe to call twice."""
+        self._loop.close()

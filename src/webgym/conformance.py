@@ -21,7 +21,7 @@ from webgym.core.observation import Observation
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Judgement, Verdict
-from webgym.environment import Environment
+from webgym.environment import Environment, OnFault
 from webgym.judge.base import Pictures
 from webgym.rollout.driver import AttemptConfig
 from webgym.server import SessionOptions, View
@@ -103,6 +103,19 @@ _TASKS: Final = tuple(
     for number in range(12)
 )
 
+
+def _environment(browsers: _Browsers, judge: _Judge, on_fault: OnFault = "nan") -> Environment:
+    attempt = AttemptConfig(viewport=_SIZE, budget_easy=_BUDGET)
+    config = RunConfig(attempt=attempt, policy=PolicyChoice(check=False))
+    return Environment(_TASKS, browsers=browsers, judge=judge, config=config, on_fault=on_fault)
+
+
+def stand_in_environment(on_fault: OnFault = "nan") -> Environment:
+    """An environment without browsers and websites, for tests of what wraps one: twelve tasks of four steps
+    at most, pages of one colour, and a judge who gives 1 for the answer ``right``."""
+    return _environment(_Browsers(), _Judge(), on_fault)
+
+
 Adapt = Callable[[Environment], Any]
 """Makes what is checked of an environment that is open: it has ``reset(seed=…, options=…)``, ``step(action)``
 and, where it holds anything, ``close()``, as coroutines or not."""
@@ -118,17 +131,12 @@ class _Check:
     @asynccontextmanager
     async def _opened(self) -> AsyncIterator[tuple[Any, _Browsers, _Judge]]:
         browsers, judge = _Browsers(), _Judge()
-        async with self._environment(browsers, judge) as env:
+        async with _environment(browsers, judge) as env:
             adapted = self._adapt(env)
             try:
                 yield adapted, browsers, judge
             finally:
                 await _close(adapted)
-
-    def _environment(self, browsers: _Browsers, judge: _Judge) -> Environment:
-        attempt = AttemptConfig(viewport=_SIZE, budget_easy=_BUDGET)
-        config = RunConfig(attempt=attempt, policy=PolicyChoice(check=False))
-        return Environment(_TASKS, browsers=browsers, judge=judge, config=config)
 
     def expect(self, holds: bool, rule: str) -> None:
         if not holds:
@@ -217,7 +225,7 @@ class _Check:
 
     async def _forgotten(self) -> None:
         browsers = _Browsers()
-        env = self._environment(browsers, _Judge())
+        env = _environment(browsers, _Judge())
         await env.__aenter__()
         adapted = self._adapt(env)
         await _call(adapted.reset)

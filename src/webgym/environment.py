@@ -1,4 +1,4 @@
-"""The environment for whoever brings the policy: reset, step, and a reward at the end.
+"""The environment for whoever brings the policy: reset, step, and a reward at the end::
 
     async with webgym.make("offline-v1", split="train") as env:
         view, info = await env.reset(seed=7)
@@ -516,7 +516,7 @@ def make(
 
 @asynccontextmanager
 async def make_many(count: int, name: str = "offline-v1", **given: Any) -> AsyncIterator[list[Environment]]:
-    """Several environments on the same browsers, websites and judge, each with an order of tasks of its own.
+    """Several environments on the same browsers, websites and judge, each with an order of tasks of its own::
 
         async with webgym.make_many(8, "offline-v1") as envs:
             views = await asyncio.gather(*(env.reset() for env in envs))

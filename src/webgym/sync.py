@@ -58,7 +58,7 @@ def _end(
 
 
 class SyncEnvironment:
-    """An :class:`~webgym.environment.Environment` on an event loop in a thread of its own.
+    """An :class:`~webgym.environment.Environment` on an event loop in a thread of its own::
 
         with webgym.SyncEnvironment(webgym.make("offline-v1")) as env:
             view, info = env.reset(seed=7)

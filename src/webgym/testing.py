@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 
 from webgym.agent.solver import Solver
 from webgym.checking import spoilt
-from webgym.conformance import check_environment
+from webgym.conformance import check_environment, stand_in_environment
 from webgym.core.action import Answer
 from webgym.core.outcome import Ending
 from webgym.core.task import StepBudget, Task
@@ -22,7 +22,7 @@ from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
 
-__all__ = ["check_environment", "check_family", "check_tasks", "play"]
+__all__ = ["check_environment", "check_family", "check_tasks", "play", "stand_in_environment"]
 
 
 def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:

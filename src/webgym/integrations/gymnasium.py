@@ -1,4 +1,4 @@
-"""Gymnasium (extra ``gymnasium``; tested with gymnasium 1.4). Importing this module makes the ids known:
+"""Gymnasium (extra ``gymnasium``; tested with gymnasium 1.4). Importing this module makes the ids known::
 
 import gymnasium
 import webgym.integrations.gymnasium

@@ -162,7 +162,7 @@ class EpisodeContext:
 
 
 class EpisodeDriver:
-    """One episode at one task. Whatever happens, :meth:`episode` tells all that was seen and said.
+    """One episode at one task. Whatever happens, :meth:`episode` tells all that was seen and said::
 
         view = await driver.start(session)
         while not driver.is_over:

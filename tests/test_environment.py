@@ -1,0 +1,208 @@
+"""The environment that others step: what it promises, what it refuses, and a real browser under it."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Iterator
+from typing import Any, ClassVar
+
+import pytest
+
+import webgym
+from webgym import Environment, SyncEnvironment
+from webgym.agent.config import AgentConfig
+from webgym.agent.solver import Solver
+from webgym.collection import RunConfig, TaskChoice
+from webgym.core.action import Answer, Hover, Scroll, Target
+from webgym.core.errors import ConfigError, EpisodeLost, UsageError
+from webgym.core.trajectory import Reply
+from webgym.testing import check_environment, stand_in_environment
+
+SMALL = RunConfig(tasks=TaskChoice(count=6), agent=AgentConfig(mode="marks"))
+
+
+async def test_the_environment_keeps_its_promises() -> None:
+    assert await check_environment() == []
+
+
+class Wraps:
+    """What an adapter does that is right; those below break one rule each."""
+
+    def __init__(self, env: Environment) -> None:
+        self.env = env
+
+    async def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        return await self.env.reset(seed=seed, options=options)
+
+    async def step(self, action: Any) -> Any:
+        return await self.env.step(action)
+
+    async def close(self) -> None:
+        await self.env.close()
+
+
+class FaultIsZero(Wraps):
+    async def step(self, action: Any) -> Any:
+        view, reward, terminated, truncated, info = await self.env.step(action)
+        return view, 0.0 if math.isnan(reward) else reward, terminated, truncated, info
+
+
+class FaultIsFailure(Wraps):
+    async def step(self, action: Any) -> Any:
+        view, reward, terminated, truncated, info = await self.env.step(action)
+        return view, reward, terminated, truncated, info | {"outcome": "failure"}
+
+
+class RewardsEveryStep(Wraps):
+    async def step(self, action: Any) -> Any:
+        view, reward, terminated, truncated, info = await self.env.step(action)
+        return view, reward + 0.1, terminated, truncated, info
+
+
+class GivesTheRewardTwice(Wraps):
+    last: Any = None
+
+    async def step(self, action: Any) -> Any:
+        try:
+            self.last = await self.env.step(action)
+        except UsageError:
+            return self.last
+        return self.last
+
+
+class IgnoresSeeds(Wraps):
+    turn = 0
+
+    async def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        IgnoresSeeds.turn += 1
+        return await self.env.reset(seed=None if options else IgnoresSeeds.turn, options=options)
+
+
+class CannotBeCancelled(Wraps):
+    async def step(self, action: Any) -> Any:
+        return await asyncio.shield(self.env.step(action))
+
+
+class KeepsWhatIsForgotten(Wraps):
+    kept: ClassVar[list[Any]] = []
+
+    def __init__(self, env: Environment) -> None:
+        super().__init__(env)
+        self.kept.append(env)
+
+
+class OneForAll(Wraps):
+    first: Environment | None = None
+
+    def __init__(self, env: Environment) -> None:
+        if OneForAll.first is None or OneForAll.first._services is None:
+            OneForAll.first = env
+        super().__init__(OneForAll.first)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (FaultIsZero, "has the reward 0.0, not NaN"),
+        (FaultIsFailure, "has the outcome failure"),
+        (RewardsEveryStep, "a reward before the end"),
+        (GivesTheRewardTwice, "a step after the end raises no error"),
+        (IgnoresSeeds, "the same seed gives other tasks"),
+        (CannotBeCancelled, "a step that is cancelled keeps its browser"),
+        (KeepsWhatIsForgotten, "an environment that is forgotten keeps its browser"),
+        (OneForAll, "a step in one environment reaches another"),
+    ],
+)
+async def test_an_adapter_that_breaks_a_rule_is_found(wrong: type[Wraps], told: str) -> None:
+    KeepsWhatIsForgotten.kept.clear()
+    faults = await check_environment(wrong)
+    assert any(told in fault for fault in faults), faults
+
+
+async def test_what_is_used_wrongly_is_told() -> None:
+    env = stand_in_environment()
+    with pytest.raises(UsageError, match="not open"):
+        await env.reset()
+    async with env:
+        with pytest.raises(UsageError, match="call reset first"):
+            await env.step(Scroll("down"))
+        with pytest.raises(ConfigError, match="did you mean check-1"):
+            await env.reset(options={"task_id": "chek-1"})
+        with pytest.raises(ConfigError, match="no option 'task'"):
+            await env.reset(options={"task": "check-1"})
+        await env.reset()
+        with pytest.raises(UsageError, match="int is no action"):
+            await env.step(3)  # type: ignore[arg-type]
+    with pytest.raises(ConfigError, match="no tasks named 'online-v1'"):
+        webgym.make("online-v1")
+    with pytest.raises(ConfigError, match="there is no task"):
+        await Environment([]).__aenter__()
+
+
+async def test_a_reply_is_read_by_the_parser_of_runs_and_kept_as_it_was() -> None:
+    async with stand_in_environment() as env:
+        _, info = await env.reset(options={"task_id": "check-3"})
+        assert [message.role for message in info["messages"]] == ["system", "user"]
+        assert len(info["images"]) == 1
+        *_, info = await env.step("I would rather not.")
+        assert info["parse_error"].startswith("no_tool_call")
+        assert "holds no <tool_call>" in str(info["messages"]), "the next request says so"
+        *_, info = await env.step(Hover(Target(coordinate=(1, 1))))
+        assert info["parse_error"], "hover is no action of the paper's space"
+        call = '{"name": "computer_use", "arguments": {"action": "answer", "text": "right"}}'
+        given = Reply(f"<tool_call>{call}</tool_call>", "mine/7", weight_version="7")
+        view, reward, terminated, _, info = await env.step(given)
+        assert (reward, terminated, info["outcome"]) == (1.0, True, "success")
+        steps = info["trajectory"].episode.steps
+        assert steps[-1].reply is given
+        assert [step.changed for step in steps] == [True, True, None]
+        assert {step.observation.screenshot for step in steps} <= info["pictures"].keys()
+        assert info["pictures"][view.observation.screenshot] == view.image
+
+
+async def test_an_episode_without_a_reward_may_be_an_error() -> None:
+    async with stand_in_environment(on_fault="raise") as env:
+        await env.reset()
+        for _ in range(3):
+            await env.step("no")
+        with pytest.raises(EpisodeLost, match="policy_error: none of 4 replies holds an action"):
+            await env.step("no")
+        await env.reset()
+
+
+def test_without_await_and_within_a_running_loop() -> None:
+    with SyncEnvironment(stand_in_environment()) as env:
+        env.reset(seed=1)
+
+        async def notebook() -> float:
+            return env.step(Answer("right"))[1]
+
+        assert asyncio.run(notebook()) == 1.0
+        with pytest.raises(UsageError, match="call reset first"):
+            env.step(Scroll("down"))
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def real() -> Iterator[SyncEnvironment]:
+    with SyncEnvironment(webgym.make("offline-small-v1", config=SMALL)) as env:
+        yield env
+
+
+@pytest.mark.browser
+def test_solutions_are_rewarded_and_nothing_else_is(real: SyncEnvironment) -> None:
+    for task_id, task in list(real.tasks.items())[:2]:
+        assert task.truth is not None
+        assert task.split == "train"
+        for is_right in (True, False):
+            view, info = real.reset(options={"task_id": task_id})
+            assert "truth" not in str(info["messages"])
+            solver, is_over, reward = Solver(task.website, task.truth.moves), False, math.nan
+            while not is_over:
+                action = solver.next(view.observation, "marks").action
+                if isinstance(action, Answer) and not is_right:
+                    action = Answer("something else")
+                view, reward, terminated, truncated, info = real.step(action)
+                is_over = terminated or truncated
+            assert (reward, info["outcome"]) == ((1.0, "success") if is_right else (0.0, "failure"))

@@ -11,7 +11,7 @@ import webgym
 
 
 async def play(env: webgym.Environment, seed: int) -> float:
-    """One episode. A model would be shown ``info["messages"]`` and ``info["images"]``; its reply is a step."""
+    """One episode. A model would be shown ``info["messages"]`` and ``info["images"]`` and reply with text."""
     _, info = await env.reset(seed=seed)
     reward = 0.0
     while not info["is_over"]:

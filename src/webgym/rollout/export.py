@@ -1,0 +1,275 @@
+"""A run for other programs: a row for every step, as JSON lines, Parquet, or LLaMA-Factory's ShareGPT files.
+
+A row is what was sent and what was replied, with the outcome and the reward of its attempt. The reward is
+``null`` where the attempt has none; it is never made a 0.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final, Literal, TypeAlias
+
+import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from webgym.agent.images import fit
+from webgym.core.errors import RunFolderError, UsageError
+from webgym.core.outcome import Outcome
+from webgym.core.task import Task
+from webgym.core.trajectory import ImageRef, Message, Step, TextPart, Trajectory
+from webgym.rollout.files import disk_errors, make_folder, write_lines
+from webgym.rollout.store import RunReader
+
+Format: TypeAlias = Literal["jsonl", "parquet", "sharegpt"]
+
+PICTURES: Final = "pictures"
+_IMAGE: Final = "<image>"
+_ROWS: Final = 256
+"""In a row group of Parquet: pictures are large."""
+_SCHEMA: Final = pa.schema(
+    [
+        ("attempt_id", pa.string()),
+        ("task_id", pa.string()),
+        ("sample", pa.int32()),
+        ("split", pa.string()),
+        ("level", pa.string()),
+        ("website", pa.string()),
+        ("instruction", pa.string()),
+        ("outcome", pa.string()),
+        ("reward", pa.float32()),
+        ("policy", pa.string()),
+        ("weight_version", pa.string()),
+        ("step", pa.int32()),
+        ("steps", pa.int32()),
+        ("messages", pa.string()),
+        ("images", pa.list_(pa.struct([("bytes", pa.binary()), ("path", pa.string())]))),
+        ("reply", pa.string()),
+        ("reasoning", pa.string()),
+        ("action", pa.string()),
+        ("parse_error", pa.string()),
+        ("changed", pa.bool_()),
+        ("prompt_ids", pa.list_(pa.int32())),
+        ("reply_ids", pa.list_(pa.int32())),
+        ("reply_logprobs", pa.list_(pa.float32())),
+    ]
+)
+
+
+class Exported(msgspec.Struct):
+    """What was written.
+
+    Attributes:
+        attempts, steps, pictures: in the files.
+        unrewarded: attempts left out because they have no reward, or none of those asked for.
+        other_split: attempts left out because their task is of another split.
+        unusable: steps left out because the format cannot say them.
+    """
+
+    attempts: int = 0
+    steps: int = 0
+    pictures: int = 0
+    unrewarded: int = 0
+    other_split: int = 0
+    unusable: int = 0
+
+
+def export(
+    run: Path,
+    out: Path,
+    kind: Format,
+    *,
+    split: Literal["train", "test", "all"] = "train",
+    outcomes: frozenset[Outcome] | None = None,
+    progress: Callable[[int], object] = lambda _: None,
+) -> Exported:
+    """Write a run's steps for another program.
+
+    Args:
+        run: the run folder.
+        out: a folder that is not there yet or is empty. It gets ``steps.jsonl``, ``steps.parquet``, or
+            ``sharegpt.json`` with ``dataset_info.json``; the first and the last with ``pictures/``, each as
+            large as it was sent.
+        kind: which of the three.
+        split: of the tasks. A task that has none is of the split that the run took its tasks as; if that was
+            none either, only ``all`` lets it through: nobody knows that it is for training.
+        outcomes: of the attempts; by default success alone for ``sharegpt``, which is for imitation, and all
+            for the others.
+        progress: is told how many attempts have been read.
+
+    Raises:
+        RunFolderError: the run is none, or the folder is not empty.
+        StoreError: a record cannot be trusted, or the disk is full.
+    """
+    if outcomes is None:
+        outcomes = frozenset({Outcome.SUCCESS}) if kind == "sharegpt" else frozenset(Outcome)
+    if kind == "sharegpt" and not all(outcome.is_rewarded for outcome in outcomes):
+        raise UsageError("attempts without a reward are nothing to imitate", hint="leave them out")
+    reader = RunReader(run)
+    make_folder(out)
+    if any(out.iterdir()):
+        raise RunFolderError(f"{out} is not empty", hint="choose another folder")
+    exporter = _Exporter(reader, out, split, outcomes, progress)
+    with disk_errors(f"writing to {out}"):
+        if kind == "parquet":
+            exporter.write_parquet(out / "steps.parquet")
+        elif kind == "jsonl":
+            write_lines(out / "steps.jsonl", map(_line, exporter.rows()))
+        else:
+            write_lines(out / "sharegpt.json", _array(exporter.conversations()))
+            write_lines(out / "dataset_info.json", [json.dumps(_SHAREGPT, indent=2).encode()])
+    return exporter.done
+
+
+class _Exporter:
+    def __init__(
+        self,
+        reader: RunReader,
+        out: Path,
+        split: str,
+        outcomes: frozenset[Outcome],
+        progress: Callable[[int], object],
+    ) -> None:
+        self.done = Exported()
+        self._reader = reader
+        self._tasks = reader.tasks
+        self._folder = out / PICTURES
+        self._split = split
+        self._taken_as = reader.config.get("tasks", {}).get("split")
+        self._outcomes = outcomes
+        self._progress = progress
+        self._written: set[str] = set()
+
+    def _steps(self) -> Iterator[tuple[Task, Trajectory, Step]]:
+        for number, trajectory in enumerate(self._reader.trajectories(), 1):
+            self._progress(number)
+            task = self._tasks[trajectory.episode.task_id]
+            if self._split not in ("all", task.split or self._taken_as):
+                self.done.other_split += 1
+            elif trajectory.outcome not in self._outcomes:
+                self.done.unrewarded += 1
+            else:
+                self.done.attempts += 1
+                for step in trajectory.episode.steps:
+                    yield task, trajectory, step
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """With paths of pictures."""
+        for task, trajectory, step in self._steps():
+            self.done.steps += 1
+            yield _row(task, trajectory, step) | {"images": [self._kept(ref) for ref in _refs(step.messages)]}
+
+    def write_parquet(self, path: Path) -> None:
+        """With the pictures themselves, as the library ``datasets`` keeps them."""
+        with pq.ParquetWriter(path, _SCHEMA, compression="zstd") as writer:
+            held: list[dict[str, Any]] = []
+            for task, trajectory, step in self._steps():
+                self.done.steps += 1
+                images = [{"bytes": self._sent(ref), "path": _name(ref)} for ref in _refs(step.messages)]
+                self.done.pictures += len(images)
+                held.append(_row(task, trajectory, step) | {"images": images})
+                if len(held) == _ROWS:
+                    writer.write_table(pa.Table.from_pylist(held, _SCHEMA))
+                    held = []
+            writer.write_table(pa.Table.from_pylist(held, _SCHEMA))
+
+    def conversations(self) -> Iterator[dict[str, Any]]:
+        """One for every step with an action; its last message is the reply."""
+        for _, _, step in self._steps():
+            told = [{"role": message.role, "content": _flat(message)} for message in step.messages]
+            refs = _refs(step.messages)
+            # A picture's placeholder in a page's own words would shift all that follow.
+            placeholders = sum(each["content"].count(_IMAGE) for each in told) + step.reply.text.count(_IMAGE)
+            if step.action is None or placeholders != len(refs):
+                self.done.unusable += 1
+                continue
+            self.done.steps += 1
+            yield {
+                "messages": [*told, {"role": "assistant", "content": step.reply.text}],
+                "images": [self._kept(ref) for ref in refs],
+            }
+
+    def _sent(self, ref: ImageRef) -> bytes:
+        return fit(self._reader.image(ref.screenshot), (ref.width, ref.height))
+
+    def _kept(self, ref: ImageRef) -> str:
+        name = _name(ref)
+        if name not in self._written:
+            self._folder.mkdir(exist_ok=True)
+            (self._folder / name).write_bytes(self._sent(ref))
+            self._written.add(name)
+            self.done.pictures += 1
+        return f"{PICTURES}/{name}"
+
+
+_SHAREGPT: Final = {
+    "webgym": {
+        "file_name": "sharegpt.json",
+        "formatting": "sharegpt",
+        "columns": {"messages": "messages", "images": "images"},
+        "tags": {
+            "role_tag": "role",
+            "content_tag": "content",
+            "user_tag": "user",
+            "assistant_tag": "assistant",
+            "system_tag": "system",
+        },
+    }
+}
+"""What LLaMA-Factory has to be told of the file. Train with ``mask_history: true``: only the last reply of a
+conversation is a target; those before it are history, and targets of their own conversations."""
+
+
+def _row(task: Task, trajectory: Trajectory, step: Step) -> dict[str, Any]:
+    episode, outcome, reply, tokens = trajectory.episode, trajectory.outcome, step.reply, step.reply.tokens
+    return {
+        "attempt_id": episode.attempt_id,
+        "task_id": task.id,
+        "sample": episode.sample,
+        "split": task.split,
+        "level": task.level,
+        "website": task.website,
+        "instruction": task.instruction,
+        "outcome": outcome.value,
+        "reward": float(outcome is Outcome.SUCCESS) if outcome.is_rewarded else None,
+        "policy": reply.policy,
+        "weight_version": reply.weight_version,
+        "step": step.index,
+        "steps": len(episode.steps),
+        "messages": msgspec.json.encode(step.messages).decode(),
+        "reply": reply.text,
+        "reasoning": reply.reasoning,
+        "action": msgspec.json.encode(step.action).decode() if step.action is not None else None,
+        "parse_error": step.parse_error,
+        "changed": step.changed,
+        "prompt_ids": tokens.prompt_ids if tokens else None,
+        "reply_ids": tokens.reply_ids if tokens else None,
+        "reply_logprobs": tokens.reply_logprobs if tokens else None,
+    }
+
+
+def _refs(messages: tuple[Message, ...]) -> list[ImageRef]:
+    return [part for message in messages for part in message.content if isinstance(part, ImageRef)]
+
+
+def _flat(message: Message) -> str:
+    return "".join(part.text if isinstance(part, TextPart) else _IMAGE for part in message.content)
+
+
+def _name(ref: ImageRef) -> str:
+    return f"{ref.screenshot}-{ref.width}x{ref.height}.png"
+
+
+def _line(row: Mapping[str, Any]) -> bytes:
+    return msgspec.json.encode(row) + b"\n"
+
+
+def _array(items: Iterator[Any]) -> Iterator[bytes]:
+    """A JSON array, item by item."""
+    before = b"[\n"
+    for item in items:
+        yield before + msgspec.json.encode(item)
+        before = b",\n"
+    yield b"[]\n" if before == b"[\n" else b"\n]\n"

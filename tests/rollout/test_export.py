@@ -1,0 +1,123 @@
+"""What a run looks like to other programs: read back with their libraries, and nothing made up."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+from pathlib import Path
+
+import duckdb
+import msgspec
+import pandas
+import pyarrow.parquet as pq
+import pytest
+from PIL import Image
+from tests.conftest import Commands
+from tests.report.conftest import build_run
+
+from webgym.core.errors import RunFolderError, UsageError
+from webgym.core.outcome import Outcome
+from webgym.core.trajectory import ImageRef, Message, TextPart
+from webgym.rollout.export import export
+from webgym.rollout.store import RunReader, RunWriter
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dozen attempts at test tasks, with all eight outcomes."""
+    return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "run", 12))
+
+
+def test_parquet_holds_every_step_with_its_pictures(run: Path, tmp_path: Path) -> None:
+    done = export(run, tmp_path / "out", "parquet", split="test")
+    reader = RunReader(run)
+    steps = [(each, step) for each in reader.trajectories() for step in each.episode.steps]
+    rows = pq.read_table(tmp_path / "out/steps.parquet").to_pylist()
+    assert done.steps == len(rows) == len(steps)
+    for row, (trajectory, step) in zip(rows, steps, strict=True):
+        assert (row["attempt_id"], row["step"]) == (trajectory.episode.attempt_id, step.index)
+        assert msgspec.json.decode(row["messages"], type=tuple[Message, ...]) == step.messages
+        assert row["reply"] == step.reply.text
+        is_rewarded = trajectory.outcome.is_rewarded
+        assert row["reward"] == (float(trajectory.outcome is Outcome.SUCCESS) if is_rewarded else None)
+        refs = [part for each in step.messages for part in each.content if isinstance(part, ImageRef)]
+        sizes = [Image.open(io.BytesIO(image["bytes"])).size for image in row["images"]]
+        assert sizes == [(ref.width, ref.height) for ref in refs]
+    assert {row["outcome"] for row in rows if row["reward"] is None} >= {"blocked", "environment_error"}
+
+
+def test_pandas_and_duckdb_read_it_back(run: Path, tmp_path: Path) -> None:
+    done = export(run, tmp_path / "out", "jsonl", split="all")
+    file = tmp_path / "out/steps.jsonl"
+    frame = pandas.read_json(file, lines=True)
+    assert len(frame) == done.steps > 0
+    assert all((tmp_path / "out" / path).is_file() for paths in frame["images"] for path in paths)
+    [found] = duckdb.sql(f"select avg(reward), count(*) - count(reward) from '{file}'").fetchall()
+    assert 0 < found[0] < 1
+    assert found[1] > 0, "what has no reward counts for nothing"
+
+
+def test_what_is_exported_for_imitation_is_success_in_training_alone(run: Path, tmp_path: Path) -> None:
+    assert export(run, tmp_path / "none", "sharegpt").attempts == 0, "all its tasks are for testing"
+    done = export(run, tmp_path / "out", "sharegpt", split="test")
+    successes = [each for each in RunReader(run).trajectories() if each.outcome is Outcome.SUCCESS]
+    assert done.attempts == len(successes)
+    told = json.loads((tmp_path / "out/sharegpt.json").read_bytes())
+    steps = [step for each in successes for step in each.episode.steps if step.action is not None]
+    assert [each["messages"][-1] for each in told] == [
+        {"role": "assistant", "content": step.reply.text} for step in steps
+    ]
+    for each in told:
+        marks = sum(message["content"].count("<image>") for message in each["messages"])
+        assert marks == len(each["images"])
+    with pytest.raises(UsageError, match="nothing to imitate"):
+        export(run, tmp_path / "no", "sharegpt", outcomes=frozenset({Outcome.BLOCKED}))
+
+
+async def test_a_page_that_writes_a_pictures_placeholder_shifts_no_picture(run: Path, tmp_path: Path) -> None:
+    success = next(each for each in RunReader(run).trajectories() if each.outcome is Outcome.SUCCESS)
+    said = Message("user", (TextPart("see <image> here"),))
+    steps = [msgspec.structs.replace(step, messages=(*step.messages, said)) for step in success.episode.steps]
+    episode = msgspec.structs.replace(success.episode, steps=(*steps[:1], *success.episode.steps[1:]))
+    tasks = list(RunReader(run).tasks.values())
+    async with await RunWriter.create(tmp_path / "run", {}, tasks) as writer:
+        for name in {part.screenshot for step in episode.steps for part in _refs(step.messages)}:
+            await writer.put_image(name, RunReader(run).image(name))
+        for seen in episode.observations:
+            await writer.put_image(seen.screenshot, RunReader(run).image(seen.screenshot))
+        await writer.append(msgspec.structs.replace(success, episode=episode))
+    done = export(tmp_path / "run", tmp_path / "out", "sharegpt", split="test")
+    assert (done.unusable, done.steps) == (1, len(steps) - 1)
+
+
+def _refs(messages: tuple[Message, ...]) -> list[ImageRef]:
+    return [part for each in messages for part in each.content if isinstance(part, ImageRef)]
+
+
+async def test_tasks_of_no_known_split_are_not_for_training(run: Path, tmp_path: Path) -> None:
+    trajectory = next(RunReader(run).trajectories())
+    tasks = [msgspec.structs.replace(task, split=None) for task in RunReader(run).tasks.values()]
+    for taken_as, wanted in (("train", 1), ("test", 0), ("all", 0)):
+        place = tmp_path / taken_as
+        async with await RunWriter.create(place / "run", {"tasks": {"split": taken_as}}, tasks) as writer:
+            for seen in trajectory.episode.observations:
+                await writer.put_image(seen.screenshot, RunReader(run).image(seen.screenshot))
+            await writer.append(trajectory)
+        assert export(place / "run", place / "out", "parquet").attempts == wanted
+
+
+def test_the_command_says_what_it_left_out(run: Path, tmp_path: Path, commands: Commands) -> None:
+    code, said = commands.run("export", run, "--out", tmp_path / "out", "--format", "jsonl")
+    assert code == 0
+    assert "0 steps of 0 attempts" in said
+    assert "attempts at tasks of another split" in said
+    code, said = commands.run("export", run, "--out", tmp_path / "out")
+    assert code == 2
+    assert "is not empty" in said
+
+
+def test_a_folder_in_use_is_refused(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("keep me")
+    with pytest.raises(RunFolderError, match="is not empty"):
+        export(run, tmp_path, "jsonl")

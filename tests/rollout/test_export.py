@@ -53,7 +53,7 @@ def test_pandas_and_duckdb_read_it_back(run: Path, tmp_path: Path) -> None:
     frame = pandas.read_json(file, lines=True)
     assert len(frame) == done.steps > 0
     assert all((tmp_path / "out" / path).is_file() for paths in frame["images"] for path in paths)
-    [found] = duckdb.sql(f"select avg(reward), count(*) - count(reward) from '{file}'").fetchall()
+    [found] = duckdb.execute(f"select avg(reward), count(*) - count(reward) from '{file}'").fetchall()
     assert 0 < found[0] < 1
     assert found[1] > 0, "what has no reward counts for nothing"
 

@@ -63,6 +63,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("rollout", "Collect trajectories into a run folder, or resume a run."),
     Verb("judge", "Judge a stored run again (webgym judge RUN), and compare judges.", "app"),
     Verb("eval", "Attempt a test set and print success by difficulty with intervals."),
+    Verb("compare", "Say whether one run is better than another by more than chance."),
     Verb("train", "Learn from outcomes: roll out, judge, update, publish, evaluate."),
     Verb("pretrain", "Make the first weights of the tiny policy."),
     Verb("study", "Repeat the paper's study in miniature."),

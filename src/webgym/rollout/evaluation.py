@@ -159,6 +159,14 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
     )
 
 
+def rewards_by_task(run: Path, judge: str = RECORDED) -> dict[str, tuple[Level, float]]:
+    """Level and mean success of every task of a run that has a reward; see :func:`evaluate`."""
+    reader = RunReader(run, skip_corrupt=True)
+    _, outcome_of = _judged_by(run, judge)
+    means = _by_task(_samples(reader, outcome_of, {}))
+    return {task_id: (reader.tasks[task_id].level, won / of) for task_id, (won, of) in means.items()}
+
+
 def rows_of(
     samples: Sequence[Sample],
     tasks: Mapping[Level, int],

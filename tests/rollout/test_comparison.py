@@ -1,0 +1,71 @@
+"""Two runs over the same tasks: what is compared, what is left out, when a difference is no chance."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.conftest import Calls
+from tests.rollout.test_summary import attempt, task
+
+from webgym.core.errors import UsageError
+from webgym.core.outcome import Outcome
+from webgym.rollout.comparison import compare
+from webgym.rollout.store import RunWriter
+
+LETTERS = {"s": Outcome.SUCCESS, "f": Outcome.FAILURE, "b": Outcome.BLOCKED, "j": Outcome.JUDGE_ERROR}
+
+
+async def run(path: Path, easy: str, hard: str = "") -> Path:
+    """A letter per task: how its attempt ended."""
+    tasks = [task(f"e{nth}", 1) for nth in range(len(easy))] + [
+        task(f"h{nth}", 8) for nth in range(len(hard))
+    ]
+    async with await RunWriter.create(path, {}, tasks) as writer:
+        for each, letter in zip(tasks, easy + hard, strict=True):
+            await writer.append(attempt(each.id, LETTERS[letter], steps=0))
+    return path
+
+
+async def test_only_tasks_with_a_reward_in_both_are_compared(tmp_path: Path) -> None:
+    one = await run(tmp_path / "one", "ssffb", "ffj")
+    other = await run(tmp_path / "other", "sfssj", "bsf")
+    found = compare(one, other)
+    easy, hard, whole = (found.rows[group] for group in ("easy", "hard", "overall"))
+    assert (easy.tasks, easy.first, easy.second, easy.better, easy.worse) == (4, 0.5, 0.75, 2, 1)
+    assert (hard.tasks, hard.first, hard.second) == (1, 0.0, 1.0)
+    assert whole.tasks == 5
+    assert whole.difference == pytest.approx(0.4)
+    assert found.rows["medium"].difference is None
+    assert (found.only_first, found.only_second) == (1, 1), "a task of no reward is no failure"
+    with pytest.raises(UsageError, match="no task has a reward in both"):
+        compare(await run(tmp_path / "none", "b"), one)
+
+
+async def test_pairing_decides_what_two_rates_alone_do_not(tmp_path: Path) -> None:
+    one = await run(tmp_path / "one", "s" * 40 + "f" * 40)
+    other = await run(tmp_path / "other", "s" * 50 + "f" * 30)
+    row = compare(one, other).rows["overall"]
+    assert row.interval is not None
+    assert 0 < row.interval[0] < 0.125 < row.interval[1] < 0.25, "50 % and 62.5 %, each of 80, overlap by far"
+    assert row.is_decided
+    same = compare(one, one).rows["overall"]
+    assert (same.difference, same.interval, same.is_decided) == (0.0, None, False)
+    few = await run(tmp_path / "few", "f" + "s" * 41 + "f" * 38)
+    assert not compare(one, few).rows["overall"].is_decided
+
+
+async def test_the_command(tmp_path: Path, calls: Calls) -> None:
+    one = await run(tmp_path / "one", "s" * 40 + "f" * 40)
+    other = await run(tmp_path / "other", "s" * 60 + "f" * 20)
+    code, said = calls.run("compare", one, other)
+    assert code == 0
+    assert "other is better" in said
+    code, said = calls.run("compare", one, other, "--json")
+    assert json.loads(said)["rows"]["easy"]["better"] == 20
+    code, said = calls.run("compare", one, other, "--markdown")
+    assert "| overall | 80 | 50.0 | 75.0 | +25.0 |" in said
+    code, said = calls.run("compare", one, tmp_path)
+    assert code == 2
+    assert "is not a run" in said

@@ -60,6 +60,8 @@
     for (const [node, [path]] of taken) if (!seen.has(node)) changes.add(`${path} gone`);
     return [...changes].filter((change) => !noise.has(change.split('=')[0])).sort();
   };
+  const frame = () => new Promise((resolve) => requestAnimationFrame(resolve));
+  hold.drawn = () => Promise.race([frame().then(frame), new Promise((resolve) => setTimeout(resolve, 500))]);
   hold.focused = () => {
     const active = deepest();
     const path = active && taken.get(active);
@@ -82,6 +84,7 @@
       root = inner;
     }
   };
+  hold.isInFocus = (x, y) => contains(deepest(), hold.at(x, y));
   // Neither a whole container, nor the label of a control that is seen itself.
   const isTried = (element) => {
     if (element.closest('[aria-disabled=true],[disabled]')) return false;

@@ -139,6 +139,19 @@ SEEN = {
     "below a clear cover beside it": (
         "<div style='position:relative'><p>shown</p><a href=/ style='position:absolute;inset:0'></a></div>"
     ),
+    "that takes no clicks, on a level above a field": (
+        "<div style='position:relative'><b style='position:absolute;z-index:1;pointer-events:none'>shown</b>"
+        "<input style='position:relative;width:200px;height:30px;background:#eee'></div>"
+    ),
+    "that takes no clicks, below a clear button": (
+        "<div style='position:relative;height:40px'>"
+        "<b style='position:absolute;pointer-events:none'>shown</b>"
+        "<button style='position:absolute;inset:0;background:none;border:0'></button></div>"
+    ),
+    "below a box to tick that is not seen": (
+        "<div style='position:relative;width:90px'>shown"
+        "<input type=checkbox style='position:absolute;left:0;width:90px;opacity:0'></div>"
+    ),
     "below a thin veil": "<p>shown</p><div style='position:fixed;inset:0;background:#0004'></div>",
     "a parent without a box": "<div style='display:contents'>shown</div>",
     "what a slot holds by itself": (

@@ -110,6 +110,57 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<x-one></x-one>" + COMPONENT.format("<style>p:hover{cursor:pointer}</style><p>One</p><i>Plain</i>"),
         ["One"],
     ),
+    "a panel that only takes the focus": ("<div role=tabpanel tabindex=0>Plain</div>", []),
+    "a panel that listens": (
+        "<div role=tabpanel tabindex=0 class=on>Heard</div>" + LISTENS.format("click"),
+        ["Heard"],
+    ),
+    "what React listens for": (
+        "<p id=a>Heard</p><p id=b>Plain</p><script>a.__reactProps$x = { onMouseDown() {} };"
+        "b.__reactProps$x = { onKeyDown() {} }</script>",
+        ["Heard"],
+    ),
+    "a part of a label with a cursor of its own": (
+        "<label><input type=checkbox aria-label=Agree><span style='cursor:pointer'>I agree</span></label>",
+        ["Agree"],
+    ),
+    "a part of a label that listens": (
+        "<label><input type=checkbox aria-label=Agree><b class=on>Why?</b></label>" + LISTENS.format("click"),
+        ["Agree", "Why?"],
+    ),
+    "a box around a tab of the same name": (
+        "<div class=on style='cursor:pointer;padding:12px'><div role=tab tabindex=0>One</div></div>"
+        + LISTENS.format("click"),
+        ["One"],
+    ),
+    "an item of a tree whose text listens": (
+        "<div role=tree><div role=treeitem>Root <b class=on>Root</b></div><div role=treeitem>Leaf</div></div>"
+        + LISTENS.format("click"),
+        ["Root", "Leaf"],
+    ),
+    "a slider as thin as a line": (
+        "<div class=on style='padding:14px 0'><div role=slider tabindex=0 aria-label=Volume "
+        "style='height:3px;background:red'></div></div>" + LISTENS.format("mousedown"),
+        ["Volume"],
+    ),
+    "a track and its handle": (
+        "<div class=on style='width:300px;height:30px;background:silver'><div role=slider tabindex=0 "
+        "aria-label=Volume style='width:9px;height:30px;background:red'></div></div>"
+        + LISTENS.format("mousedown"),
+        ["Volume", "Volume"],
+    ),
+    "an icon in a slider and in a button": (
+        "<div role=slider tabindex=0 aria-label=Volume><button tabindex=-1>x</button></div>"
+        "<div role=button tabindex=0>More <button tabindex=-1>v</button></div>"
+        "<div role=button tabindex=0>Card <button>Buy</button></div>",
+        ["Volume", "More v", "Card Buy", "Buy"],
+    ),
+    "a part of the label of a button that is not seen": (
+        "<style>button{position:absolute;width:1px;padding:0;opacity:0;overflow:hidden}</style>"
+        "<label><button></button><i class=on>Off</i></label>"
+        "<label><button></button><i style='cursor:pointer'>On</i></label>" + LISTENS.format("click"),
+        ["Off", "On"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

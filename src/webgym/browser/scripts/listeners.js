@@ -16,7 +16,21 @@
   const hears = (element) => {
     const listeners = listenersOf(element);
     for (let i = 0; i < PRESSES.length; i++) if (own(listeners, PRESSES[i])) return true;
-    return Boolean(own(element, '__click') || own(element, '$$click')); // Svelte, Solid: one listener for all
+    if (own(element, '__click') || own(element, '$$click')) return true; // Svelte, Solid: one listener for all
+    return hearsByProps(element);
+  };
+
+  // React, too: what an element hears is kept with it.
+  const PROPS = [
+    'onClick', 'onMouseDown', 'onPointerDown', 'onMouseUp', 'onPointerUp', 'onDoubleClick', 'onTouchStart', 'onContextMenu',
+  ];
+  const hearsByProps = (element) => {
+    const names = getOwnPropertyNames(element);
+    for (let i = 0; i < names.length; i++) {
+      const props = startsWith(names[i], '__reactProps$') && own(element, names[i]);
+      for (let k = 0; props && k < PROPS.length; k++) if (own(props, PROPS[k])) return true;
+    }
+    return false;
   };
 
   // jQuery listens at an element around, for those below it that match a selector.

@@ -20,9 +20,17 @@
       'textbox searchbox slider spinbutton treeitem gridcell listbox').split(' '),
   );
 
+  // What takes the focus so that keys scroll it, or move about in it: a click on it does nothing.
+  const STRUCTURES = new Set(
+    ('tabpanel region group document article main complementary dialog alertdialog status alert log tooltip list ' +
+      'table grid treegrid tree menu menubar tablist toolbar radiogroup figure progressbar scrollbar').split(' '),
+  );
+
+  const explicitRole = (element) => (getAttribute(element, 'role') || '').trim().split(/\s+/)[0];
+
   // The role of a control.
   const widgetOf = (element) => {
-    const explicit = (getAttribute(element, 'role') || '').trim().split(/\s+/)[0];
+    const explicit = explicitRole(element);
     const isShown = // cells and texts that only show something
       (explicit === 'gridcell' && !hasAttribute(element, 'tabindex')) ||
       (explicit === 'textbox' && getAttribute(element, 'aria-readonly') === 'true' && !isContentEditable(element));
@@ -56,8 +64,8 @@
   const roleOf = (element) => {
     const role = widgetOf(element);
     if (role) return role;
-    const isButton =
-      hasAttribute(element, 'onclick') || (hasAttribute(element, 'tabindex') && tabIndex(element) >= 0);
+    const isFocused = hasAttribute(element, 'tabindex') && tabIndex(element) >= 0;
+    const isButton = hasAttribute(element, 'onclick') || (isFocused && !STRUCTURES.has(explicitRole(element)));
     return isButton ? 'button' : '';
   };
 

@@ -85,14 +85,18 @@
 
   // --- what it lies on ----------------------------------------------------------------------------
 
-  const PICTURES = new Set(['img', 'video', 'canvas', 'svg', 'iframe', 'frame', 'embed', 'object', 'input']);
+  const PICTURES = new Set(['img', 'video', 'canvas', 'svg', 'iframe', 'frame', 'embed', 'object']);
+  const DRAWN = new Set(['checkbox', 'radio', 'range', 'color', 'image', 'file']);
+  const isPicture = (element) =>
+    PICTURES.has(localName(element)) || (localName(element) === 'input' && DRAWN.has(element.type));
 
   // What an element paints below its content: {colour, alpha}; null for a picture, or what one cannot tell.
   const paintOf = (element) => {
     const { style, alpha } = sightOf(element);
     const colour = colourOf(style.backgroundColor);
+    if (alpha < LEAST_ALPHA) return { colour, alpha: 0 }; // a box to tick, say, over what is drawn for it
     if (style.backgroundImage !== 'none' || style.mixBlendMode !== 'normal') return null;
-    if (PICTURES.has(localName(element)) || style.backdropFilter !== 'none') return null;
+    if (isPicture(element) || style.backdropFilter !== 'none') return null;
     if (ofKind(element, 'ownerSVGElement')) return null;
     return { colour, alpha: colour[3] * alpha };
   };
@@ -200,10 +204,23 @@
 
   const isPage = (element) => localName(element) === 'body' || localName(element) === 'html';
 
+  // The outermost level that an element is put on below what it has in common with another.
+  const levelOf = (element, other) => {
+    let level = 0;
+    for (let node = element; node && !contains(node, other); node = parentOf(node))
+      level = Number(sightOf(node).style.zIndex) || level;
+    return level;
+  };
+  const commonOf = (one, other) => {
+    let node = one;
+    while (node && !contains(node, other)) node = parentOf(node);
+    return node;
+  };
+
   // Is `other`, which takes clicks where text in `element` takes none, drawn over it?
   const isOver = (other, element) => {
-    for (let node = other; node && !contains(node, element); node = parentOf(node))
-      if (sightOf(node).style.zIndex > 0) return true;
+    const [above, below] = [levelOf(other, element), levelOf(element, other)];
+    if (above !== below) return above > below;
     return Boolean(compareDocumentPosition(element, other) & Node.DOCUMENT_POSITION_FOLLOWING);
   };
 
@@ -219,7 +236,7 @@
       return !isCut && !isBehind;
     }
     if (getRootNode(found) !== getRootNode(element)) return false;
-    if (style.pointerEvents === 'none') return !isOver(found, element);
+    if (style.pointerEvents === 'none') return !isOver(found, element) || !hides(found, commonOf(found, element));
     const layers = elementsFromPoint(getRootNode(element), ...at);
     const own = layers.findIndex((layer) => contains(element, layer));
     const isClear = (layer) => contains(layer, element) || !hides(layer, parentOf(layer));

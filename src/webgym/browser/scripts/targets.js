@@ -5,7 +5,7 @@
   const {
     dispatchEvent, nodeType, childNodes, getRootNode, localName, baseURI, getAttribute, matches, closest,
     checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector, createRange,
-    offsetWidth, offsetHeight, ofKind, styleSheets, adoptedStyleSheets,
+    offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
   } = webgym.dom;
   const { rootOf, shorten } = webgym;
   const { widgetOf, roleOf, nameOf, valueOf } = webgym.roles;
@@ -230,6 +230,13 @@
     return width >= 8 && height >= 8 && inner.every(isAlike) ? inner : [];
   };
 
+  // A part of a label does what the field that it labels does, which is numbered itself.
+  const isOfLabel = (element) => {
+    const label = closest(element, 'label');
+    const isOfField = label && label !== element && label.control && FIELDS.has(localName(label.control));
+    return Boolean(isOfField) && !hears(element);
+  };
+
   // {element, place, role, isControl, isPointer, items, kids, boxes}: `kids` are the candidates in it, `items` those of
   // its children that are candidates because of it.
   const candidateOf = (element, place, style, isItem) => {
@@ -237,7 +244,7 @@
     const isControl = Boolean(role && widgetOf(element));
     const isPointer = Boolean(style && startsPointer(element, style));
     if (!role && !isPointer && !(style && (isItem || hears(element) || isHeardAround(element)))) return null;
-    if (isOff(element)) return null;
+    if (isOff(element) || (!isControl && isOfLabel(element))) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
     if (list && roleOf(list) !== 'listbox') return null;
@@ -296,6 +303,31 @@
     Boolean(rootOf(one.element)) && !more.length && kid.isControl &&
     nameOf(one.element, one.role) === nameOf(kid.element, kid.role);
 
+  // Is this what a slider moves in, and the slider a thin line as long as it, not a handle?
+  const isSliderOf = (box, [kid, ...more]) => {
+    if (more.length || kid.role !== 'slider') return false;
+    const [own, isWide] = [rectOf(kid), box.right - box.left > box.bottom - box.top];
+    const [from, to] = isWide ? ['left', 'right'] : ['top', 'bottom'];
+    return own[to] - own[from] >= COVER * (box[to] - box[from]);
+  };
+
+  // What lies in these is a part of them, as ARIA has it; in a button, what no key reaches.
+  const WITHOUT_PARTS = new Set(['slider', 'checkbox', 'radio', 'switch']);
+  const isPartOf = (one, { element }) =>
+    WITHOUT_PARTS.has(one.role) || (one.role === 'button' && localName(element) === 'button' && tabIndex(element) < 0);
+
+  // Is this only drawn around its one field, or around a control of about its size that is called the same?
+  const isWrapperOf = (one, kid, share) => {
+    if (!kid.isControl || hasOtherText(one, [kid])) return false;
+    return TEXTS.has(kid.role) || (share >= COVER / 2 && Boolean(nameOf(kid.element, kid.role)));
+  };
+
+  // Does a part of this item, by a script of its own, do what the item itself does not?
+  const isItemOf = (one, kid) => {
+    const name = kid.role !== one.role && (kid.isPointer || kid.isHeard()) && nameOf(kid.element, kid.role);
+    return Boolean(name) && nameOf(one.element, one.role).includes(name);
+  };
+
   // Which of `kids`, the candidates that lie in `one`, are kept beside it; null where they are kept in its stead.
   const keptBeside = (one, kids) => {
     const box = rectOf(one);
@@ -309,9 +341,9 @@
         return isLarge && !one.isPointer ? null : kids;
       }
       const isCovered = within.reduce((sum, kid) => sum + share(kid), 0) >= COVER;
-      const isWrapper = within.length === 1 && TEXTS.has(within[0].role) && !hasOtherText(one, within);
+      const isWrapper = within.length === 1 && isWrapperOf(one, within[0], share(within[0]));
       if (isCovered || isWrapper || !one.isHeard()) return null;
-      if (isComponentOf(one, within)) {
+      if (isComponentOf(one, within) || isSliderOf(box, within)) {
         within[0].boxes = one.boxes;
         return null;
       }
@@ -321,10 +353,13 @@
       const isSmall = area < SMALL * innerWidth * innerHeight;
       return one.isPointer || isTrack || (isSmall && hasOtherText(one, within)) ? kids : null;
     }
+    const isInert = one.role === 'treeitem' && !one.isPointer && !one.isHeard();
+    if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
     const same = within.filter((kid) => share(kid) >= COVER);
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
     if (same.some(isField)) return null;
-    return kids.filter((kid) => !same.includes(kid) && (kid.isControl || !within.includes(kid) || kid.isHeard()));
+    const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid);
+    return kids.filter((kid) => !isOwn(kid) && (kid.isControl || !within.includes(kid) || kid.isHeard()));
   };
 
   // The candidates that are elements of their own, in the order of the document.

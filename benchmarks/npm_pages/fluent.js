@@ -1,0 +1,2 @@
+import * as fluent from '@fluentui/web-components'
+fluent.provideFluentDesignSystem().register(fluent.allComponents)

@@ -10,10 +10,13 @@ from __future__ import annotations
 import json
 import subprocess
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
 
 PACKAGES = (
     "esbuild@0.28 @shoelace-style/shoelace@2 @material/web@2 @fluentui/web-components@2 ag-grid-community@36 "
@@ -31,7 +34,10 @@ PACKAGES = (
 ).split()
 
 FOLDER = Path(__file__).with_name("npm_pages")
-FILES = {file.stem: file for file in sorted(FOLDER.rglob("*.html"))}
+REMOTE = {f"remote/{file.stem}": file for file in sorted(FOLDER.glob("remote/*.html"))}
+"""Pages whose data comes from the server, as many milliseconds later as `ms` in their address says."""
+FILES = REMOTE | {file.stem: file for file in sorted(FOLDER.rglob("*.html")) if file.parent.name != "remote"}
+"""Pages by name."""
 PAGES = {
     "first": [name for name, file in FILES.items() if file.parent == FOLDER],
     "half_a": [name for name, file in FILES.items() if file.parent.name == "half_a"],
@@ -63,22 +69,70 @@ def install(cache: Path) -> None:
             subprocess.run(esbuild, cwd=cache, input=script.read_bytes(), check=True, capture_output=True)
 
 
+class Handler(SimpleHTTPRequestHandler):
+    """Pages by their names, with a script that makes noise where their address says so; `/remote/rows`,
+    `/remote/text` and `/remote/picture`; and all that the cache folder holds."""
+
+    protocol_version = "HTTP/1.1"
+
+    def do_GET(self) -> None:
+        url = urlsplit(self.path)
+        name = url.path.strip("/")
+        if name == "noise.js":
+            self._send((FOLDER / name).read_bytes(), "text/javascript")
+        elif name in FILES:
+            noise = b"<script src=/noise.js></script>" if "noise" in parse_qs(url.query) else b""
+            self._send(FILES[name].read_bytes() + noise, "text/html")
+        elif name.startswith("remote/"):
+            of_page = parse_qs(urlsplit(self.headers.get("Referer", "")).query)
+            time.sleep(float(of_page.get("ms", ["300"])[0]) / 1000)
+            self._send(*_answer(name, {key: value[0] for key, value in parse_qs(url.query).items()}))
+        else:
+            super().do_GET()
+
+    def _send(self, body: bytes, kind: str) -> None:
+        self.send_response(200)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Cache-Control", "no-store")
+        with suppress(ConnectionError):  # the page has gone on
+            self.end_headers()
+            self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+_FRUITS = (
+    "Apple Apricot Avocado Banana Blackberry Cherry Coconut Cranberry Date Elderberry Fig Grape Grapefruit "
+    "Guava Kiwi Kumquat Lemon Lime Lychee Mango Melon Mulberry Nectarine Olive Orange Papaya Peach Pear "
+    "Persimmon Pineapple Plum Pomegranate Quince Raspberry Strawberry Tangerine Watermelon"
+).split()
+_PICTURE = (
+    b"<svg xmlns='http://www.w3.org/2000/svg' width='256' height='256'>"
+    b"<rect width='250' height='250' fill='teal'/></svg>"
+)
+
+
+def _answer(name: str, wanted: dict[str, str]) -> tuple[bytes, str]:
+    if name == "remote/picture":
+        return _PICTURE, "image/svg+xml"
+    if name == "remote/text":
+        return b"This came from the server.", "text/plain"
+    found = [fruit for fruit in _FRUITS * 6 if wanted.get("q", "").lower() in fruit.lower()]
+    start, count = int(wanted.get("from", 0)), int(wanted.get("count", 10))
+    rows = [
+        {"id": n, "name": fruit, "city": f"Town {n % 7}"}
+        for n, fruit in enumerate(found[start : start + count], start)
+    ]
+    return json.dumps(rows).encode(), "application/json"
+
+
 @contextmanager
 def serving(cache: Path) -> Iterator[str]:
     """Serve the pages and packages; gives the base address."""
-
-    class Handler(SimpleHTTPRequestHandler):
-        protocol_version = "HTTP/1.1"
-
-        def translate_path(self, path: str) -> str:
-            name = path.split("?")[0].strip("/")
-            return str(FILES.get(name, cache / name))
-
-        def log_message(self, *_: object) -> None:
-            pass
-
     install(cache)
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(cache))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             yield f"http://127.0.0.1:{server.server_port}"

@@ -9,7 +9,7 @@ from PIL import Image, ImageChops
 from starlette.requests import Request
 from starlette.responses import Response
 
-from webgym.core.action import LeftClick, Scroll, Type
+from webgym.core.action import LeftClick, Scroll, Target, Type
 from webgym.core.observation import Element
 
 from .conftest import Open, Site, Tab
@@ -235,6 +235,18 @@ async def test_the_same_page_gives_the_same_picture(site: Site, tab: Tab) -> Non
     assert name == hashlib.sha256(look.image).hexdigest()
     for _ in range(3):
         assert (await tab.step()).observation.screenshot == name
+
+
+async def test_no_caret_blinks_in_a_component(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<div id=host></div><script>const root = host.attachShadow({ mode: 'open' });"
+            "root.innerHTML = '<input style=caret-color:red>'; onclick = () => {"
+            "document.title = getComputedStyle(root.firstChild).caretColor }</script>"
+        )
+    )
+    look = await tab.step(LeftClick(Target(coordinate=(500, 500))))
+    assert look.observation.title == "rgba(0, 0, 0, 0)"
 
 
 async def test_the_viewport_is_as_asked_for(site: Site, open_tab: Open) -> None:

@@ -44,8 +44,8 @@ def reason(tab: Tab) -> str:
 
 
 QUICK = (
-    "app-typeahead chat frames idle-callback infinite-scroll redirect-script-late slices socket-reply stages "
-    "suggestions-slow worker"
+    "app-typeahead chat component-dialog frames idle-callback infinite-scroll redirect-script-late slices "
+    "socket-reply stages suggestions-slow tooltip worker"
 ).split()
 
 

@@ -239,6 +239,8 @@ _TIMERS = [
              "click"),
     HardPage("timer-1500", "timers", "nothing for 1.5 s, then text",
              _on_click("later(1500, () => show('late'))"), "click"),
+    HardPage("tooltip", "timers", "a word 300 ms after the mouse has come",
+             "{{onload = () => { go.onmouseenter = () => later(300, () => show('word')); }}}", "click"),
     HardPage("timer-open", "timers", "text 800 ms after the page", "{{later(800, () => show('late'))}}"),
     HardPage("timer-blank", "timers", "an empty page for 1.8 s",
              "<h1 hidden></h1>{{later(1800, () => show('late'))}}"),
@@ -292,6 +294,12 @@ _RENDERING = [
     HardPage("menu-delayed", "rendering", "a menu that waits 300 ms and fades in for 300 ms",
              "<nav id=m style='opacity: 0; transition: opacity .3s .3s'>Menu</nav>"
              + _on_click("m.ontransitionend = final; m.style.opacity = 1"), "click"),
+    HardPage("component-dialog", "rendering", "a new component that fades in, in its shadow, for 500 ms",
+             "{{customElements.define('x-dialog', class extends HTMLElement { async connectedCallback() {"
+             " const root = this.attachShadow({ mode: 'open' }); root.innerHTML = '<p>Sure?</p>';"
+             " const fade = { duration: 500 * pace };"
+             " await root.firstChild.animate({ opacity: [0, 1] }, fade).finished; final(); } })}}"
+             + _on_click("out.append(document.createElement('x-dialog'))"), "click"),
 ]  # fmt: skip
 
 _ENDLESS = [

@@ -46,7 +46,7 @@
   take(
     Document,
     'body title documentElement scrollingElement defaultView readyState createElementNS createRange createTreeWalker ' +
-      'getAnimations getSelection',
+      'getSelection',
   );
   takeOfEach(
     [Element, Document, DocumentFragment],
@@ -55,7 +55,7 @@
   takeOfEach([Document, DocumentFragment], 'getElementById');
   takeOfEach(
     [Document, ShadowRoot],
-    'activeElement styleSheets adoptedStyleSheets elementFromPoint elementsFromPoint',
+    'activeElement styleSheets adoptedStyleSheets getAnimations elementFromPoint elementsFromPoint',
   );
 
   // What only HTML elements have, or others in their own way.

@@ -4,7 +4,10 @@
 (() => {
   const webgym = globalThis.webgym;
   if (webgym.state) return;
-  const { ownerDocument, localName, shadowRoot, defaultView, adoptedStyleSheets, documentOf, make, typeOf } = webgym.dom;
+  const {
+    ownerDocument, localName, shadowRoot, defaultView, adoptedStyleSheets, documentOf, make, typeOf, nodeType,
+    querySelectorAll, children, isConnected,
+  } = webgym.dom;
   const state = {
     changedAt: 0, changes: 0, reactions: 0, ours: new WeakSet(), roots: new WeakMap(), list: null, shadowedFrames: [],
     onChange: () => {},
@@ -102,8 +105,23 @@
   const isOurs = (record) =>
     record.type === 'childList' &&
     [...record.addedNodes, ...record.removedNodes].every((node) => state.ours.has(node));
+  // Watch the shadow roots in and below an element.
+  const enter = (top, seen = new Set()) => {
+    if (nodeType(top) !== Node.ELEMENT_NODE || seen.has(top)) return;
+    for (const element of [top, ...querySelectorAll(top, '*')]) {
+      seen.add(element);
+      const root = webgym.rootOf(element);
+      if (root && !state.ours.has(element)) webgym.watch(root);
+    }
+  };
+  // What a batch adds is gone through once, in however many pieces it was put together.
+  const enterAdded = (records) => {
+    const seen = new Set();
+    for (const { addedNodes } of records) for (const node of addedNodes) enter(node, seen);
+  };
   const observer = new MutationObserver((records) => {
     batch += 1;
+    enterAdded(records);
     const news = records.filter(
       (record) => !isOurs(record) && isNews(record.target, record.type + (record.attributeName || '')),
     );
@@ -111,8 +129,21 @@
   });
   webgym.watch = (root) => {
     observer.observe(root, { subtree: true, childList: true, attributes: true, characterData: true });
+    hold(root);
     // A scroll within a shadow root is heard in it alone.
     if (typeOf(root) !== Node.DOCUMENT_NODE) root.addEventListener('scroll', onEvent, { capture: true, passive: true });
+    if (isWatched.has(root)) return;
+    isWatched.add(root);
+    if (typeOf(root) !== Node.DOCUMENT_NODE) shadows.push(new WeakRef(root));
+    for (const child of children(root)) enter(child);
+  };
+  // The shadow roots that are watched and in a document.
+  const isWatched = new WeakSet();
+  let shadows = [];
+  webgym.shadows = () => {
+    const alive = shadows.map((one) => one.deref());
+    shadows = shadows.filter((_, index) => alive[index]);
+    return alive.filter((root) => root && isConnected(root));
   };
 
   const listeners = []; // [event, handler, options]: in every window
@@ -126,7 +157,6 @@
     for (const view of views()) {
       webgym.watch(view.document);
       for (const [name, handler, options] of listeners) view.addEventListener(name, handler, options);
-      hold(view);
     }
   };
 
@@ -140,14 +170,17 @@
   // --- the same picture for the same page ---------------------------------------------------------
 
   const sheets = new WeakMap();
-  const hold = (view) => {
-    if (!sheets.has(view.document)) {
+  const hold = (root) => {
+    const document = ownerDocument(root) || root;
+    const view = defaultView(document);
+    if (!view) return; // its frame is gone
+    if (!sheets.has(document)) {
       const sheet = new view.CSSStyleSheet();
       sheet.replaceSync('*, *::before, *::after { caret-color: transparent !important; }');
-      sheets.set(view.document, sheet);
+      sheets.set(document, sheet);
     }
-    const sheet = sheets.get(view.document);
-    const adopted = adoptedStyleSheets(view.document);
+    const sheet = sheets.get(document);
+    const adopted = adoptedStyleSheets(root);
     if (!adopted.includes(sheet)) adopted.push(sheet);
   };
 

@@ -36,13 +36,15 @@
   const idles = counter('requestIdleCallback', 'cancelIdleCallback');
   webgym.counters = { timers, frames, idles };
 
-  // The first input event of an action comes before the page's own listeners.
+  // The first input event of an action comes before the page's own listeners. A mouse leaves one element and enters
+  // another before it moves there; it does so too when the page moves under it, which says nothing of a target.
+  const BEFORE_MOVING = ['pointerout', 'pointerover'];
   const onInput = (event) => {
     state.hasTyped ||= event.type === 'input';
+    if (state.target === 0 && !BEFORE_MOVING.includes(event.type)) state.target = numberOf(event.target);
     if (state.planned !== null) return;
     state.planned = timers.asked();
     state.idles = idles.asked();
-    state.target = numberOf(event.target);
     remember();
   };
   // Elements by number, in the order in which they are first acted on.
@@ -59,7 +61,7 @@
   state.asked = 0; // frames and idle moments
   state.settled = -1; // reactions when it was last quiet
   state.isTireless = false; // draws frame after frame, for ever
-  for (const name of ['pointermove', 'pointerdown', 'keydown', 'wheel', 'input'])
+  for (const name of [...BEFORE_MOVING, 'pointermove', 'pointerdown', 'keydown', 'wheel', 'input'])
     webgym.listen([name, onInput, { capture: true, passive: true }]);
 
   // --- what shows that it is loading --------------------------------------------------------------
@@ -86,7 +88,8 @@
   };
   const isSign = (element) => element && !overlooked.has(element) && isSeen(element);
 
-  const animations = () => views().flatMap((view) => getAnimations(view.document));
+  // No document lists those in its shadow roots.
+  const animations = () => [...views().map((view) => view.document), ...webgym.shadows()].flatMap((root) => getAnimations(root));
   const endOf = (animation) => (animation.effect ? animation.effect.getComputedTiming().endTime : 0);
 
   // A small thing that turns or pulses for ever.

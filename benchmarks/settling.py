@@ -1,0 +1,265 @@
+"""Is a look final on pages that nobody here wrote? Widgets of npm packages, acted on at random, under noise.
+
+    .venv/bin/python benchmarks/settling.py --episodes 3 --seed 0 --out settling.jsonl
+    .venv/bin/python benchmarks/settling.py --out settling.jsonl --minutes 0
+
+An episode opens a page (from `npm_pages/`, or `npm_pages/remote/`, where the server takes 100 to 800 ms to
+answer) and does one thing after the other to what the observation shows: click, type, hover, scroll, a key.
+In two of three there is noise. After each step the page goes on, untouched, for five seconds; the look was
+final if a second picture agrees with it, but for what goes on changing after that, as a carousel does.
+Trials are kept as they are made, with the pictures of what was not final; what is there already is not done
+again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import io
+import random
+import statistics
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from npm_pages import CACHE, FILES, PAGES, REMOTE, serving
+from numpy.typing import NDArray
+from PIL import Image
+
+from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.find import find_browser
+from webgym.core.action import BrowserAction, Hover, LeftClick, Navigate, Press, Scroll, Target, Type
+from webgym.core.errors import WebGymError
+from webgym.core.observation import Element, Observation
+
+DEEDS = 7
+"""After the page was opened."""
+
+WATCHED_SECONDS = 5.0
+LATER_SECONDS = (0.35, 0.6, 0.95, 3.1)
+"""Between more pictures, where two do not agree: a caret of the page's own goes and comes within a second."""
+
+WORDS = ("ap", "gra", "berry", "ban", "a", "person 1", "town", "12", "be", "lem")
+KEYS = ("ArrowDown", "Escape", "Tab", "Enter", "ArrowRight", "Backspace")
+TYPED_INTO = frozenset({"textbox", "searchbox", "combobox", "spinbutton"})
+DELAYS = (100, 800)
+"""Of the server's answers, milliseconds."""
+
+LEVELS = 24
+"""By how much a pixel differs in one colour at least, of 255, to differ at all."""
+
+PIXELS = 10
+"""That differ in two pictures that do not agree, at least."""
+
+TILE = 32
+"""Pixels: what goes on changing is left out in squares of this size."""
+
+CORNERS = ((0, 24, 1180, 1280), (730, 768, 1240, 1280))
+"""Top, bottom, left, right of what `noise.js` draws."""
+
+Mask = NDArray[np.bool_]
+
+
+class Trial(msgspec.Struct, frozen=True):
+    """One thing that was done.
+
+    Attributes:
+        key: page, seed and number of the episode: what is done follows from it.
+        number: of the deed; 0 opened the page.
+        deed: its kind, and what it was done to.
+        settled: why the wait ended; with a ``!`` if a notice said that the page was still loading.
+        seconds: how long the wait took.
+        differing: pixels.
+    """
+
+    key: str
+    number: int
+    deed: str
+    settled: str
+    seconds: float
+    differing: int
+
+    @property
+    def is_final(self) -> bool:
+        return self.differing < PIXELS
+
+
+# --- deeds ----------------------------------------------------------------------------------------------
+
+
+def middle(element: Element, seen: Observation) -> Target:
+    x, y, width, height = element.box
+    across, down = seen.viewport
+    return Target(coordinate=(1000 * (x + width / 2) / across, 1000 * (y + height / 2) / down))
+
+
+def choose(seen: Observation, chance: random.Random) -> tuple[str, BrowserAction]:
+    """What is done next, and its name."""
+    elements = seen.elements or ()
+    fields = [one for one in elements if one.role in TYPED_INTO]
+    kinds = ["click"] * 8 + ["scroll"] * 2 + ["hover"] * 3 + ["press"] * 2 + ["type"] * (7 if fields else 0)
+    kind = chance.choice(kinds)
+    if kind == "press" or not elements:
+        key = chance.choice(KEYS)
+        return f"press {key}", Press((key,))
+    one = chance.choice(fields if kind == "type" else elements)
+    name, target = f"{kind} {one.role} {one.name[:30]!r}", middle(one, seen)
+    match kind:
+        case "type":
+            word, enter = chance.choice(WORDS), chance.random() < 0.3
+            return f"{name} {word!r}{' Enter' * enter}", Type(target, word, enter)
+        case "hover":
+            return name, Hover(target)
+        case "scroll":
+            side = chance.choice(("down", "down", "up"))
+            return f"{name} {side}", Scroll(side, target if chance.random() < 0.6 else None)
+    return name, LeftClick(target)
+
+
+# --- is it final ----------------------------------------------------------------------------------------
+
+
+def difference(one: bytes, other: bytes) -> Mask:
+    """Which pixels differ."""
+    first, second = (
+        np.asarray(Image.open(io.BytesIO(each)).convert("RGB"), np.int16) for each in (one, other)
+    )
+    mask: Mask = (np.abs(first - second) >= LEVELS).any(axis=2)
+    for top, bottom, left, right in CORNERS:
+        mask[top:bottom, left:right] = False
+    return mask
+
+
+def without(mask: Mask, moving: Mask) -> Mask:
+    """What differs, apart from the squares that go on changing and those beside them."""
+    left = mask.copy()
+    for row, column in {(y // TILE, x // TILE) for y, x in np.argwhere(moving).tolist()}:
+        top, side = max(0, row - 1) * TILE, max(0, column - 1) * TILE
+        left[top : (row + 2) * TILE, side : (column + 2) * TILE] = False
+    return left
+
+
+async def differing(slot: Slot, look: bytes) -> tuple[int, bytes]:
+    """How many pixels differ from the look after a while, and the second picture."""
+    await asyncio.sleep(WATCHED_SECONDS)
+    later = await slot.screenshot()
+    mask = difference(look, later)
+    moving = np.zeros_like(mask)
+    for seconds in LATER_SECONDS if mask.sum() >= PIXELS else ():
+        await asyncio.sleep(seconds)
+        moving |= difference(later, await slot.screenshot())
+    return int(without(mask, moving).sum()), later
+
+
+class Bench:
+    """Episodes that are left to be played, and where their trials are kept."""
+
+    def __init__(self, plan: list[tuple[str, str]], out: Path, until: float) -> None:
+        self.plan = plan
+        self.out = out
+        self.until = until
+        self.lost = 0
+
+    async def work(self, slot: Slot, address: str) -> None:
+        """Play episodes as long as there are any and there is time."""
+        try:
+            while self.plan and time.monotonic() < self.until:
+                page, key = self.plan.pop()
+                try:
+                    trials = await self._play(slot, address, page, key)
+                except WebGymError as error:
+                    self.lost += 1
+                    print(f"{key} was lost: {error}")
+                    continue
+                with self.out.open("ab") as file:
+                    file.writelines(msgspec.json.encode(trial) + b"\n" for trial in trials)
+        finally:
+            await slot.stop()
+
+    async def _play(self, slot: Slot, address: str, page: str, key: str) -> list[Trial]:
+        chance = random.Random(key)
+        noise = "&noise=1" if chance.random() < 2 / 3 else ""
+        url = f"{address}/{page}?ms={chance.randint(*DELAYS)}{noise}"
+        await slot.open(PageOptions(elements=True))
+        trials: list[Trial] = []
+        name: str = "open"
+        action: BrowserAction = Navigate(url)
+        for number in range(DEEDS + 1):
+            look = await slot.step(action)
+            seen = look.observation
+            pixels, later = await differing(slot, look.image)
+            is_told = any(notice.kind == "still_loading" for notice in seen.notices)
+            trial = Trial(key, number, name, seen.settled + "!" * is_told, seen.seconds("settle"), pixels)
+            if not trial.is_final:
+                self._keep(trial, look.image, later)
+            trials.append(trial)
+            name, action = choose(seen, chance)
+        return trials
+
+    def _keep(self, trial: Trial, look: bytes, later: bytes) -> None:
+        folder = self.out.with_suffix(".misses")
+        folder.mkdir(exist_ok=True)
+        for name, picture in (("look", look), ("later", later)):
+            (folder / f"{trial.key.replace('/', '-')}-{trial.number}-{name}.png").write_bytes(picture)
+
+
+# --- the table ------------------------------------------------------------------------------------------
+
+
+def read(out: Path) -> list[Trial]:
+    """What is there."""
+    lines = out.read_bytes().splitlines() if out.exists() else []
+    return [msgspec.json.decode(line, type=Trial) for line in lines]
+
+
+def table(trials: Sequence[Trial]) -> Iterator[str]:
+    """Lines of Markdown, and one for each trial that was not final."""
+    yield "| deed | trials | final | wait p50 | p95 |"
+    yield "| --- | ---: | ---: | ---: | ---: |"
+    kinds = Counter(trial.deed.split()[0] for trial in trials)
+    for kind in ("all", *sorted(kinds)):
+        own = [trial for trial in trials if kind in ("all", trial.deed.split()[0])]
+        cuts = statistics.quantiles([trial.seconds for trial in own] * 2, n=20)
+        final = sum(trial.is_final for trial in own)
+        yield f"| {kind} | {len(own)} | {final / len(own):.1%} | {cuts[9]:.2f} s | {cuts[18]:.2f} s |"
+    for trial in trials:
+        if not trial.is_final:
+            yield f"{trial.key} {trial.number}: {trial.deed}; {trial.settled}, {trial.differing} pixels"
+
+
+async def run(given: argparse.Namespace) -> None:
+    done = {trial.key for trial in read(given.out)}
+    keys = [(page, f"{page} {given.seed} {n}") for n in range(given.episodes) for page in given.pages]
+    plan = [(page, key) for page, key in keys if key not in done]
+    random.Random(given.seed).shuffle(plan)
+    bench = Bench(plan, given.out, time.monotonic() + 60 * given.minutes)
+    with serving(given.cache) as address:
+        async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress, asyncio.TaskGroup() as group:
+            for _ in range(given.slots):
+                slot = Slot(BrowserConfig(freeze=False), find_browser().path, ProfileRoot(), egress)
+                group.create_task(bench.work(slot, address))
+    print(f"{len(bench.plan)} episodes are left, {bench.lost} were lost")
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument(
+        "--pages", nargs="+", default=[*PAGES["first"], *REMOTE], choices=FILES, metavar="PAGE"
+    )
+    parser.add_argument("--episodes", type=int, default=3, help="of each page")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--slots", type=int, default=6)
+    parser.add_argument("--minutes", type=float, default=60.0, help="after which no more episodes begin")
+    parser.add_argument("--cache", type=Path, default=CACHE, help="where packages are kept")
+    parser.add_argument("--out", type=Path, required=True, help="where trials are kept, as JSON lines")
+    given = parser.parse_args()
+    asyncio.run(run(given))
+    print("\n".join(table(read(given.out))))
+
+
+if __name__ == "__main__":
+    main()

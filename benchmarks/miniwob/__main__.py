@@ -1,4 +1,4 @@
-"""``python -m benchmarks.miniwob --cache DIR``: MiniWoB++ by coordinates and by marks."""
+"""``python -m benchmarks.miniwob --cache DIR``: MiniWoB++ in both modes and both action spaces."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ import asyncio
 import json
 import tempfile
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
-from typing import cast
+from typing import TypeAlias, cast
 
 from benchmarks.miniwob import clicks, drawings, fields, widgets
-from benchmarks.miniwob.hand import Finished, Hand, MissingMark, Unsolved
+from benchmarks.miniwob.hand import Finished, Hand, MissingMark, OutOfSpace, Unsolved
 from benchmarks.miniwob.pages import install, serving
 from benchmarks.miniwob.registry import SOLVERS
 from rich.console import Console
@@ -20,22 +21,33 @@ from rich.table import Table
 
 from webgym.browser import BrowserConfig, Egress, EgressConfig, ProfileRoot, Slot
 from webgym.browser.find import find_browser
-from webgym.core.action import Mode
+from webgym.core.action import Mode, Space
 
 _ = clicks, drawings, fields, widgets  # they register what they solve
 MODES: tuple[Mode, ...] = ("coordinates", "marks")
+SPACES: tuple[Space, ...] = ("paper", "extended")
+FULL_REWARD = 0.99
+"""From here on a task counts as paid in full."""
+
+Result: TypeAlias = tuple[float | None, str]
+"""The page's reward, ``None`` if it gave none, and what there is to say."""
 
 
-async def attempt(slot: Slot, url: str, mode: Mode, seed: int) -> tuple[bool, str]:
-    """Whether a task is solved, and why not."""
-    hand = Hand(slot, mode)
+async def attempt(slot: Slot, url: str, mode: Mode, space: Space, seed: int) -> Result:
+    """What one episode of a task brought. Every task counts, those without a script as well."""
+    solver = SOLVERS.get(url.rsplit("/", 1)[-1].removesuffix(".html"))
+    if solver is None:
+        return None, "no script"
+    hand = Hand(slot, mode, space)
     try:
         await hand.start(url, seed)
-        await SOLVERS[url.rsplit("/", 1)[-1].removesuffix(".html")](hand)
+        await solver(hand)
         why = "the script ended before the task"
     except Finished:
         reward = await hand.reward()
-        return bool(reward and reward > 0), f"reward {reward}"
+        return reward, f"reward {reward}"
+    except OutOfSpace as error:
+        why = f"not in this space: {error}"
     except MissingMark as error:
         why = f"no mark: {error}"
     except Unsolved as error:
@@ -45,57 +57,73 @@ async def attempt(slot: Slot, url: str, mode: Mode, seed: int) -> tuple[bool, st
     finally:
         if slot.is_open:
             await slot.close()
-    return False, why
+    return None, why
 
 
-async def measure(options: argparse.Namespace, results: dict[str, list[object]]) -> None:
+async def measure(options: argparse.Namespace, results: dict[str, Result]) -> None:
     """Try what has no result yet; results are kept after every attempt."""
-    folder = install(options.cache)
-    modes = MODES if options.mode == "both" else (cast(Mode, options.mode),)
     wanted = [
-        (task, mode, seed)
-        for task in (options.tasks or sorted(SOLVERS))
-        for seed in range(options.seeds)
-        for mode in modes
-        if f"{task} {mode} {seed}" not in results
+        (seed, task, space, mode)
+        for seed, task, space, mode in product(
+            range(options.seeds), options.tasks, options.spaces, options.modes
+        )
+        if _key(task, seed, space, mode) not in results
     ]
+    folder = options.cache / "miniwob/html"
     with tempfile.TemporaryDirectory() as scratch, serving(folder) as address, Progress() as progress:
         async with Egress(EgressConfig(allow=("127.0.0.1",))) as egress:
             slot = Slot(BrowserConfig(freeze=False), find_browser().path, ProfileRoot(Path(scratch)), egress)
             try:
-                for task, mode, seed in progress.track(wanted, description="attempts"):
-                    is_solved, why = await attempt(slot, f"{address}/miniwob/{task}.html", mode, seed)
-                    results[f"{task} {mode} {seed}"] = [is_solved, why]
+                for seed, task, space, mode in progress.track(wanted, description="attempts"):
+                    url = f"{address}/miniwob/{task}.html"
+                    reward, why = results[_key(task, seed, space, mode)] = await attempt(
+                        slot, url, mode, space, seed
+                    )
                     (options.cache / "results.json").write_text(json.dumps(results, indent=1))
-                    if not is_solved:
-                        progress.console.print(f"{task} {mode} {seed}: {why}", markup=False, highlight=False)
+                    if not reward or reward < FULL_REWARD:
+                        said = f"{_key(task, seed, space, mode)}: {why}"
+                        progress.console.print(said, markup=False, highlight=False)
             finally:
                 await slot.stop()
 
 
-def tell(options: argparse.Namespace, results: dict[str, list[object]]) -> None:
-    """Print the table."""
+def _key(task: str, seed: int, space: Space, mode: Mode) -> str:
+    return f"{task} {space} {mode} {seed}"
+
+
+def tell(options: argparse.Namespace, results: dict[str, Result]) -> None:
+    """Print the tables: in all, and for the tasks that were not always paid in full."""
     console = Console()
-    table = Table("task", *MODES)
-    totals = dict.fromkeys(MODES, (0, 0))
-    for task in options.tasks or sorted(SOLVERS):
+    columns = list(product(options.spaces, options.modes))
+    headings = [f"{space}, {mode}" for space, mode in columns]
+    each = Table("solved, paid in full", *headings, title=f"{options.seeds} episodes of each task")
+    counts = {column: [0, 0] for column in columns}
+    for task in options.tasks:
         row = []
-        for mode in MODES:
+        for space, mode in columns:
             tried = [
-                results[key] for seed in range(options.seeds) if (key := f"{task} {mode} {seed}") in results
+                reward or 0.0
+                for seed in range(options.seeds)
+                for reward, _ in [results[_key(task, seed, space, mode)]]
             ]
-            solved = sum(bool(one) for one, _ in tried)
-            row.append(f"{solved} of {len(tried)}")
-            totals[mode] = (totals[mode][0] + solved, totals[mode][1] + len(tried))
-        if options.all or len(set(row)) > 1 or row[0].split(" of ")[0] != row[0].split(" of ")[1]:
-            table.add_row(task, *row)
-    shares = {mode: solved / tried if tried else 0.0 for mode, (solved, tried) in totals.items()}
-    table.add_row("in all", *(f"{a} of {b} ({shares[mode]:.1%})" for mode, (a, b) in totals.items()))
-    console.print(table)
-    if shares["coordinates"]:
-        console.print(f"by marks / by coordinates: {shares['marks'] / shares['coordinates']:.1%}")
-    pages = {page.stem for page in (options.cache / "miniwob/html/miniwob").glob("*.html")}
-    console.print(f"no solver ({len(pages - set(SOLVERS))} of {len(pages)}):", *sorted(pages - set(SOLVERS)))
+            solved, full = sum(one > 0 for one in tried), sum(one >= FULL_REWARD for one in tried)
+            row.append(f"{solved}, {full}")
+            counts[space, mode][0] += solved
+            counts[space, mode][1] += full
+        if options.all or set(row) != {f"{options.seeds}, {options.seeds}"}:
+            each.add_row(task, *row)
+    whole = len(options.tasks) * options.seeds
+    total = Table("", *headings, title=f"{len(options.tasks)} tasks, {whole} episodes each")
+    for index, name in enumerate(("solved (reward > 0)", f"paid in full (reward >= {FULL_REWARD})")):
+        shares = [f"{counts[column][index]} ({counts[column][index] / whole:.1%})" for column in columns]
+        total.add_row(name, *shares)
+    console.print(each)
+    console.print(total)
+    for space in options.spaces:
+        by = [counts[space, mode][0] for mode in MODES] if len(options.modes) == len(MODES) else [0, 0]
+        if by[0]:
+            console.print(f"{space}: solved by marks / by coordinates: {by[1] / by[0]:.1%}")
+    console.print("without a script:", *(task for task in options.tasks if task not in SOLVERS))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -109,8 +137,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "--tasks", type=lambda text: text.split(","), help="separated by commas; all by default"
     )
     parser.add_argument("--mode", choices=(*MODES, "both"), default="both")
-    parser.add_argument("--all", action="store_true", help="show the tasks that are always solved as well")
+    parser.add_argument("--actions", choices=(*SPACES, "both"), default="both")
+    parser.add_argument("--all", action="store_true", help="show the tasks that are always paid in full, too")
     options = parser.parse_args(arguments)
+    pages = install(options.cache) / "miniwob"
+    options.tasks = options.tasks or sorted(page.stem for page in pages.glob("*.html"))
+    options.modes = MODES if options.mode == "both" else (cast(Mode, options.mode),)
+    options.spaces = SPACES if options.actions == "both" else (cast(Space, options.actions),)
     kept = options.cache / "results.json"
     results = json.loads(kept.read_text()) if kept.exists() else {}
     asyncio.run(measure(options, results))

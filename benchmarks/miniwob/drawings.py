@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import cmath
+import itertools
 import math
 
 from benchmarks.miniwob.hand import At, Box, Hand, Point, Unsolved, middle
@@ -90,10 +91,36 @@ async def _dots(hand: Hand, css: str) -> list[Point]:
     return [middle(box) for box in await hand.boxes(css)]
 
 
+async def _put_dot(hand: Hand, point: Point) -> None:
+    """Click until the dot that the page draws lies here: it is drawn a little beside the mouse."""
+    aim = point
+    for _ in range(3):
+        await hand.click(aim)
+        x, y = middle(await hand.box("#blue-circle"))
+        if math.hypot(point[0] - x, point[1] - y) < 0.8:
+            return
+        aim = (aim[0] + point[0] - x, aim[1] + point[1] - y)
+
+
+def _far_along(corner: Point, way: Point, field: Box) -> Point:
+    """The last place from a corner along a way well within a field: the further, the finer an angle."""
+    left, top, width, height = field
+    length = math.hypot(*way)
+    places = [(corner[0] + way[0] / length * far, corner[1] + way[1] / length * far) for far in range(8, 200)]
+    return next(
+        (
+            before
+            for before, (x, y) in itertools.pairwise(places)
+            if not (left + 8 < x < left + width - 8 and top + 8 < y < top + height - 8)
+        ),
+        places[0],
+    )
+
+
 @solves("find-midpoint")
 async def find_midpoint(hand: Hand) -> None:
     (a, b), (c, d) = await _dots(hand, ".black-circle")
-    await hand.click(((a + c) / 2, (b + d) / 2))
+    await _put_dot(hand, ((a + c) / 2, (b + d) / 2))
     await hand.submit()
 
 
@@ -103,7 +130,8 @@ async def bisect_angle(hand: Hand) -> None:
     one, other = await _dots(hand, ".init-black")
     away = [(x - corner[0], y - corner[1]) for x, y in (one, other)]
     shares = [(x / math.hypot(x, y), y / math.hypot(x, y)) for x, y in away]
-    await hand.click((corner[0] + 20 * sum(x for x, _ in shares), corner[1] + 20 * sum(y for _, y in shares)))
+    way = (sum(x for x, _ in shares), sum(y for _, y in shares))
+    await _put_dot(hand, _far_along(corner, way, await hand.box("#svg-grid")))
     await hand.submit()
 
 
@@ -112,18 +140,15 @@ async def right_angle(hand: Hand) -> None:
     (start,) = await _dots(hand, "#init-black")
     (corner,) = await _dots(hand, "#init-blue")
     x, y = start[0] - corner[0], start[1] - corner[1]
-    left, top, width, height = await hand.box("#svg-grid")
-    for share in (0.6, -0.6, 0.35, -0.35, 0.2, -0.2):
-        point = (corner[0] - y * share, corner[1] + x * share)
-        if left + 3 < point[0] < left + width - 3 and top + 3 < point[1] < top + height - 3:
-            break
-    await hand.click(point)
+    field = await hand.box("#svg-grid")
+    ends = [_far_along(corner, way, field) for way in ((-y, x), (y, -x))]
+    await _put_dot(hand, max(ends, key=lambda end: math.dist(end, corner)))
     await hand.submit()
 
 
 @solves("circle-center")
 async def circle_center(hand: Hand) -> None:
-    await hand.click(middle(await hand.box("svg circle:not(.blue)")))
+    await _put_dot(hand, middle(await hand.box("svg circle:not(.blue)")))
     await hand.submit()
 
 
@@ -262,7 +287,7 @@ async def resize_textarea(hand: Hand) -> None:
 @solves("chase-circle")
 async def chase_circle(hand: Hand) -> None:
     while True:
-        await hand.hover(await _middle(hand, "#circ"))
+        await hand.move("#circ")
 
 
 @solves("moving-items")
@@ -299,12 +324,43 @@ async def draw_line(hand: Hand) -> None:
     await hand.submit()
 
 
+@solves("draw-circle")
+async def draw_circle(hand: Hand) -> None:
+    x, y = middle(await hand.box("#circ"))
+    turns = [math.tau * part / 24 for part in range(25)]
+    ring = [(x + 20 * math.cos(turn), y + 20 * math.sin(turn)) for turn in turns]
+    await hand.drag(ring[0], ring[-1], *ring[1:-1])
+    await hand.submit()
+
+
+FRONT = {"6": (88, None), "1": (264, None), "5": (0, 86), "4": (0, 177), "3": (0, 269), "2": (0, 0)}
+"""How far the cube is turned, about the axes across and upright, when a side is in front; degrees."""
+
+
 @solves("drag-cube")
 async def drag_cube(hand: Hand) -> None:
+    """Turn by what is missing, look again, turn on: the cube swings on after the mouse lets it go."""
     number = hand.quoted()[0]
-    x, y = middle(await hand.box("#wrapper .viewport"))
-    for across, down in ((30, 0),) * 8 + ((0, 30),) * 8 + ((0, -30), (30, 0)) * 16:
+    place = middle(await hand.box("#wrapper .viewport"))
+    for _ in range(30):
         if (await hand.texts(".cube-image.active"))[:1] == [number]:
             await hand.submit()
-        await hand.drag((x - across / 2, y - down / 2), (x + across / 2, y + down / 2))
+        down, across = await hand.js("[cube.viewport.positionY, cube.viewport.positionX]")
+        wanted_down, wanted_across = FRONT[number]
+        off_down = _shortest(wanted_down - down)
+        off_across = 0 if wanted_across is None else _shortest(wanted_across - across)
+        if 90 < down % 360 < 270:
+            off_across = 0  # turned over, it goes the other way
+        by = [
+            math.copysign(min(max(abs(off) / 2, 8), 50), off) if abs(off) > 10 else 0
+            for off in (off_across, -off_down)
+        ]
+        await hand.drag(
+            (place[0] - by[0] / 2, place[1] - by[1] / 2), (place[0] + by[0] / 2, place[1] + by[1] / 2)
+        )
     raise Unsolved(f"{number} does not come to the front")
+
+
+def _shortest(degrees: float) -> float:
+    """The same turn, the shorter way round."""
+    return (degrees + 180) % 360 - 180

@@ -103,7 +103,13 @@ async def guess_number(hand: Hand) -> None:
 @solves("copy-paste", "copy-paste-2")
 async def copy_paste(hand: Hand) -> None:
     order = re.search(r"(\d)\w\w text area", hand.query)
-    await hand.click(At("#area textarea", index=int(order[1]) - 1 if order else 0))
+    index = int(order[1]) - 1 if order else 0
+    if hand.space == "paper":
+        await hand.type(
+            "#answer-input", await hand.js(f"document.querySelectorAll('#area textarea')[{index}].value")
+        )
+        await hand.submit()
+    await hand.click(At("#area textarea", index=index))
     await hand.press("Control", "a")
     await hand.press("Control", "c")
     await hand.click("#answer-input")

@@ -9,9 +9,11 @@ from typing import Any, TypeAlias
 
 import msgspec
 
+from webgym.agent.wire import Refused, from_arguments, to_arguments
 from webgym.browser import PageOptions, Slot
 from webgym.core.action import (
     GRID,
+    Answer,
     BrowserAction,
     DoubleClick,
     Drag,
@@ -24,6 +26,7 @@ from webgym.core.action import (
     RightClick,
     Scroll,
     Side,
+    Space,
     Target,
     Type,
     Wait,
@@ -57,6 +60,10 @@ if (window.shapes) {
 
 class MissingMark(Exception):
     """An element that the task needs has no number."""
+
+
+class OutOfSpace(Exception):
+    """The script needs an action, or a way to point, that the action space does not have."""
 
 
 class Unsolved(Exception):
@@ -107,18 +114,20 @@ def overlap(one: Box, other: Box) -> float:
 
 
 class Hand:
-    """An open episode of one task. Every action is one of the action space; what is read is the page itself.
+    """An open episode of one task. Every action is one that an agent's reply could name; what is read is the
+    page itself.
 
-    By marks, a click needs the number of the element. A drag, a hover, or a place in a drawing may be a point
-    there too, as ``docs/actions.md`` says.
+    By marks, a click needs the number of the element. In the extended space a drag, a hover, or a place in a
+    drawing may be a point there too, as ``docs/actions.md`` says.
 
     Raises:
         Finished: by every action after which the page has given its reward.
-        MissingMark, Unsolved: as they say.
+        MissingMark, OutOfSpace, Unsolved: as they say.
     """
 
-    def __init__(self, slot: Slot, mode: Mode) -> None:
+    def __init__(self, slot: Slot, mode: Mode, space: Space) -> None:
         self.slot = slot
+        self.space = space
         self.options = PageOptions(mode=mode, text=True, elements=True)
         self.seen: Observation | None = None
         self.steps = 0
@@ -162,7 +171,12 @@ class Hand:
         self.steps += 1
         if self.steps > MAX_STEPS:
             raise Unsolved(f"more than {MAX_STEPS} steps")
-        self.seen = (await self.slot.step(action)).observation
+        try:
+            said = from_arguments(to_arguments(action), self.options.mode, space=self.space)
+        except Refused as refused:
+            raise OutOfSpace(refused.message) from None
+        assert not isinstance(said, Answer)
+        self.seen = (await self.slot.step(said)).observation
         if await self.reward() is not None:
             raise Finished
 
@@ -249,18 +263,27 @@ class Hand:
     async def hover(self, where: Where) -> None:
         await self.act(Hover(await self.target(where, or_point=True)))
 
-    async def drag(self, start: Where, end: Where) -> None:
+    async def move(self, where: Where) -> None:
+        """Bring the mouse here, where a click on the way does no harm: the paper's space has no other way."""
+        await (self.click(where) if self.space == "paper" else self.hover(where))
+
+    async def drag(self, start: Where, end: Where, *between: Point) -> None:
+        path = tuple(self.at_point(point).coordinate or (0, 0) for point in between)
         start_target = await self.target(start, or_point=True)
-        await self.act(Drag(start_target, await self.target(end, or_point=True)))
+        await self.act(Drag(start_target, await self.target(end, or_point=True), path))
 
     async def type(self, where: Where, text: str, *, enter: bool = False) -> None:
-        await self.act(Type(await self.target(where), text, enter))
+        """Write here. The paper's space always presses Enter at the end."""
+        await self.act(Type(await self.target(where), text, enter or self.space == "paper"))
 
     async def press(self, *keys: str) -> None:
         await self.act(Press(keys))
 
-    async def scroll(self, side: Side, where: Where | None = None) -> None:
-        await self.act(Scroll(side, None if where is None else await self.target(where, or_point=True)))
+    async def scroll(self, side: Side, where: Where) -> None:
+        """Turn the wheel here; in the paper's space, wherever the page then scrolls."""
+        await self.act(
+            Scroll(side, None if self.space == "paper" else await self.target(where, or_point=True))
+        )
 
     async def wait(self, seconds: float) -> None:
         await self.act(Wait(seconds))

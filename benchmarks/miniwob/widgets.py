@@ -91,7 +91,7 @@ async def use_spinner(hand: Hand) -> None:
 
 
 async def _slide(hand: Hand, css: str, number: int) -> None:
-    """Drag the handle near its place, then take single steps by keys."""
+    """Drag the handle near its place, then take single steps by keys; in the paper's space click there."""
     low, high, is_upright = await hand.js(
         f"(s => [s('min'), s('max'), s('orientation') === 'vertical'])"
         f"(name => $('{css}').slider('option', name))"
@@ -101,6 +101,9 @@ async def _slide(hand: Hand, css: str, number: int) -> None:
     point: Point = (
         (x + width / 2, y + height * (1 - share)) if is_upright else (x + width * share, y + height / 2)
     )
+    if hand.space == "paper":
+        await hand.click(point)
+        return
     await hand.drag(At(f"{css} .ui-slider-handle"), point)
     off = number - await hand.js(f"$('{css}').slider('value')")
     if off and not await hand.js(f"document.activeElement.closest('{css}') !== null"):
@@ -249,15 +252,10 @@ async def search_engine(hand: Hand) -> None:
 @solves("terminal")
 async def terminal(hand: Hand) -> None:
     wish = re.search(r"the extension \.(\S+?)\.?$", hand.query)
-    await hand.click("#terminal")
-    for key in "ls":
-        await hand.press(key)
-    await hand.press("Enter")
+    await hand.type("#terminal", "ls", enter=True)
     files = (await hand.texts(".terminal-output"))[-1].split()
     name = next(name for name in files if (name.endswith("." + wish[1]) if wish else "." not in name))
-    for key in f"rm {name}":
-        await hand.press(key)
-    await hand.press("Enter")
+    await hand.type("#terminal", f"rm {name}", enter=True)
 
 
 @solves("order-food")

@@ -42,8 +42,12 @@ JSON_OBJECTS = st.dictionaries(
 def targets(mode: Mode) -> st.SearchStrategy[Target]:
     if mode == "marks":
         return st.integers(0, 10_000).map(lambda number: Target(element=number))
+    return points().map(lambda point: Target(coordinate=point))
+
+
+def points() -> st.SearchStrategy[tuple[float, float]]:
     side = st.floats(0, GRID) | st.integers(0, GRID).map(float)
-    return st.tuples(side, side).map(lambda point: Target(coordinate=point))
+    return st.tuples(side, side)
 
 
 def actions(mode: Mode, space: Space = "paper") -> st.SearchStrategy[Action]:
@@ -65,7 +69,7 @@ def actions(mode: Mode, space: Space = "paper") -> st.SearchStrategy[Action]:
         paper,
         st.builds(LeftClick, places, modifiers),
         *(st.builds(act, places) for act in (DoubleClick, RightClick, Hover)),
-        st.builds(Drag, places, places),
+        st.builds(Drag, places, places, st.lists(points(), max_size=3).map(tuple)),
         st.builds(Type, places, TEXTS, st.booleans()),
         st.builds(Press, names),
         st.builds(Scroll, st.sampled_from(["up", "down", "left", "right"]), st.none() | places),

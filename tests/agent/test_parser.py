@@ -363,6 +363,14 @@ def test_the_papers_space_stays_as_it_is(arguments: dict[str, Any], kind: str) -
         ("marks", {"action": "press", "keys": ["  "]}, "bad_arguments"),
         ("marks", {"action": "scroll", "direction": "away"}, "bad_arguments"),
         ("marks", {"action": "upload", "element": 3}, "bad_arguments"),
+        ("marks", {"action": "drag", "start_element": 3, "element": 4, "path": "[1, 2]"}, "bad_arguments"),
+        ("marks", {"action": "drag", "start_element": 3, "element": 4, "path": [[1, 2, 3]]}, "bad_target"),
+        ("marks", {"action": "drag", "start_element": 3, "element": 4, "path": [[1, 1001]]}, "bad_target"),
+        (
+            "marks",
+            {"action": "drag", "start_element": 3, "element": 4, "path": [[1, 2]] * 101},
+            "bad_arguments",
+        ),
     ],
     ids=str,
 )
@@ -380,6 +388,8 @@ def test_extended_actions() -> None:
 
     drag = {"action": "drag", "start_element": 3, "coordinate": [1, 2]}
     assert read(drag) == Drag(Target(element=3), Target(coordinate=(1, 2)))
+    curve = drag | {"path": [[5, 6], [7.5, 8]]}
+    assert read(curve) == Drag(Target(element=3), Target(coordinate=(1, 2)), ((5, 6), (7.5, 8)))
     assert read({"action": "press", "keys": "Control+a"}) == Press(("Control+a",))
     assert read({"action": "press", "keys": [" "]}) == Press((" ",)), "the space bar"
     held = {"action": "left_click", "element": 3, "modifiers": "Shift"}

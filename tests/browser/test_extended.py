@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from typing import Any
 
 import pytest
@@ -178,6 +180,29 @@ async def test_a_slider_and_a_selection_are_dragged(site: Site, open_tab: Open) 
     middle = y + height / 2
     await tab.step(Drag(at(x + 8, middle), at(x + 200, middle)))
     assert 45 <= float(tab.find("Volume").value or 0) <= 55
+
+
+async def test_a_drag_passes_the_points_of_its_path(site: Site, tab: Tab) -> None:
+    await tab.goto(
+        site.page(
+            "<canvas id=c width=600 height=400 style='position:absolute;left:0;top:0'></canvas><script>"
+            "let seen = null; addEventListener('mousedown', (e) => { seen = [[e.clientX, e.clientY]]; });"
+            "addEventListener('mousemove', (e) => seen && seen.push([e.clientX, e.clientY]));"
+            "addEventListener('mouseup', () => { document.title = JSON.stringify(seen); seen = null; });"
+            "</script>"
+        )
+    )
+    ring = [
+        (300 + 80 * math.cos(turn), 200 + 80 * math.sin(turn))
+        for turn in (math.tau * i / 12 for i in range(13))
+    ]
+    between = tuple(at(*point).coordinate or (0, 0) for point in ring[1:-1])
+    look = await tab.step(Drag(at(*ring[0]), at(*ring[-1]), between))
+    passed = json.loads(look.observation.title)
+    assert all(77 < math.dist(point, (300, 200)) < 81.5 for point in passed), "nowhere off the ring"
+    reached = [min(range(len(passed)), key=lambda i: math.dist(passed[i], point)) for point in ring[1:-1]]
+    assert reached == sorted(set(reached)), "one after the other"
+    assert all(math.dist(passed[i], point) < 2 for i, point in zip(reached, ring[1:-1], strict=True))
 
 
 async def test_keys_are_pressed_by_name(site: Site, tab: Tab) -> None:

@@ -85,7 +85,7 @@ EXTENDED = {
     "double_click": DoubleClick(PLACE),
     "right_click": RightClick(PLACE),
     "hover": Hover(PLACE),
-    "drag": Drag(Target(element=77), PLACE),
+    "drag": Drag(Target(element=77), PLACE, ((500, 40), (0, 1000))),
     "press": Press(("Control", "a")),
     "upload": Upload(PLACE, ("cv.txt", "photo.png")),
     "scroll": Scroll("left", PLACE),
@@ -101,6 +101,7 @@ def test_extended_actions_are_told_and_drawn(run_folder: Path, name: str) -> Non
     assert action["name"] == name
     assert name == "press" or action["on"] == "Search the catalogue"
     assert action.get("from") == ({"mark": 77} if name == "drag" else None)
+    assert action.get("path") == ([[50, 4], [0, 100]] if name == "drag" else None)
     script = (resources.files("webgym.report") / "static" / "stage.js").read_text("utf-8")
     sentence, marks = script.split("function marks(")
     assert f'case "{name}":' in sentence
@@ -108,7 +109,11 @@ def test_extended_actions_are_told_and_drawn(run_folder: Path, name: str) -> Non
     assert f"{name}: " in sentence.partition("const SHORT")[2]
     told = action_history(episode, line_chars=300, limit=3000)
     assert f"step 1, on {step.observation.url}: " in told
-    assert "77" in told if name == "drag" else "cv.txt, photo.png" in told or name != "upload"
+    assert (
+        "77 through 2 points to" in told
+        if name == "drag"
+        else "cv.txt, photo.png" in told or name != "upload"
+    )
 
 
 def test_how_a_memory_was_mended_is_told(run_folder: Path) -> None:

@@ -19,6 +19,7 @@ from webgym.core.action import (
     DIRECTIONS,
     GRID,
     MAX_WAIT_SECONDS,
+    MAX_WAY_POINTS,
     Action,
     Mode,
     Modifier,
@@ -42,7 +43,8 @@ _EXTENDED_ACTIONS: dict[str, str] = _ACTIONS | {
     "double_click": "click {target} twice in a row.",
     "right_click": "click {target} with the right mouse button.",
     "hover": "move the mouse to {target} and leave it there, so that a menu or a hint opens.",
-    "drag": "press the mouse button at {start}, move to {target} and let go there.",
+    "drag": "press the mouse button at {start}, move to {target}, through the points `path` if there are "
+    "any, and let go there.",
     "type": "click {target}, clear the field, type `text` and press Enter, unless `enter` is false.",
     "press": "press the keys `keys` together, wherever the focus is.",
     "scroll": "scroll `direction` by most of what is shown: the box at {target} if given, else the page.",
@@ -82,6 +84,12 @@ _EXTENDED_SCHEMA: dict[str, dict[str, Any]] = {
     "coordinate": _POINT | {"description": "[x, y], the point to use"},
     "start_element": _NUMBER | {"description": "The number on the element to start from"},
     "element": _NUMBER | {"description": "The number on the element to use"},
+    "path": {
+        "type": "array",
+        "items": {key: _POINT[key] for key in ("type", "items", "minItems", "maxItems")},
+        "maxItems": MAX_WAY_POINTS,
+        "description": "[[x, y], ...], points to pass on the way",
+    },
     "modifiers": _NAMES
     | {"items": {"type": "string", "enum": list(get_args(Modifier))}, "description": "Keys to hold"},
     "text": {"type": "string", "description": "What to type, or the final answer"},
@@ -202,11 +210,18 @@ def _arguments(mode: Mode, screen: Size, space: Space) -> dict[str, dict[str, An
     found = {key: schema[key] for key in schema if key in takers}
     for key, argument in found.items():
         if key.endswith("coordinate"):
-            found[key] = found[key] | {"items": argument["items"] | {"maximum": max(screen)}}
+            found[key] = found[key] | _on_screen(argument, screen)
+        if key == "path":
+            found[key] = found[key] | {"items": argument["items"] | _on_screen(argument["items"], screen)}
         if space == "extended":
             purpose = f"{argument['description']}: for {', '.join(takers[key])}."
             found[key] = found[key] | {"description": purpose}
     return found
+
+
+def _on_screen(point: dict[str, Any], screen: Size) -> dict[str, Any]:
+    """How large the numbers of a point may be."""
+    return {"items": point["items"] | {"maximum": max(screen)}}
 
 
 def _date(today: datetime.date) -> str:

@@ -88,7 +88,9 @@ def to_arguments(action: Action, screen: Size = (GRID, GRID)) -> dict[str, Any]:
         value = getattr(action, field)
         if value == default:
             continue
-        if isinstance(value, Target):
+        if field == "path":
+            found[field] = [_told_point(point, screen) for point in value]
+        elif isinstance(value, Target):
             told = _target_argument(value, screen)
             found |= {_PLACES[field] + key: part for key, part in told.items()}
         else:
@@ -99,8 +101,12 @@ def to_arguments(action: Action, screen: Size = (GRID, GRID)) -> dict[str, Any]:
 def _target_argument(target: Target, screen: Size) -> dict[str, Any]:
     if target.coordinate is None:
         return {"element": target.element}
-    point = [_rescaled(value, GRID, side) for value, side in zip(target.coordinate, screen, strict=True)]
-    return {"coordinate": [int(value) if value == int(value) else value for value in point]}
+    return {"coordinate": _told_point(target.coordinate, screen)}
+
+
+def _told_point(coordinate: tuple[float, float], screen: Size) -> list[float]:
+    point = [_rescaled(value, GRID, side) for value, side in zip(coordinate, screen, strict=True)]
+    return [int(value) if value == int(value) else value for value in point]
 
 
 def _rescaled(value: float, old: int, new: int) -> float:
@@ -164,7 +170,11 @@ def _read(name: str, field: str, key: str, value: Any, screen: Size, space: Spac
     """The value of a field, from the argument that gives it."""
     match field:
         case "target" | "start":
-            return _element(key, value) if key.endswith("element") else _point(key, value, screen)
+            if key.endswith("element"):
+                return _element(key, value)
+            return Target(coordinate=_point(key, value, screen))
+        case "path":
+            return _path(key, value, screen)
         case "text":
             return _text(key, value, empty=name == "type")
         case "url":
@@ -188,7 +198,13 @@ def _element(key: str, value: Any) -> Target:
     return Target(element=int(number))
 
 
-def _point(key: str, point: Any, screen: Size) -> Target:
+def _path(key: str, points: Any, screen: Size) -> tuple[tuple[float, float], ...]:
+    if not isinstance(points, list):
+        raise Refused("bad_arguments", f"{key} must be a list of points, [[x, y], ...]")
+    return tuple(_point(f"each point of {key}", point, screen) for point in points)
+
+
+def _point(key: str, point: Any, screen: Size) -> tuple[float, float]:
     if not isinstance(point, list) or len(point) != 2:
         raise Refused("bad_target", f"{key} must be a list of two numbers, [x, y]")
     x, y = _number(point[0]), _number(point[1])
@@ -197,7 +213,7 @@ def _point(key: str, point: Any, screen: Size) -> Target:
     if not (0 <= x <= screen[0] and 0 <= y <= screen[1]):
         where = f"0 and {GRID}" if screen == (GRID, GRID) else f"[0, 0] and [{screen[0]}, {screen[1]}]"
         raise Refused("bad_target", f"{key} must lie between {where}")
-    return Target(coordinate=(_rescaled(x, screen[0], GRID), _rescaled(y, screen[1], GRID)))
+    return _rescaled(x, screen[0], GRID), _rescaled(y, screen[1], GRID)
 
 
 def _number(value: Any) -> float | None:

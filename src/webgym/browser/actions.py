@@ -81,8 +81,9 @@ async def perform(page: Page, action: BrowserAction) -> None:
             await click(page, point_of(page, target), count=2)
         case RightClick(target=target):
             await click(page, point_of(page, target), button="right")
-        case Drag(start=start, target=target):
-            await drag(page, point_of(page, start), point_of(page, target))
+        case Drag(start=start, target=target, path=path):
+            between = [_on_page(page, point) for point in path]
+            await drag(page, [point_of(page, start), *between, point_of(page, target)])
         case Type(target=target, text=text, enter=enter):
             await type_at(page, point_of(page, target), text, enter=enter)
         case Press(keys=keys):
@@ -111,8 +112,12 @@ def point_of(page: Page, target: Target) -> Point:
             raise ActionFailed(f"there is no element {target.element} in the last observation")
         return point
     assert target.coordinate is not None
+    return _on_page(page, target.coordinate)
+
+
+def _on_page(page: Page, coordinate: tuple[float, float]) -> Point:
     width, height = page.options.viewport
-    x, y = target.coordinate
+    x, y = coordinate
     return min(x / GRID * width, width - 1), min(y / GRID * height, height - 1)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
+import math
 from collections.abc import AsyncIterator, Iterable, Sequence
 from contextlib import asynccontextmanager
 from typing import Any, Literal, TypeAlias
@@ -22,7 +24,8 @@ Button: TypeAlias = Literal["left", "right"]
 
 _BUTTON_BITS: dict[Button, int] = {"left": 1, "right": 2}
 _DRAG_STEPS = 8
-"""Places on the way of a drag. Pages look at where it comes from and goes to, and at what it passes."""
+"""Places on the way of a drag, shared among its parts. Pages look at where it comes from and goes to, and at
+what it passes."""
 _MOST_TURNS = 40
 """Of the wheel, over what moves a little at each."""
 _DRAG_START = 6.0
@@ -133,8 +136,8 @@ def _is_inside(page: Page, point: Point) -> bool:
 # --- drags --------------------------------------------------------------------------------------------
 
 
-async def drag(page: Page, start: Point, end: Point) -> None:
-    """Press the left button at the start, move, and release it at the end.
+async def drag(page: Page, points: Sequence[Point]) -> None:
+    """Press the left button at the first point, move through the others, and release it at the last.
 
     What the page makes draggable by HTML is dragged as the system would: Chromium hands the drag over, and
     is told where it passes and is dropped.
@@ -149,12 +152,12 @@ async def drag(page: Page, start: Point, end: Point) -> None:
         stack.callback(page.session.on("Input.dragIntercepted", _DragIntercepted, on_intercepted))
         stack.callback(page.session.send, "Input.setInterceptDrags", {"enabled": False})
         page.session.send("Input.setInterceptDrags", {"enabled": True})
-        await mouse(page, "mouseMoved", start)
-        await mouse(page, "mousePressed", start, button="left", buttons=1, clickCount=1)
+        await mouse(page, "mouseMoved", points[0])
+        await mouse(page, "mousePressed", points[0], button="left", buttons=1, clickCount=1)
         try:
-            await _carry(page, _way(start, end), taken)
+            await _carry(page, _way(points), taken)
         finally:
-            await mouse(page, "mouseReleased", end, button="left", clickCount=1)
+            await mouse(page, "mouseReleased", points[-1], button="left", clickCount=1)
 
 
 async def _carry(page: Page, way: Sequence[Point], taken: asyncio.Future[dict[str, Any]]) -> None:
@@ -179,13 +182,22 @@ async def _carry(page: Page, way: Sequence[Point], taken: asyncio.Future[dict[st
         await _drag_event(page, "drop", way[-1], data)
 
 
-def _way(start: Point, end: Point) -> list[Point]:
-    """The places that a drag passes, its end included, which is passed twice: it is where most pages look."""
-    across, down = end[0] - start[0], end[1] - start[1]
-    length = max(1.0, (across**2 + down**2) ** 0.5)
-    first = min(1.0, _DRAG_START / length)
-    shares = [first + (1 - first) * step / _DRAG_STEPS for step in range(_DRAG_STEPS + 1)]
-    return [(start[0] + across * share, start[1] + down * share) for share in (*shares, 1.0)]
+def _way(points: Sequence[Point]) -> list[Point]:
+    """The places that a drag passes, each of its points among them; its end twice, where most pages look."""
+    legs = list(itertools.pairwise(points))
+    lengths = [math.dist(*leg) for leg in legs]
+    whole = max(1.0, sum(lengths))
+    first = _between(*legs[0], min(1.0, _DRAG_START / max(1.0, lengths[0])))
+    legs[0] = first, legs[0][1]
+    way = [first]
+    for (start, end), length in zip(legs, lengths, strict=True):
+        steps = max(1, math.ceil(_DRAG_STEPS * length / whole))
+        way += [_between(start, end, step / steps) for step in range(1, steps + 1)]
+    return [*way, points[-1]]
+
+
+def _between(start: Point, end: Point, share: float) -> Point:
+    return start[0] + (end[0] - start[0]) * share, start[1] + (end[1] - start[1]) * share
 
 
 async def _has_drag_begun(page: Page) -> bool:

@@ -26,6 +26,9 @@ Modifier: TypeAlias = Literal["Alt", "Control", "Meta", "Shift"]
 MAX_WAIT_SECONDS = 10.0
 """The longest ``wait`` that is carried out; longer ones are cut to it."""
 
+MAX_WAY_POINTS = 100
+"""The most points that a ``drag`` passes on its way."""
+
 
 class Target(msgspec.Struct, frozen=True, omit_defaults=True):
     """Where an action lands: exactly one of a grid point or an element number.
@@ -41,8 +44,13 @@ class Target(msgspec.Struct, frozen=True, omit_defaults=True):
     def __post_init__(self) -> None:
         if (self.coordinate is None) == (self.element is None):
             raise ValueError("a target is either a coordinate or an element number")
-        if self.coordinate is not None and not all(0 <= value <= GRID for value in self.coordinate):
-            raise ValueError(f"a coordinate lies between 0 and {GRID}")
+        if self.coordinate is not None:
+            _check_on_grid(self.coordinate)
+
+
+def _check_on_grid(point: tuple[float, float]) -> None:
+    if not all(0 <= value <= GRID for value in point):
+        raise ValueError(f"a coordinate lies between 0 and {GRID}")
 
 
 class _Action(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="name"):
@@ -121,10 +129,24 @@ class Hover(_Action, frozen=True, tag="hover"):
 
 
 class Drag(_Action, frozen=True, tag="drag"):
-    """Press the left mouse button at the start, move to the target, release it there."""
+    """Press the left mouse button at the start, move to the target, release it there.
+
+    Attributes:
+        path: points on the 0-1000 grid that the mouse passes on its way, for what is no straight line.
+
+    Raises:
+        ValueError: a point is off the grid, or there are more than ``MAX_WAY_POINTS``.
+    """
 
     start: Target
     target: Target
+    path: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        if len(self.path) > MAX_WAY_POINTS:
+            raise ValueError(f"a path has at most {MAX_WAY_POINTS} points")
+        for point in self.path:
+            _check_on_grid(point)
 
 
 class Press(_Action, frozen=True, tag="press"):

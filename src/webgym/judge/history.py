@@ -61,8 +61,9 @@ def _words(action: Action, seen: Observation, with_answer: bool) -> str:
             return f"right-clicked {_target(target, seen)}"
         case Hover(target):
             return f"moved the mouse to {_target(target, seen)}"
-        case Drag(start, target):
-            return f"dragged {_target(start, seen)} to {_target(target, seen)}"
+        case Drag(start, target, path):
+            through = f" through {len(path)} points" if path else ""
+            return f"dragged {_target(start, seen)}{through} to {_target(target, seen)}"
         case Type(target, text, enter):
             return f'typed "{text}" into {_target(target, seen)}{"" if enter else " without Enter"}'
         case Press(keys):

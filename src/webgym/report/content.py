@@ -249,8 +249,9 @@ def _action(action: Action, seen: Observation) -> dict[str, Any]:
             return {"name": "click", "keys": "+".join(modifiers), **_place(target, seen)}
         case DoubleClick(target) | RightClick(target) | Hover(target):
             return {"name": name_of(action), **_place(target, seen)}
-        case Drag(start, target):
-            return {"name": "drag", "from": _place(start, seen), **_place(target, seen)}
+        case Drag(start, target, path):
+            passed = {"path": [_point(point) for point in path]} if path else {}
+            return {"name": "drag", "from": _place(start, seen), **passed, **_place(target, seen)}
         case Type(target, text):
             return {"name": "type", "text": text, **_place(target, seen)}
         case Press(keys):
@@ -270,11 +271,15 @@ def _action(action: Action, seen: Observation) -> dict[str, Any]:
             return {"name": "answer", "text": text}
 
 
+def _point(coordinate: tuple[float, float]) -> list[float]:
+    return [round(value * 100 / GRID, 3) for value in coordinate]
+
+
 def _place(target: Target, seen: Observation) -> dict[str, Any]:
     """Where an action lands on the picture, and on what."""
     place: dict[str, Any] = {}
     if target.coordinate is not None:
-        place["point"] = [round(value * 100 / GRID, 3) for value in target.coordinate]
+        place["point"] = _point(target.coordinate)
         element = _element_at(target.coordinate, seen)
     else:
         place["mark"] = target.element

@@ -11,7 +11,7 @@ function sentence(action) {
     case "double_click": return `Double-click${on}`;
     case "right_click": return `Right-click${on}`;
     case "hover": return `Hover over${on}`;
-    case "drag": return `Drag${aim(action.from)} to${on}`;
+    case "drag": return `Drag${aim(action.from)}${action.path ? ` through ${action.path.length} points` : ""} to${on}`;
     case "type": return `Type “${shorten(action.text, 80)}” into${on || " the field"}`;
     case "press": return `Press ${shorten(action.keys, 80)}`;
     case "upload": return `Choose “${shorten(action.text, 80)}” at${on}`;
@@ -61,7 +61,7 @@ function marks(action) {
       if (!middle) return [h("div", { class: "bubble key center bottom" }, sentence(action))];
       const said = action.name === "click" ? action.keys : action.name === "type" || action.name === "upload" ? action.text || "(nothing)" : SHORT[action.name];
       const low = action.box ? action.box[1] + action.box[3] - 2 : middle[1];
-      return [...(action.from ? placeMark(action.from) : []), ...placeMark(action), said && bubbleAt(middle[0], low, said)].filter(Boolean);
+      return [...(action.from ? placeMark(action.from) : []), ...(action.path ?? []).flatMap((point) => placeMark({ point })), ...placeMark(action), said && bubbleAt(middle[0], low, said)].filter(Boolean);
     }
     case "scroll": return [...placeMark(action), h("div", { class: `bubble key center ${action.direction === "up" ? "top" : "bottom"}` },
       `${ARROWS[action.direction]} ${sentence(action)}`)];

@@ -1,5 +1,7 @@
 """One session's steps against a loop that does not wait, in the same browser, round by round in turn.
 
+Steps with marks, in a second browser, take turns with them.
+
     .venv/bin/python benchmarks/one_session.py --rounds 12
 
 The page is quiet at once. The bare loop clicks or scrolls and takes a picture, with no pause at all; a step
@@ -13,21 +15,24 @@ import argparse
 import asyncio
 import statistics
 import time
-from collections.abc import Awaitable, Callable
+from contextlib import AsyncExitStack
 
 from webgym.bench.pages import serving_pages
-from webgym.bench.stepping import browser_for, deed
+from webgym.bench.stepping import Stepper, browser_for, deed
 from webgym.browser import Egress, PageOptions, ProfileRoot, Slot
 from webgym.browser.actions import perform
 from webgym.browser.find import find_browser
 from webgym.browser.observe import capture
-from webgym.core.action import Navigate
+from webgym.browser.page import Page
+from webgym.core.action import Mode, Navigate
 
 STEPS = 8
 """Per round."""
 
+MODES: tuple[Mode, ...] = ("coordinates", "marks")
 
-async def timed(step: Callable[[int], Awaitable[object]]) -> float:
+
+async def timed(step: Stepper) -> float:
     """Milliseconds per step of one round."""
     start = time.perf_counter()
     for number in range(STEPS):
@@ -35,33 +40,48 @@ async def timed(step: Callable[[int], Awaitable[object]]) -> float:
     return (time.perf_counter() - start) * 1000 / STEPS
 
 
+def _bare(page: Page) -> Stepper:
+    async def step(number: int) -> None:
+        page.begin_action()
+        await perform(page, deed(number))
+        await capture(page)
+
+    return step
+
+
+def _stepping(slot: Slot) -> Stepper:
+    return lambda number: slot.step(deed(number))
+
+
 async def measure(rounds: int) -> str:
-    """The line that is printed."""
-    async with serving_pages() as pages:
+    """The lines that are printed."""
+    async with AsyncExitStack() as stack:
+        pages = await stack.enter_async_context(serving_pages())
         config = browser_for(pages)
-        async with Egress(config.egress) as egress:
+        egress = await stack.enter_async_context(Egress(config.egress))
+        slots = []
+        for mode in MODES:
             slot = Slot(config, find_browser().path, ProfileRoot(), egress)
-
-            async def bare(number: int) -> None:
-                slot.page.begin_action()
-                await perform(slot.page, deed(number))
-                await capture(slot.page)
-
-            async def ours(number: int) -> None:
-                await slot.step(deed(number))
-
-            try:
-                await slot.open(PageOptions())
-                await slot.step(Navigate(pages.url("static")))
-                pairs = [(await timed(bare), await timed(ours)) for _ in range(rounds)]
-            finally:
-                await slot.stop()
-    ratios = [theirs / own for theirs, own in pairs]
-    theirs, own = (statistics.median(times) for times in zip(*pairs, strict=True))
-    return (
-        f"bare {theirs:.0f} ms, a step {own:.0f} ms; speed of steps over bare: "
-        f"{statistics.median(ratios):.2f} ({min(ratios):.2f}-{max(ratios):.2f} of {rounds} rounds)"
+            stack.push_async_callback(slot.stop)
+            await slot.open(PageOptions(mode=mode))
+            await slot.step(Navigate(pages.url("static")))
+            slots.append(slot)
+        plain, marked = slots
+        steppers = (_bare(plain.page), _stepping(plain), _stepping(marked))
+        times = [[await timed(step) for step in steppers] for _ in range(rounds)]
+    bare, step, marks = (statistics.median(column) for column in zip(*times, strict=True))
+    return "\n".join(
+        (
+            f"bare {bare:.0f} ms, a step {step:.0f} ms, with marks {marks:.0f} ms; {rounds} rounds",
+            "speed of steps over bare: " + _spread([bare / step for bare, step, _ in times]),
+            "speed of steps with marks over those without: "
+            + _spread([step / marks for _, step, marks in times]),
+        )
     )
+
+
+def _spread(ratios: list[float]) -> str:
+    return f"{statistics.median(ratios):.2f} ({min(ratios):.2f}-{max(ratios):.2f})"
 
 
 def main() -> None:

@@ -214,7 +214,7 @@ async def test_input_that_the_browser_refuses_is_told(fault: Around, monkeypatch
     async with fault() as bench:
         session, _ = await bench.open()
         with monkeypatch.context() as patch:
-            patch.setattr("webgym.browser.slot.carry_out", refuse)
+            patch.setattr("webgym.browser.gestures.carry_out", refuse)
             [notice] = (await session.step(CLICK)).observation.notices
         assert notice.kind == "action_failed"
         assert "Internal error" in notice.text

@@ -10,6 +10,7 @@ gestures.py  what a hand can do beside the agent's actions
 chords.py    keys by name, and keys pressed together
 observe.py   from the page to an Observation and the bytes of its picture
 document.py  reading a whole document, not only what the viewport shows of it
+early.py     a picture that is taken while the page is still waited for
 settle.py    when is a page quiet, and why do we say so
 traffic.py   what the tab is loading at this moment
 egress/      the only way out: a proxy that refuses what pages must not reach

@@ -5,17 +5,31 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from typing import Any, Literal, TypeAlias
 
+from webgym.browser.actions import point_of
 from webgym.browser.cdp import CommandFailed
+from webgym.browser.gestures import AnyAction
 from webgym.browser.page import Page
 from webgym.browser.pointer import Point
 from webgym.browser.worlds import DocumentGone
-from webgym.core.errors import BrowserTimeout
+from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll
+from webgym.core.errors import ActionFailed, BrowserTimeout
 
 Effect: TypeAlias = Literal["some", "none", "unseen"]
 """``unseen``: there is something whose changes only a picture shows."""
+
+
+def effect_of(page: Page, action: AnyAction) -> AbstractAsyncContextManager[None]:
+    """Tell the agent of a click or a scroll that has no effect: for the block, as :func:`traced` says."""
+    match action:
+        case LeftClick(target=target) | DoubleClick(target=target) | RightClick(target=target):
+            with contextlib.suppress(ActionFailed):  # which is told anyway
+                return traced(page, point_of(page, target), "the page did not react to it")
+        case Scroll(direction=direction):
+            return traced(page, None, f"nothing scrolled {direction}")
+    return untraced(page)
 
 
 @asynccontextmanager

@@ -14,10 +14,19 @@ from typing import Literal, TypeAlias
 import msgspec
 
 from webgym.browser.actions import perform, point_of, type_at
+from webgym.browser.cdp import CommandFailed
 from webgym.browser.page import Page
 from webgym.browser.pointer import Point, click, mouse, wheel_over
 from webgym.core.action import BrowserAction, Direction, Hover, Side, Target
-from webgym.core.errors import ActionFailed
+from webgym.core.errors import (
+    ActionFailed,
+    BrowserTimeout,
+    DownloadRefused,
+    EgressRefused,
+    NavigationFailed,
+    PageError,
+)
+from webgym.core.observation import NoticeKind
 
 
 class Click(msgspec.Struct, frozen=True, tag_field="name", tag="click"):
@@ -100,6 +109,27 @@ class _Distance(msgspec.Struct, frozen=True):
 
 class _Scrolled(msgspec.Struct, frozen=True):
     kind: Literal["scrolled", "fixed", "gone"]
+
+
+_NOTICE_OF: dict[type[PageError], NoticeKind] = {
+    NavigationFailed: "navigation_failed",
+    EgressRefused: "navigation_failed",
+    DownloadRefused: "download_refused",
+    ActionFailed: "action_failed",
+}
+
+
+async def attempt(page: Page, action: AnyAction) -> None:
+    """:func:`carry_out`; what the page refuses is kept as a notice."""
+    try:
+        await carry_out(page, action)
+    except (ActionFailed, NavigationFailed) as error:
+        page.note(_NOTICE_OF[type(error)], error.message)
+    except CommandFailed as error:  # a page that comes or goes takes no input
+        page.note("action_failed", f"the browser did not take it ({error.message})")
+    except BrowserTimeout as error:
+        page.end_script()
+        page.note("still_loading", f"the page did not react, its script was ended ({error.message})")
 
 
 async def carry_out(page: Page, action: AnyAction) -> None:

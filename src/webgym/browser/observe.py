@@ -6,7 +6,7 @@ import asyncio
 import hashlib
 import time
 from collections.abc import Awaitable, Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
 
@@ -17,6 +17,9 @@ from webgym.browser.wire import Screenshot
 from webgym.browser.worlds import DocumentGone
 from webgym.core.errors import BrowserTimeout
 from webgym.core.observation import Element, Notice, Observation
+
+if TYPE_CHECKING:
+    from webgym.browser.early import Early
 
 T = TypeVar("T")
 
@@ -93,26 +96,25 @@ class Seen(msgspec.Struct, frozen=True):
         return (Notice("shortened", named),) if named else ()
 
 
-async def look(page: Page, settled: str, milliseconds: dict[str, float]) -> Look:
+async def look(page: Page, settled: str, milliseconds: dict[str, float], early: Early | None = None) -> Look:
     """Look at the page as it is now.
 
     Args:
         settled: why the wait for it ended.
         milliseconds: wall time of the operations so far; completed here.
+        early: what was pictured during the wait.
 
     Raises:
         BrowserTimeout: no picture within the deadline.
     """
-    marks = page.options.mode == "marks"
     page.popups.close_blank()
     start = time.perf_counter()
-    seen = await _see(page)
+    seen = early.seen if early is not None and early.is_good else None
+    pictured = early.picture if early is not None and seen is not None else lambda: capture_marked(page)
+    seen = seen or await ask(page, **wanted_of(page))
+    page.points = {element.number: _middle(element.box) for element in seen.elements or ()}
     between = time.perf_counter()
-    try:
-        image = await capture(page)
-    finally:
-        if marks:
-            page.post("unmark")
+    image = await pictured()
     end = time.perf_counter()
     name = hashlib.sha256(image).hexdigest()
     page.pictured(name)
@@ -190,19 +192,30 @@ async def _ask(page: Page, wanted: dict[str, bool]) -> Seen:
     return seen
 
 
-async def _see(page: Page) -> Seen:
+def wanted_of(page: Page) -> dict[str, bool]:
+    """What its observations are to say (see :func:`ask`)."""
     marks = page.options.mode == "marks"
     options = page.options
-    seen = await ask(
-        page, text=options.text, cuts=options.cuts, elements=options.elements or marks, marks=marks
-    )
-    page.points = {element.number: _middle(element.box) for element in seen.elements or ()}
-    return seen
+    return {
+        "text": options.text,
+        "cuts": options.cuts,
+        "elements": options.elements or marks,
+        "marks": marks,
+    }
 
 
 def _middle(box: tuple[float, float, float, float]) -> tuple[float, float]:
     x, y, width, height = box
     return x + width / 2, y + height / 2
+
+
+async def capture_marked(page: Page) -> bytes:
+    """:func:`capture`; marks that were drawn for it are gone afterwards."""
+    try:
+        return await capture(page)
+    finally:
+        if page.options.mode == "marks":
+            page.post("unmark")
 
 
 async def capture(page: Page) -> bytes:

@@ -11,17 +11,17 @@ import asyncio
 import contextlib
 import time
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import AbstractAsyncContextManager
 from pathlib import Path
 from typing import TypeVar
 
-from webgym.browser.actions import is_led_on, point_of
+from webgym.browser.actions import is_led_on
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
-from webgym.browser.effect import traced, untraced
+from webgym.browser.early import Early
+from webgym.browser.effect import effect_of
 from webgym.browser.egress import Door, Egress
-from webgym.browser.gestures import AnyAction, carry_out
+from webgym.browser.gestures import AnyAction, attempt
 from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
@@ -37,26 +37,13 @@ from webgym.browser.wire import (
     DetachedFromTarget,
     Nothing,
 )
-from webgym.core.action import DoubleClick, GoBack, LeftClick, Navigate, RightClick, Scroll
+from webgym.core.action import GoBack, Navigate
 from webgym.core.errors import (
-    ActionFailed,
     BrowserCrashed,
     BrowserError,
     BrowserOutOfMemory,
     BrowserTimeout,
-    DownloadRefused,
-    EgressRefused,
-    NavigationFailed,
-    PageError,
 )
-from webgym.core.observation import NoticeKind
-
-_NOTICE_OF: dict[type[PageError], NoticeKind] = {
-    NavigationFailed: "navigation_failed",
-    EgressRefused: "navigation_failed",
-    DownloadRefused: "download_refused",
-    ActionFailed: "action_failed",
-}
 
 T = TypeVar("T")
 
@@ -356,7 +343,9 @@ class Slot:
         Raises:
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
         """
-        page = self._living_page()
+        await self._act(self._living_page(), action)
+
+    async def _act(self, page: Page, action: AnyAction, early: Early | None = None) -> None:
         self._milliseconds = {}
         self._was_revived = False
         operation = "navigate" if isinstance(action, Navigate) else "execute"
@@ -365,43 +354,26 @@ class Slot:
         try:
             if page.is_crashed:
                 await self._bring_back(page)
-            async with self._traced(page, action):
-                await self._perform(page, action)
+            async with effect_of(page, action):
+                await attempt(page, action)
                 self._milliseconds[operation] = (time.perf_counter() - start) * 1000
+                if early is not None:
+                    await early.begin()
                 self._settled = await settle_timed(page, self._milliseconds)
             if isinstance(action, GoBack):
                 await self._go_past(page, action)
+            if early is not None:
+                await early.end(self._settled)
         except TargetGone:
             await self._bring_back(page)
-
-    def _traced(self, page: Page, action: AnyAction) -> AbstractAsyncContextManager[None]:
-        """Tell the agent of a click or a scroll that has no effect."""
-        match action:
-            case LeftClick(target=target) | DoubleClick(target=target) | RightClick(target=target):
-                with contextlib.suppress(ActionFailed):  # which is told anyway
-                    return traced(page, point_of(page, target), "the page did not react to it")
-            case Scroll(direction=direction):
-                return traced(page, None, f"nothing scrolled {direction}")
-        return untraced(page)
 
     async def _go_past(self, page: Page, action: GoBack) -> None:
         """Go further back where the page that was gone back to leads on by itself."""
         for _ in range(self.config.passed_over):
             if not await is_led_on(page):
                 return
-            await self._perform(page, action)
+            await attempt(page, action)
             self._settled = await settle_timed(page, self._milliseconds)
-
-    async def _perform(self, page: Page, action: AnyAction) -> None:
-        try:
-            await carry_out(page, action)
-        except (ActionFailed, NavigationFailed) as error:
-            page.note(_NOTICE_OF[type(error)], error.message)
-        except CommandFailed as error:  # a page that comes or goes takes no input
-            page.note("action_failed", f"the browser did not take it ({error.message})")
-        except BrowserTimeout as error:
-            page.end_script()
-            page.note("still_loading", f"the page did not react, its script was ended ({error.message})")
 
     async def _bring_back(self, page: Page) -> None:
         process = self._living_process()
@@ -428,10 +400,13 @@ class Slot:
         Raises:
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
         """
+        return await self._observe(None)
+
+    async def _observe(self, early: Early | None) -> Look:
         page = self._living_page()
         milliseconds, self._milliseconds = self._milliseconds, {}
         try:
-            return await self._look_at(page, lambda: look(page, self._settled, milliseconds))
+            return await self._look_at(page, lambda: look(page, self._settled, milliseconds, early))
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
 
@@ -449,12 +424,21 @@ class Slot:
     async def step(
         self, action: AnyAction | None = None, *, between: Callable[[], Awaitable[None]] | None = None
     ) -> Look:
-        """Act, then look. What is awaited ``between`` the two may put the slot to sleep."""
-        if action is not None:
-            await self.act(action)
-            if between is not None:
-                await between()
-        return await self.observe()
+        """Act, then look. What is awaited ``between`` the two may put the slot to sleep; it is left out
+        where the picture was taken while the page was waited for."""
+        if action is None:
+            return await self.observe()
+        page = self._living_page()
+        early = Early(page)
+        try:
+            await self._act(page, action, early)
+            if not early.is_good:
+                await early.drop()
+                if between is not None:
+                    await between()
+            return await self._observe(early)
+        finally:
+            await early.drop()
 
     async def screenshot(self) -> bytes:
         """The bare picture, without marks and without waiting."""

@@ -51,6 +51,7 @@ _FILES = (
     "wheel",
     "pointer",
     "effect",
+    "early",
     "sight",
     "targets",
     "observe",

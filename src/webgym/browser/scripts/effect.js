@@ -67,6 +67,8 @@
     const { width, height, top, left } = getBoundingClientRect(element);
     return width >= 4 && height >= 4 && top < innerHeight && left < innerWidth;
   };
+  // Whether there is something whose changes only a picture shows.
+  webgym.hasDrawn = () => [...querySelectorAll(document, DRAWN)].some(isDrawn);
 
   // An action begins, at this point if it has one.
   webgym.beginTrace = (point) => {
@@ -85,6 +87,9 @@
     return true;
   };
 
+  // Whether the action had the page plan anything for later.
+  webgym.hasSetOff = () => !trace || plans().some(([, count], index) => count !== trace.plans[index][1]);
+
   // The action is over, and the page quiet. "some" effect, "none", or "unseen": only a picture could tell.
   webgym.endTrace = () => {
     const was = trace;
@@ -95,6 +100,6 @@
     if (was.focus !== focused() || was.hasSelection !== hasSelection()) return 'some';
     if (planned.some(([name, count], index) => !plansAlone.has(name) && count !== was.plans[index][1])) return 'some';
     if (was.part && was.outline !== outline(was.part)) return 'some';
-    return was.isDark || [...querySelectorAll(document, DRAWN)].some(isDrawn) ? 'unseen' : 'none';
+    return was.isDark || webgym.hasDrawn() ? 'unseen' : 'none';
   };
 })();

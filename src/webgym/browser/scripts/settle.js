@@ -195,6 +195,9 @@
       return Number.isFinite(end) && end - (animation.currentTime || 0) < limit;
     });
 
+  // Whether anything moves that will come to rest.
+  webgym.isMoving = () => moving(Infinity).length > 0;
+
   // Whether the page asked for a frame or an idle moment since this was asked last.
   const hasPlanned = () => {
     const before = state.asked;
@@ -220,7 +223,7 @@
     state.hasTyped = false;
     webgym.attach();
     const early = timers.asked();
-    let [elapsed, still, known, isCounting] = [0, 0, state.changes, false];
+    let [elapsed, still, known, needed, isCounting] = [0, 0, state.changes, quiet, false];
     let found = null;
     const patience = () => (found === true || found[1] === isTurning ? linger / 2 : linger);
     const verdict = (reason) => {
@@ -239,19 +242,20 @@
         state.idles = idles.asked();
         return state.isTireless;
       }
-      return (await isFree(tick)) && state.changes === known;
+      return ((await isFree(tick)) || (await isFree(tick))) && state.changes === known; // a frame takes as long
     };
     for (;;) {
-      await pause(tick);
-      elapsed += tick;
-      if (state.changes !== known || moving(busy).length) {
-        known = state.changes;
-        still = 0;
-        webgym.attach();
-      } else still += tick;
+      const pulse = Math.min(tick, Math.max(1, needed - still));
+      await pause(pulse);
+      elapsed += pulse;
+      if (moving(busy).length) still = 0;
+      else if (state.changes === known) still += pulse;
+      else still = Math.min(pulse, performance.now() - state.changedAt);
+      if (state.changes !== known) webgym.attach();
+      known = state.changes;
       const isSame = state.changes === since;
       const isCalm = isSame || (since >= 0 && state.reactions === state.settled);
-      const needed = isCalm ? reaction : quiet;
+      needed = isCalm ? reaction : quiet;
       if (still >= needed) {
         if (await isDone()) {
           found = isSame ? null : sign();

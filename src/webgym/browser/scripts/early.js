@@ -1,0 +1,63 @@
+// A picture that is taken while the page is still waited for: is it one of the page as it is after the wait?
+(() => {
+  const webgym = globalThis.webgym;
+  if (webgym.beginEarly) return;
+  const { documentElement, getSelection } = webgym.dom;
+  const { state, counters } = webgym;
+
+  // What changes the picture and is no change of the document.
+  let stirs = 0;
+  const onStir = ({ target }) => state.ours.has(target) || (stirs += 1);
+  const STIRS =
+    'pointerover pointerout focusin focusout toggle load error loadeddata play pause seeked ' +
+    'transitionrun animationstart fullscreenchange';
+  for (const name of STIRS.split(' ')) webgym.listen([name, onStir, { capture: true, passive: true }]);
+
+  // What is selected; a caret is not drawn.
+  const selected = () => {
+    const { isCollapsed, anchorNode, anchorOffset, focusNode, focusOffset } = getSelection(document);
+    return isCollapsed ? [] : [anchorNode, anchorOffset, focusNode, focusOffset];
+  };
+  // Two are the same if nothing changed in between, nor was planned.
+  const moment = () => [
+    state.changes, stirs, ...Object.values(counters).map((counter) => counter.asked()), ...selected(),
+  ];
+  const isEqual = (a, b) => a.length === b.length && a.every((one, index) => one === b[index]);
+
+  // Whether no task is left to do: one that lets all others go first has its turn.
+  const PATIENCE = 10; // ms
+  const isIdle = () =>
+    Promise.race([
+      scheduler.postTask(() => true, { priority: 'background' }),
+      scheduler.postTask(() => false, { priority: 'user-blocking', delay: PATIENCE }),
+    ]);
+
+  let early = null; // the first frame after `beginEarly`: {moment, seen}
+
+  // A picture is about to be asked for. Gives whether it is worth it: whether the action set nothing off that is yet
+  // to come. `wanted`: what `observe` is to tell of the frame, marks drawn in it; null to ask for it in the end.
+  //
+  // A picture shows the next frame or a later one, so all that comes up to the next frame is in it. Resizes are told
+  // after everything else that a frame lets scripts do, and what is drawn then is in the same frame.
+  webgym.beginEarly = async (wanted) => {
+    early = null;
+    if (!(await isIdle()) || webgym.hasSetOff() || webgym.isMoving() || webgym.hasDrawn()) return false;
+    const mine = (early = { moment: null, seen: null });
+    const observer = new ResizeObserver(() => {
+      observer.disconnect();
+      if (early !== mine) return;
+      if (wanted) mine.seen = webgym.observe(wanted, {});
+      mine.moment = moment();
+    });
+    observer.observe(documentElement(document));
+    return true;
+  };
+
+  // [what `observe` tells of the page] if it looks as it did in that frame; [] if it does not.
+  webgym.endEarly = (wanted) => {
+    const was = early;
+    early = null;
+    const isSame = was && was.moment && isEqual(was.moment, moment()) && !webgym.isMoving();
+    return isSame ? [was.seen || webgym.observe(wanted, {})] : [];
+  };
+})();

@@ -45,7 +45,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         found.append("places")
         raise WebGymError("far enough")
 
-    monkeypatch.setattr(collection, "_places", refuse)
+    monkeypatch.setattr(collection, "places", refuse)
     return found
 
 

@@ -15,7 +15,7 @@ from typing import Any, Final
 from PIL import Image
 
 from webgym.collection import PolicyChoice, RunConfig
-from webgym.core.action import Answer, BrowserAction, Scroll
+from webgym.core.action import Action, Answer, BrowserAction, Scroll
 from webgym.core.errors import BrowserCrashed, JudgeError
 from webgym.core.observation import Observation
 from webgym.core.task import FactGroup, Rubric, Task
@@ -165,11 +165,11 @@ class _Check:
             async with self._opened() as (env, browsers, judge):
                 await _call(env.reset, seed=1)
                 judge.fault, browsers.fails = fault, fault == "browser"
-                actions = [Scroll("down"), Answer(_RIGHT)]
+                actions: list[Action | str] = [Scroll("down"), Answer(_RIGHT)]
                 if fault in ("judge", "no_reward", "blocked"):
                     actions = [Answer(_RIGHT)]
                 elif fault == "unreadable":
-                    actions = ["I would click there."] * _BUDGET  # type: ignore[list-item]
+                    actions = ["I would click there."] * _BUDGET
                 reward, terminated, truncated, info = 0.0, False, False, {}
                 for action in actions:
                     _, reward, terminated, truncated, info = await _call(env.step, action)

@@ -132,9 +132,7 @@ class Environment:
         self._on_fault = on_fault
         self._stack = AsyncExitStack()
         self._services: _Services | None = None
-        self._seed = seed
         self._seed_anew(seed)
-        self._run_id = uuid.uuid4().hex
         self._episode: _Episode | None = None
 
     # --- open and close ---------------------------------------------------------------------------------
@@ -231,7 +229,7 @@ class Environment:
         task = self._choose(options or {})
         self._attempts[task.id] += 1
         episode = _Episode(
-            self, services, Planned(task, self._attempts[task.id] - 1), f"{self._run_id}-{uuid.uuid4().hex}"
+            self, services, Planned(task, self._attempts[task.id] - 1), run_id=uuid.uuid4().hex
         )
         self._episode = episode
         try:
@@ -420,8 +418,8 @@ class _Episode:
     @property
     def reward(self) -> float:
         assert self._trajectory is not None
-        outcome = self._trajectory.outcome
-        return float(outcome == "success") if outcome.is_rewarded else math.nan
+        reward = self._trajectory.outcome.reward
+        return math.nan if reward is None else reward
 
     def info(self) -> Info:
         """See :data:`Info`."""

@@ -27,6 +27,11 @@ class Outcome(StrEnum):
         return self in (Outcome.SUCCESS, Outcome.FAILURE, Outcome.TRUNCATED)
 
     @property
+    def reward(self) -> float | None:
+        """1.0 or 0.0; ``None`` where there is none, which is never a 0."""
+        return float(self is Outcome.SUCCESS) if self.is_rewarded else None
+
+    @property
     def is_retried(self) -> bool:
         """Whether another attempt at the same task may end better for no doing of the policy's."""
         return self in (Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR, Outcome.CANCELLED)

@@ -20,7 +20,7 @@ from webgym.core.errors import RunFolderError, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import ImageRef, Message, Step, TextPart, Trajectory
-from webgym.rollout.files import disk_errors, make_folder, write_lines
+from webgym.rollout.files import TORN, disk_errors, make_folder, write_lines
 from webgym.rollout.store import RunReader
 
 Format: TypeAlias = Literal["jsonl", "parquet", "sharegpt"]
@@ -163,7 +163,8 @@ class _Exporter:
 
     def write_parquet(self, path: Path) -> None:
         """With the pictures themselves, as the library ``datasets`` keeps them."""
-        with pq.ParquetWriter(path, _SCHEMA, compression="zstd") as writer:
+        torn = path.with_name(f".{path.name}{TORN}")  # whole or not at all, as the other formats
+        with pq.ParquetWriter(torn, _SCHEMA, compression="zstd") as writer:
             held: list[dict[str, Any]] = []
             for task, trajectory, step in self._steps():
                 self.done.steps += 1
@@ -174,6 +175,7 @@ class _Exporter:
                     writer.write_table(pa.Table.from_pylist(held, _SCHEMA))
                     held = []
             writer.write_table(pa.Table.from_pylist(held, _SCHEMA))
+        torn.replace(path)
 
     def conversations(self) -> Iterator[dict[str, Any]]:
         """One for every step with an action; its last message is the reply."""
@@ -233,7 +235,7 @@ def _row(task: Task, trajectory: Trajectory, step: Step) -> dict[str, Any]:
         "website": task.website,
         "instruction": task.instruction,
         "outcome": outcome.value,
-        "reward": float(outcome is Outcome.SUCCESS) if outcome.is_rewarded else None,
+        "reward": outcome.reward,
         "policy": reply.policy,
         "weight_version": reply.weight_version,
         "step": step.index,

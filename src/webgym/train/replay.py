@@ -36,7 +36,6 @@ import numpy as np
 
 from webgym.core.action import Answer
 from webgym.core.errors import ConfigError
-from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Step, Trajectory
 from webgym.train.config import ReplayConfig
@@ -185,8 +184,7 @@ class Replay:
             trajectories += 1
             episode = trajectory.episode
             self._guard(run.tasks[episode.task_id])
-            if trajectory.outcome.is_rewarded:
-                reward = float(trajectory.outcome is Outcome.SUCCESS)
+            if (reward := trajectory.outcome.reward) is not None:
                 rewarded.append(Attempt(episode.attempt_id, episode.task_id, reward))
                 idle = [step.index for step in episode.steps if _is_idle(step)]
                 steps[episode.attempt_id] = (len(episode.steps), idle)

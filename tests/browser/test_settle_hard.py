@@ -8,6 +8,7 @@ import os
 import signal
 from collections.abc import AsyncIterator, Iterator
 
+import psutil
 import pytest
 import pytest_asyncio
 from starlette.requests import Request
@@ -16,7 +17,8 @@ from starlette.responses import Response
 from webgym.bench.hardweb import PAGES, HardSite
 from webgym.bench.settle import SettleBench, run_trial
 from webgym.browser import BrowserConfig, Slot
-from webgym.core.action import LeftClick, Navigate, Target, Type
+from webgym.browser.memory import process_type
+from webgym.core.action import LeftClick, Navigate, Press, Target, Type
 
 from .conftest import Open, Site, Tab
 
@@ -217,6 +219,27 @@ def stopped(slot: Slot) -> Iterator[None]:
         yield
     finally:
         os.killpg(slot.process.pid, signal.SIGCONT)
+
+
+@pytest.mark.parametrize("seconds", [0.15, 0.4])
+async def test_a_frame_that_is_late_is_waited_for(seconds: float, site: Site, tab: Tab) -> None:
+    """The page asks for frame after frame; the process that draws them has no time for a while."""
+    await tab.goto(
+        site.page(
+            "<button>Go</button><p id=out>nothing</p><script>onkeydown = () => { let n = 12;"
+            "const f = () => { --n ? requestAnimationFrame(f) : out.textContent = 'drawn' }; f() }</script>"
+        )
+    )
+    assert tab.slot.process is not None
+    [drawing] = [
+        child.pid
+        for child in psutil.Process(tab.slot.process.pid).children(recursive=True)
+        if process_type(child.pid) == b"gpu-process"
+    ]
+    os.kill(drawing, signal.SIGSTOP)
+    asyncio.get_running_loop().call_later(seconds, os.kill, drawing, signal.SIGCONT)
+    await tab.step(Press(("x",)))
+    assert "drawn" in tab.text
 
 
 async def test_a_burst_after_a_stop_is_waited_out(site: Site, tab: Tab) -> None:

@@ -170,14 +170,15 @@
 
   // --- when is it quiet ---------------------------------------------------------------------------
 
-  const FRAME = 100; // longest wait for a frame or an idle moment, ms
+  const FRAME = 1000; // longest wait for a frame, ms: what is not drawn by then is not drawn at all
+  const IDLE = 100; // the same for an idle moment
   const pause = (milliseconds) => new Promise((resolve) => timers.take(window, resolve, milliseconds));
   const frame = () =>
     new Promise((resolve) => {
       const limit = timers.take(window, resolve, FRAME);
       frames.take(window, () => (clearTimeout(limit), resolve()));
     });
-  const idle = () => new Promise((resolve) => idles.take(window, resolve, { timeout: FRAME }));
+  const idle = () => new Promise((resolve) => idles.take(window, resolve, { timeout: IDLE }));
   // Whether the page's scripts leave a moment to spare: a task that lets all others go first soon has its turn.
   const isFree = async (limit) => {
     const start = performance.now();
@@ -234,9 +235,13 @@
         planned, target, typed: hasTyped, early, timers: timers.asked(), handles: timers.given(),
       };
     };
-    // Still, and nothing that was planned for a frame or an idle moment is left. To count frames costs one.
+    // Still, and nothing that was planned for a frame or an idle moment is left. To count frames asks for one.
     const isDone = async () => {
-      if (hasPlanned() && !state.isTireless) return false;
+      if (hasPlanned() && !state.isTireless) {
+        await frame(); // comes after the page's own, which may be late
+        elapsed += tick;
+        return false;
+      }
       if (idles.asked() !== state.idles) {
         await idle(); // after the page's own
         state.idles = idles.asked();

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from webgym.core.trajectory import Episode, Reply, Step, Trajectory
     from webgym.core.verdict import Verdict
     from webgym.environment import Environment, make, make_many, random_action
+    from webgym.inference.rendering import Renderer
     from webgym.judge import Judge, OfflineJudge
     from webgym.offline import OfflineWeb
     from webgym.report import write_report
@@ -28,6 +29,15 @@ if TYPE_CHECKING:
     from webgym.server import BrowserClient, ServerConfig, View, running_server
     from webgym.sync import LoopThread, SyncEnvironment
     from webgym.tasks import read_tasks, write_tasks
+    from webgym.token_rollout import (
+        EnvironmentPool,
+        Sampled,
+        TokenRequest,
+        TokenRollout,
+        TokenRow,
+        roll_out,
+        task_rows,
+    )
 
 __version__ = "0.1.0"
 
@@ -44,6 +54,7 @@ _HOMES = {
     "webgym.core.trajectory": ("Episode", "Reply", "Step", "Trajectory"),
     "webgym.core.verdict": ("Verdict",),
     "webgym.environment": ("Environment", "make", "make_many", "random_action"),
+    "webgym.inference.rendering": ("Renderer",),
     "webgym.judge": ("Judge", "OfflineJudge"),
     "webgym.offline": ("OfflineWeb",),
     "webgym.report": ("write_report",),
@@ -51,6 +62,15 @@ _HOMES = {
     "webgym.server": ("BrowserClient", "ServerConfig", "View", "running_server"),
     "webgym.sync": ("LoopThread", "SyncEnvironment"),
     "webgym.tasks": ("read_tasks", "write_tasks"),
+    "webgym.token_rollout": (
+        "EnvironmentPool",
+        "Sampled",
+        "TokenRequest",
+        "TokenRollout",
+        "TokenRow",
+        "roll_out",
+        "task_rows",
+    ),
 }
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
@@ -60,6 +80,7 @@ __all__ = [
     "AgentConfig",
     "BrowserClient",
     "Environment",
+    "EnvironmentPool",
     "Episode",
     "FactGroup",
     "Judge",
@@ -70,14 +91,19 @@ __all__ = [
     "Outcome",
     "Player",
     "Policy",
+    "Renderer",
     "Reply",
     "Rubric",
     "RunConfig",
     "RunReader",
+    "Sampled",
     "ServerConfig",
     "Step",
     "SyncEnvironment",
     "Task",
+    "TokenRequest",
+    "TokenRollout",
+    "TokenRow",
     "Trajectory",
     "Turn",
     "Verdict",
@@ -90,7 +116,9 @@ __all__ = [
     "random_action",
     "read_tasks",
     "resume",
+    "roll_out",
     "running_server",
+    "task_rows",
     "write_report",
     "write_tasks",
 ]

@@ -33,7 +33,7 @@ _FAULTS: Final = ("browser", "judge", "no_reward", "blocked", "unreadable")
 """What can keep an episode from a reward."""
 
 
-class _Browsers:
+class StandInBrowsers:
     """Stand-ins of browsers: every page is another picture, and every session has its own.
 
     Attributes:
@@ -49,6 +49,7 @@ class _Browsers:
         self.entered = asyncio.Event()
 
     async def open(self, options: SessionOptions | None = None) -> _Session:
+        """A session of its own."""
         del options
         session = _Session(self, len(self.steps))
         self.open_now.add(session.number)
@@ -57,7 +58,7 @@ class _Browsers:
 
 
 class _Session:
-    def __init__(self, browsers: _Browsers, number: int) -> None:
+    def __init__(self, browsers: StandInBrowsers, number: int) -> None:
         self._browsers, self.number = browsers, number
         self.id = str(number)
 
@@ -80,7 +81,7 @@ class _Session:
         self._browsers.open_now.discard(self.number)
 
 
-class _Judge:
+class StandInJudge:
     """Right is 1, all else is 0, unless it is told to fail."""
 
     name = "check/1"
@@ -89,6 +90,7 @@ class _Judge:
         self.fault = ""
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
+        """Look at the first picture, and at the answer."""
         del task
         await pictures(episode.steps[0].observation.screenshot)
         if self.fault == "judge":
@@ -97,23 +99,23 @@ class _Judge:
         return Verdict(self.name, reward, (), Judgement(self.fault == "blocked", "as the check wants it"))
 
 
-_TASKS: Final = tuple(
+STAND_IN_TASKS: Final = tuple(
     Task(f"check-{number}", f"Find number {number}", "http://check.test/", "Check", "Check", _rubric, "check")
     for _rubric in [Rubric((FactGroup(1, "all", ("it is found",)),))]
     for number in range(12)
 )
 
 
-def _environment(browsers: _Browsers, judge: _Judge, on_fault: OnFault = "nan") -> Environment:
+def _environment(browsers: StandInBrowsers, judge: StandInJudge, on_fault: OnFault = "nan") -> Environment:
     attempt = AttemptConfig(viewport=_SIZE, budget_easy=_BUDGET)
     config = RunConfig(attempt=attempt, policy=PolicyChoice(check=False))
-    return Environment(_TASKS, browsers=browsers, judge=judge, config=config, on_fault=on_fault)
+    return Environment(STAND_IN_TASKS, browsers=browsers, judge=judge, config=config, on_fault=on_fault)
 
 
 def stand_in_environment(on_fault: OnFault = "nan") -> Environment:
     """An environment without browsers and websites, for tests of what wraps one: twelve tasks of four steps
     at most, pages of one colour, and a judge who gives 1 for the answer ``right``."""
-    return _environment(_Browsers(), _Judge(), on_fault)
+    return _environment(StandInBrowsers(), StandInJudge(), on_fault)
 
 
 Adapt = Callable[[Environment], Any]
@@ -129,8 +131,8 @@ class _Check:
         self.faults: list[str] = []
 
     @asynccontextmanager
-    async def _opened(self) -> AsyncIterator[tuple[Any, _Browsers, _Judge]]:
-        browsers, judge = _Browsers(), _Judge()
+    async def _opened(self) -> AsyncIterator[tuple[Any, StandInBrowsers, StandInJudge]]:
+        browsers, judge = StandInBrowsers(), StandInJudge()
         async with _environment(browsers, judge) as env:
             adapted = self._adapt(env)
             try:
@@ -224,8 +226,8 @@ class _Check:
         await self._forgotten()
 
     async def _forgotten(self) -> None:
-        browsers = _Browsers()
-        env = _environment(browsers, _Judge())
+        browsers = StandInBrowsers()
+        env = _environment(browsers, StandInJudge())
         await env.__aenter__()
         adapted = self._adapt(env)
         await _call(adapted.reset)

@@ -151,7 +151,7 @@ class Environment:
 
     async def close(self) -> None:
         """Give the browser back, and stop what was started for this environment. Safe to call twice."""
-        await self._abandon()
+        await self.abandon()
         self._services = None
         await self._stack.aclose()
 
@@ -204,6 +204,11 @@ class Environment:
         """By id. Their ``truth`` is for judges and tests: no policy may see it."""
         return self._opened.tasks
 
+    @property
+    def episode_id(self) -> str:
+        """A name for the episode that no other has; empty where there is none."""
+        return self._episode.id if self._episode else ""
+
     # --- reset and step ---------------------------------------------------------------------------------
 
     async def reset(
@@ -223,19 +228,17 @@ class Environment:
             WebGymError: the browser or the website failed, so that no episode began; reset again.
         """
         services = self._opened
-        await self._abandon()
+        await self.abandon()
         if seed is not None:
             self._seed_anew(seed)
         task = self._choose(options or {})
         self._attempts[task.id] += 1
-        episode = _Episode(
-            self, services, Planned(task, self._attempts[task.id] - 1), run_id=uuid.uuid4().hex
-        )
+        episode = _Episode(self, services, Planned(task, self._attempts[task.id] - 1))
         self._episode = episode
         try:
             view = await episode.begin()
         except BaseException:
-            await self._abandon()
+            await self.abandon()
             raise
         return view, episode.info()
 
@@ -265,7 +268,7 @@ class Environment:
         try:
             is_over = await episode.step(self._as_reply(action))
         except BaseException:  # cancelled, or called wrongly: nobody can go on from here
-            await self._abandon()
+            await self.abandon()
             raise
         info = episode.info()
         if not is_over:
@@ -293,7 +296,8 @@ class Environment:
         screen = self.profile.screen(sent)
         return Reply(render_reply(action, agent.prompt_format, description="", screen=screen), "external")
 
-    async def _abandon(self) -> None:
+    async def abandon(self) -> None:
+        """Give up the episode that is not over, and give its browser back. Safe to call at any time."""
         episode, self._episode = self._episode, None
         if episode is not None:
             await asyncio.shield(episode.give_back())
@@ -334,8 +338,9 @@ class _Pictures:
 class _Episode:
     """From reset to the end."""
 
-    def __init__(self, env: Environment, services: _Services, planned: Planned, run_id: str) -> None:
+    def __init__(self, env: Environment, services: _Services, planned: Planned) -> None:
         config = env.config
+        self.id = uuid.uuid4().hex
         self._services = services
         self._judge_seconds = config.collector.judge_seconds
         self._pictures = _Pictures()
@@ -343,7 +348,7 @@ class _Episode:
             store=self._pictures,
             config=config.attempt,
             site_state=services.site_state,
-            run_id=run_id,
+            run_id=self.id,
             seed=env._seed,
             policy="external",
             mode=env.profile.mode,
@@ -497,6 +502,13 @@ def make(
     Raises:
         ConfigError: there are no tasks of this name.
     """
+    return Environment(config=config_of(name, split, config), **given)
+
+
+def config_of(
+    name: str, split: Literal["train", "test", "all"], config: RunConfig | None = None
+) -> RunConfig:
+    """Settings with the name and the split of the tasks set in them: see :func:`make`."""
     config = config or RunConfig()
     tasks = config.tasks.model_copy(update={"split": split})
     if name in COLLECTIONS:
@@ -509,7 +521,7 @@ def make(
             f"there are no tasks named {name!r}",
             hint=f"give {', '.join(COLLECTIONS)} or the path of a task file",
         )
-    return Environment(config=config.model_copy(update={"tasks": tasks}), **given)
+    return config.model_copy(update={"tasks": tasks})
 
 
 @asynccontextmanager

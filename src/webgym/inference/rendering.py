@@ -95,8 +95,12 @@ class Renderer:
         Raises:
             PolicyError: placeholders and pictures do not match.
         """
-        ids = self.tokenizer(self.text(messages), add_special_tokens=False)["input_ids"]
-        return self.expanded(ids, self.image_tokens(messages))
+        return self.expanded(self.short_prompt_ids(messages), self.image_tokens(messages))
+
+    def short_prompt_ids(self, messages: Sequence[Message]) -> list[int]:
+        """The ids of a request with one image token for each picture."""
+        ids: list[int] = self.tokenizer(self.text(messages), add_special_tokens=False)["input_ids"]
+        return ids
 
     def expanded(self, ids: Sequence[int], counts: Sequence[int]) -> list[int]:
         """Ids with one image token for each picture, which becomes as many as the picture takes.

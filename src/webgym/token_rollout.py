@@ -1,0 +1,348 @@
+"""Episodes for trainers that hand token ids to an inference engine, and train on what was sampled::
+
+    async with webgym.EnvironmentPool("offline-v1", size=8) as pool, pool.environment() as env:
+        rollout = await webgym.roll_out(env, generate, renderer, task_id=task_id)
+        for row in rollout.rows:
+            ...  # row.prompt_ids, row.reply_ids, row.logprobs, row.images
+
+One row per step, because WebGym's history is a window: no two steps share a prompt. All rows of an episode
+have its reward. What was sampled is what is trained on: the ids go from the engine to the record and from
+there to the row, and a row that does not hold together is dropped and counted (:mod:`webgym.train.samples`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
+from dataclasses import dataclass, field
+from io import BytesIO
+from typing import Any, Literal, Self
+
+from PIL import Image
+
+from webgym.collection import RunConfig, choose_tasks
+from webgym.core.errors import UsageError, WebGymError
+from webgym.core.outcome import Outcome, ending_of, outcome_of
+from webgym.core.tokens import ReplyTokens
+from webgym.core.trajectory import Failure, Message, Reply, Trajectory
+from webgym.environment import Environment, config_of
+from webgym.inference.rendering import Pixels, Renderer, pictures_of
+from webgym.train.samples import SampleMaker
+
+
+@dataclass(frozen=True)
+class TokenRequest:
+    """What an inference engine is asked.
+
+    Attributes:
+        id: of the episode: requests of one episode share most of their pictures, so an engine may send
+            them to the same place.
+        prompt_ids: token ids, image tokens expanded: what is trained on.
+        short_prompt_ids: the same with one image token for each picture, for engines that expand themselves.
+        images: the pictures in the order of the prompt, encoded (PNG), at the size at which they are read.
+        messages: the request before it was rendered.
+    """
+
+    id: str
+    prompt_ids: list[int]
+    short_prompt_ids: list[int]
+    images: tuple[bytes, ...]
+    messages: tuple[Message, ...]
+
+    def pil_images(self) -> list[Image.Image]:
+        """The pictures, decoded (RGB)."""
+        return [Image.open(BytesIO(data)).convert("RGB") for data in self.images]
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """What the engine sampled.
+
+    Attributes:
+        reply_ids: token ids, the end token included if it was sampled.
+        logprobs: log-probability of each of them under the distribution that it was drawn from.
+        finish_reason: ``stop``: it ended by itself; ``length``: it was cut off.
+        weight_version: of the weights that sampled it; empty where the engine does not say.
+        prompt_ids: that the engine read, where it says so; they are trained on then.
+        sampling: parameters, for the record; what alters log-probabilities (``top_k``, ...) has to be told.
+    """
+
+    reply_ids: Sequence[int]
+    logprobs: Sequence[float] | None = None
+    finish_reason: Literal["stop", "length"] = "stop"
+    weight_version: str = ""
+    prompt_ids: Sequence[int] | None = None
+    sampling: dict[str, Any] = field(default_factory=dict)
+
+
+Generate = Callable[[TokenRequest], Awaitable[Sampled]]
+
+
+@dataclass(frozen=True)
+class TokenRow:
+    """One step, ready for a trainer.
+
+    Attributes:
+        step: its number, from 0.
+        prompt_ids: token ids, image tokens expanded.
+        reply_ids: token ids that were sampled.
+        logprobs: one for each of ``reply_ids``; ``None`` where the engine gave none.
+        weight_version: of the weights that sampled them.
+        images: the pictures in the order of the prompt, encoded (PNG), at the size at which they were read.
+        messages: of the request.
+    """
+
+    step: int
+    prompt_ids: list[int]
+    reply_ids: list[int]
+    logprobs: list[float] | None
+    weight_version: str
+    images: tuple[bytes, ...]
+    messages: tuple[Message, ...]
+
+    def pixels(self, renderer: Renderer) -> Pixels | None:
+        """The pictures as the vision tower reads them; ``None`` if there is none."""
+        refs = pictures_of(self.messages)
+        held = {ref.screenshot: data for ref, data in zip(refs, self.images, strict=True)}
+        return renderer.pixels(self.messages, held)
+
+
+@dataclass(frozen=True)
+class TokenRollout:
+    """An episode for a trainer.
+
+    Attributes:
+        task_id: of its task.
+        reward: 1.0 or 0.0; ``None`` where there is none (blocked, or an error of environment, policy or
+            judge): such an episode has no rows, and must not become a 0.
+        outcome: one of eight.
+        rows: a row per step that can be trained on.
+        dropped: steps without a row, by reason: ``no_reward``, and :data:`~webgym.train.samples.DropReason`.
+        failure: what kept the episode, or its verdict, from being.
+        trajectory: the whole record; ``None`` where no browser was to be had.
+        seconds: that it took.
+    """
+
+    task_id: str
+    reward: float | None
+    outcome: Outcome
+    rows: list[TokenRow]
+    dropped: Counter[str]
+    failure: Failure | None
+    trajectory: Trajectory | None
+    seconds: float
+
+
+async def roll_out(
+    env: Environment,
+    generate: Generate,
+    renderer: Renderer,
+    *,
+    task_id: str | None = None,
+    policy: str = "external",
+    cutoff_tokens: int = 16384,
+    needs_logprobs: bool = False,
+) -> TokenRollout:
+    """Play one episode with an inference engine.
+
+    Args:
+        env: open, with ``on_fault="nan"``.
+        generate: asks the engine. What it raises is raised, and the episode is abandoned.
+        renderer: of the model's tokenizer and image processor.
+        task_id: the task; by default the environment's next.
+        policy: its name, for the record.
+        cutoff_tokens: longest prompt and reply together; longer rows are dropped, never cut.
+        needs_logprobs: drop rows without log-probabilities, or with those of another distribution.
+
+    Raises:
+        ConfigError: there is no such task.
+    """
+    started = time.monotonic()
+    try:
+        _, info = await env.reset(options={} if task_id is None else {"task_id": task_id})
+    except UsageError:
+        raise
+    except WebGymError as error:
+        failure = Failure(error.code, error.message)
+        seconds = time.monotonic() - started
+        outcome = outcome_of(ending_of(error), None)
+        return TokenRollout(task_id or "", None, outcome, [], Counter(), failure, None, seconds)
+    requests: list[TokenRequest] = []
+    try:
+        while not info["is_over"]:
+            requests.append(await asyncio.to_thread(_request, env.episode_id, info, renderer))
+            sampled = await generate(requests[-1])
+            _, _, _, _, info = await env.step(_reply(requests[-1], sampled, renderer, policy))
+    except BaseException:
+        await env.abandon()
+        raise
+    maker = SampleMaker(renderer, cutoff_tokens=cutoff_tokens, off_policy=needs_logprobs)
+    rows = await asyncio.to_thread(_rows, info["trajectory"], requests, maker)
+    dropped: Counter[str] = Counter(maker.dropped)
+    trajectory: Trajectory = info["trajectory"]
+    reward = trajectory.outcome.reward
+    if reward is None:
+        rows, dropped = [], Counter(no_reward=len(trajectory.episode.steps))
+    return TokenRollout(
+        trajectory.episode.task_id,
+        reward,
+        trajectory.outcome,
+        rows,
+        dropped,
+        trajectory.episode.failure or trajectory.judge_failure,
+        trajectory,
+        time.monotonic() - started,
+    )
+
+
+def _request(episode_id: str, info: dict[str, Any], renderer: Renderer) -> TokenRequest:
+    messages, images = info["messages"], info["images"]
+    short = renderer.short_prompt_ids(messages)
+    prompt_ids = renderer.expanded(short, renderer.image_tokens(messages))
+    shown = tuple(images[ref.screenshot] for ref in pictures_of(messages))
+    return TokenRequest(episode_id, prompt_ids, short, shown, messages)
+
+
+def _reply(request: TokenRequest, sampled: Sampled, renderer: Renderer, policy: str) -> Reply:
+    read = request.prompt_ids if sampled.prompt_ids is None else sampled.prompt_ids
+    return Reply(
+        renderer.decode(sampled.reply_ids),
+        policy=policy,
+        finish_reason=sampled.finish_reason,
+        sampling=sampled.sampling,
+        prompt_tokens=len(request.prompt_ids),
+        completion_tokens=len(sampled.reply_ids),
+        tokens=ReplyTokens.of(read, sampled.reply_ids, sampled.logprobs),
+        weight_version=sampled.weight_version,
+    )
+
+
+def _rows(trajectory: Trajectory, requests: Sequence[TokenRequest], maker: SampleMaker) -> list[TokenRow]:
+    rows = []
+    for step, request in zip(trajectory.episode.steps, requests, strict=True):
+        for sample in maker.make([(step, 1.0)], picture=_no_picture):
+            logprobs = None if sample.logprobs is None else sample.logprobs.tolist()
+            rows.append(
+                TokenRow(
+                    step.index,
+                    sample.prompt_ids.tolist(),
+                    sample.reply_ids.tolist(),
+                    logprobs,
+                    sample.version,
+                    request.images,
+                    request.messages,
+                )
+            )
+    return rows
+
+
+def _no_picture(name: str) -> bytes:
+    raise AssertionError(f"the rows hold the pictures themselves; {name} is not looked up")
+
+
+class EnvironmentPool:
+    """Environments for a trainer that begins many episodes at the same time, on one set of browsers.
+
+    They are opened with the first episode, on the event loop that asks for it, and stay until :meth:`close`::
+
+        pool = webgym.EnvironmentPool("offline-v1", size=32)
+
+        async def episode(task_id):
+            async with pool.environment() as env:
+                return await webgym.roll_out(env, generate, renderer, task_id=task_id)
+
+    Args:
+        name: of the tasks, as for :func:`webgym.make`.
+        size: browsers, and so episodes at the same time; more of them wait.
+        split: of the tasks.
+        config: settings.
+        given: more of :class:`~webgym.Environment`'s arguments.
+    """
+
+    def __init__(
+        self,
+        name: str = "offline-v1",
+        *,
+        size: int = 8,
+        split: Literal["train", "test", "all"] = "train",
+        config: RunConfig | None = None,
+        **given: Any,
+    ) -> None:
+        config = config_of(name, split, config)
+        collector = config.collector.model_copy(update={"sessions": size})
+        self._first = Environment(config=config.model_copy(update={"collector": collector}), **given)
+        self._stack = AsyncExitStack()
+        self._places = asyncio.Semaphore(size)
+        self._opening = asyncio.Lock()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._is_open = False
+        self._seeds = itertools.count()
+
+    @asynccontextmanager
+    async def environment(self) -> AsyncIterator[Environment]:
+        """An environment for one episode or several; waits while all browsers are taken.
+
+        Raises:
+            UsageError: the pool was opened on another event loop.
+        """
+        await self.open()
+        async with self._places, self._first.twin(next(self._seeds)) as env:
+            yield env
+
+    async def open(self) -> None:
+        """Start what the first episode would start."""
+        loop = asyncio.get_running_loop()
+        if self._loop not in (None, loop):
+            raise UsageError("the pool was opened on another event loop", hint="make one for each")
+        self._loop = loop
+        async with self._opening:
+            if not self._is_open:
+                await self._stack.enter_async_context(self._first)
+                self._is_open = True
+
+    async def close(self) -> None:
+        """Stop the browsers. Safe to call twice."""
+        await self._stack.aclose()
+        self._is_open = False
+
+    async def __aenter__(self) -> Self:
+        await self.open()
+        return self
+
+    async def __aexit__(self, *exc: object) -> None:
+        await self.close()
+
+
+def task_rows(
+    name: str = "offline-v1",
+    *,
+    split: Literal["train", "test", "all"] = "train",
+    count: int | Literal["all"] = 20,
+    config: RunConfig | None = None,
+) -> list[dict[str, str]]:
+    """Tasks as rows of a dataset: ``task_id``, ``instruction``, ``website``, ``split``; no rubric, no answer.
+
+    Args:
+        name: as for :func:`webgym.make`.
+        split: of the tasks.
+        count: how many, drawn as for a run.
+        config: settings of the draw: ``tasks``, ``seed``.
+
+    Raises:
+        ConfigError: there are no such tasks.
+    """
+    config = config_of(name, split, config)
+    config = config.model_copy(update={"tasks": config.tasks.model_copy(update={"count": count})})
+    return [
+        {
+            "task_id": task.id,
+            "instruction": task.instruction,
+            "website": task.website,
+            "split": task.split or split,
+        }
+        for task in choose_tasks(config).tasks
+    ]

@@ -1,0 +1,148 @@
+"""Blocks of code in README and docs: they compile, their names exist, their commands take their options."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import shlex
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+
+import webgym
+from webgym import cli
+
+ROOT = Path(__file__).parent.parent
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+_BLOCK = re.compile(r"^( *)```(\w+)\n(.*?)^\1```$", re.DOTALL | re.MULTILINE)
+
+
+def blocks(*kinds: str) -> list[Any]:
+    """The blocks of these languages, named by page and line."""
+    found = []
+    for page in PAGES:
+        text = page.read_text()
+        for match in _BLOCK.finditer(text):
+            if match[2] in kinds:
+                code = "\n".join(line.removeprefix(match[1]) for line in match[3].splitlines())
+                line = text.count("\n", 0, match.start()) + 1
+                found.append(pytest.param(code, id=f"{page.name}:{line}"))
+    return found
+
+
+@cache
+def names_in(module: str) -> frozenset[str]:
+    """What a module of ours holds at its top, without importing it; empty if there is none."""
+    path = ROOT / "src" / Path(*module.split("."))
+    file = path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+    if not file.is_file():
+        return frozenset()
+    names = {each.stem for each in path.glob("*")}
+    for node in ast.parse(file.read_text()).body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            names.add(node.name)
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            names |= {each.asname or each.name for each in node.names}
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names |= {each.id for each in targets if isinstance(each, ast.Name)}
+    return frozenset(names | set(webgym.__all__ if module == "webgym" else ()))
+
+
+def foreign(code: str) -> Iterator[str]:
+    """What a block of Python names and we have not."""
+    tree = compile(code, "block", "exec", ast.PyCF_ONLY_AST | ast.PyCF_ALLOW_TOP_LEVEL_AWAIT)
+    for node in ast.walk(tree):
+        match node:
+            case ast.ImportFrom(module=str(module)) if module.split(".")[0] == "webgym":
+                held = names_in(module)
+                yield from (f"{module}.{each.name}" for each in node.names if each.name not in held)
+            case ast.Import():
+                ours = [each.name for each in node.names if each.name.split(".")[0] == "webgym"]
+                yield from (name for name in ours if not names_in(name))
+            case ast.Attribute(value=ast.Name(id="webgym")) if node.attr not in names_in("webgym"):
+                yield f"webgym.{node.attr}"
+
+
+@pytest.mark.parametrize("code", blocks("python"))
+def test_python(code: str) -> None:
+    assert list(foreign(code)) == []
+
+
+@pytest.mark.parametrize("code", blocks("yaml"))
+def test_yaml(code: str) -> None:
+    yaml.safe_load(code)
+
+
+@pytest.mark.parametrize("code", blocks("json"))
+def test_json(code: str) -> None:
+    json.loads(code)
+
+
+def calls(code: str) -> Iterator[list[str]]:
+    """The commands of a block of shell, as words."""
+    for line in code.replace("\\\n", " ").splitlines():
+        words = list(shlex.shlex(line.removeprefix("$ "), posix=True, punctuation_chars="|&;<>()"))
+        call: list[str] = []
+        for word in [*words, ";"]:
+            if word and set(word) <= set("|&;<>()"):
+                if call:
+                    yield call
+                call = []
+            elif call or "=" not in word:  # not a variable that is set for the command
+                call.append(word)
+
+
+@cache
+def targets() -> set[str]:
+    return set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+
+
+def wrong(call: list[str]) -> str:
+    """What a command would not take; empty if it takes all."""
+    name, *words = call
+    if name == "make":
+        unknown = {word for word in words if "=" not in word} - targets()
+        return f"make {min(unknown)}" if unknown else ""
+    if name.rpartition("/")[2] != "webgym" or not words or words[0].startswith("-"):
+        return ""
+    if words[0] not in {verb.name for verb in cli.VERBS}:
+        return f"webgym {words[0]}"
+    group: Any = typer.main.get_command(cli.build(words[0]))
+    command, path = group, "webgym"
+    while hasattr(command, "commands") and words and words[0] in command.commands:
+        path = f"{path} {words[0]}"
+        command, words = command.commands[words[0]], words[1:]
+    if path == "webgym judge":  # its `run` may be left out
+        command = command.commands["run"]
+    if hasattr(command, "commands"):
+        return f"{path} {words[0]}" if words and words[0] != "--help" else ""
+    known = {"--help"} | {name for each in command.params for name in (*each.opts, *each.secondary_opts)}
+    for word in words:
+        if re.match(r"--?[a-z]", word) and word.partition("=")[0] not in known:
+            return f"{path} {word}"
+    return ""
+
+
+@pytest.mark.parametrize("code", blocks("sh", "bash", "console"))
+def test_shell(code: str) -> None:
+    assert [found for found in map(wrong, calls(code)) if found] == []
+
+
+def test_what_is_wrong_is_found() -> None:
+    assert list(foreign("import webgym\nawait webgym.mak()\nfrom webgym.core.action import Clik")) == [
+        "webgym.core.action.Clik",
+        "webgym.mak",
+    ]
+    code = (
+        "A=1 webgym rollout --task x && make dem ARGS=1 # --no\nwebgym rolout\nwebgym tasks shw \\\n a | cat"
+    )
+    assert [wrong(call) for call in calls(code)] == [
+        "webgym rollout --task", "make dem", "webgym rolout", "webgym tasks shw", "",
+    ]  # fmt: skip

@@ -18,7 +18,7 @@ from typing import Any
 
 import torch
 
-from webgym.agent.policy import OpensNothing, Player, Policy, Turn
+from webgym.agent.policy import BasePolicy, Player, Policy, Turn
 from webgym.collection import Secrets, all_tasks, services
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
@@ -32,7 +32,7 @@ from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
 
 
-class Thinks(OpensNothing):
+class Thinks(BasePolicy):
     """Demonstrators whose replies take their time; takes new weights and needs none."""
 
     wants_elements = True

@@ -11,41 +11,31 @@ import asyncio
 import sys
 import tempfile
 from pathlib import Path
-from typing import Self
 
-from webgym import Reply, RunConfig, RunReader, Task, Turn, collect
-from webgym.agent.prompts import render_reply
-from webgym.collection import TaskChoice
-from webgym.core.action import Answer, Scroll
+import webgym
 
 
-class Guesser:
+class Guesser(webgym.BasePolicy):
     """Scrolls down twice, then answers with the title of the page."""
 
     name = "guesser"
-    wants_elements = False
 
-    def begin(self, task: Task, seed: int) -> Guesser:
+    def begin(self, task: webgym.Task, seed: int) -> webgym.Player:
         """One attempt. A policy that remembers returns an object of its own for each."""
         return self
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: webgym.Turn) -> webgym.Reply:
         """One turn. A model would be asked with ``turn.messages`` and ``turn.images`` here."""
-        action = Scroll("down") if turn.index < 2 else Answer(turn.observation.title)
-        text = render_reply(action, turn.prompt_format, description="Look around, then guess.")
-        return Reply(text=text, policy=self.name)
-
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(self, *exc: object) -> None:
-        """Nothing to close."""
+        action = webgym.Scroll("down") if turn.index < 2 else webgym.Answer(turn.observation.title)
+        text = webgym.render_reply(action, turn.prompt_format, description="Look around, then guess.")
+        return webgym.Reply(text=text, policy=self.name)
 
 
 async def main(out: Path) -> None:
     """Collect, then read what was collected."""
-    summary = await collect(RunConfig(tasks=TaskChoice(split="test", count=5)), out, policy=Guesser())
-    for trajectory in RunReader(out).trajectories():
+    config = webgym.RunConfig(tasks=webgym.TaskChoice(split="test", count=5))
+    summary = await webgym.collect(config, out, policy=Guesser())
+    for trajectory in webgym.RunReader(out).trajectories():
         episode = trajectory.episode
         print(f"{trajectory.outcome:12} {len(episode.steps)} steps  {episode.task_id}: {episode.answer!r}")
     print(f"{summary['attempts']} attempts, {summary['steps_per_second']:.1f} steps/s")

@@ -135,6 +135,11 @@ def test_shell(code: str) -> None:
     assert [found for found in map(wrong, calls(code)) if found] == []
 
 
+def test_every_public_name_is_on_the_page_of_names() -> None:
+    told = re.findall(r"^\.\. auto\w+:: webgym\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
+    assert sorted(told) == sorted(set(webgym.__all__) - {"__version__"})
+
+
 def test_what_is_wrong_is_found() -> None:
     assert list(foreign("import webgym\nawait webgym.mak()\nfrom webgym.core.action import Clik")) == [
         "webgym.core.action.Clik",

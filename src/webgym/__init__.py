@@ -11,9 +11,20 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from webgym.agent.agent import Agent
     from webgym.agent.config import AgentConfig
-    from webgym.agent.policy import Player, Policy, Turn
-    from webgym.collection import RunConfig, collect, resume
-    from webgym.core.action import Action
+    from webgym.agent.policy import BasePolicy, Player, Policy, Turn
+    from webgym.agent.prompts import render_reply
+    from webgym.collection import RunConfig, TaskChoice, collect, resume
+    from webgym.core.action import (
+        Action,
+        Answer,
+        GoBack,
+        LeftClick,
+        Navigate,
+        Scroll,
+        Target,
+        Type,
+        Wait,
+    )
     from webgym.core.errors import WebGymError
     from webgym.core.observation import Observation
     from webgym.core.outcome import Outcome
@@ -44,9 +55,20 @@ __version__ = "0.1.0"
 _HOMES = {
     "webgym.agent.agent": ("Agent",),
     "webgym.agent.config": ("AgentConfig",),
-    "webgym.agent.policy": ("Player", "Policy", "Turn"),
-    "webgym.collection": ("RunConfig", "collect", "resume"),
-    "webgym.core.action": ("Action",),
+    "webgym.agent.policy": ("BasePolicy", "Player", "Policy", "Turn"),
+    "webgym.agent.prompts": ("render_reply",),
+    "webgym.collection": ("RunConfig", "TaskChoice", "collect", "resume"),
+    "webgym.core.action": (
+        "Action",
+        "Answer",
+        "GoBack",
+        "LeftClick",
+        "Navigate",
+        "Scroll",
+        "Target",
+        "Type",
+        "Wait",
+    ),
     "webgym.core.errors": ("WebGymError",),
     "webgym.core.observation": ("Observation",),
     "webgym.core.outcome": ("Outcome",),
@@ -78,13 +100,18 @@ __all__ = [
     "Action",
     "Agent",
     "AgentConfig",
+    "Answer",
+    "BasePolicy",
     "BrowserClient",
     "Environment",
     "EnvironmentPool",
     "Episode",
     "FactGroup",
+    "GoBack",
     "Judge",
+    "LeftClick",
     "LoopThread",
+    "Navigate",
     "Observation",
     "OfflineJudge",
     "OfflineWeb",
@@ -97,17 +124,22 @@ __all__ = [
     "RunConfig",
     "RunReader",
     "Sampled",
+    "Scroll",
     "ServerConfig",
     "Step",
     "SyncEnvironment",
+    "Target",
     "Task",
+    "TaskChoice",
     "TokenRequest",
     "TokenRollout",
     "TokenRow",
     "Trajectory",
     "Turn",
+    "Type",
     "Verdict",
     "View",
+    "Wait",
     "WebGymError",
     "__version__",
     "collect",
@@ -115,6 +147,7 @@ __all__ = [
     "make_many",
     "random_action",
     "read_tasks",
+    "render_reply",
     "resume",
     "roll_out",
     "running_server",

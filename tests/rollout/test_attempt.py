@@ -13,7 +13,7 @@ from tests.rollout.test_summary import task
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
-from webgym.agent.policy import OpensNothing, Turn
+from webgym.agent.policy import BasePolicy, Turn
 from webgym.core.action import BrowserAction
 from webgym.core.errors import PolicyTimeout
 from webgym.core.observation import Notice, Observation
@@ -63,7 +63,7 @@ class Pages:
         self.kept.add(name)
 
 
-class Says(OpensNothing):
+class Says(BasePolicy):
     """Replies one after the other; fails where there is none left."""
 
     name = "says"

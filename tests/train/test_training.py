@@ -13,7 +13,7 @@ from typing import Any, cast
 import pytest
 from safetensors.torch import load_file
 
-from webgym.agent.policy import OpensNothing, Player, Policy, Turn
+from webgym.agent.policy import BasePolicy, Player, Policy, Turn
 from webgym.collection import Secrets, ServerChoice, all_tasks, services
 from webgym.core.errors import BrowserCrashed, JudgeError, PolicyError
 from webgym.core.outcome import Outcome
@@ -59,7 +59,7 @@ OUTCOMES = {
 }
 
 
-class Breakable(OpensNothing):
+class Breakable(BasePolicy):
     """The demonstrators behind an endpoint that fails where it is to."""
 
     wants_elements = True
@@ -120,7 +120,7 @@ def inject(faults: Mapping[str, str], patch: pytest.MonkeyPatch) -> None:
     patch.setattr(OfflineJudge, "judge", broken_judge)
 
 
-class Serving(OpensNothing):
+class Serving(BasePolicy):
     """Takes weights and replies with the demonstrators all the same."""
 
     def __init__(self, policy: Policy) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from webgym.agent.policy import OpensNothing, Policy
+from webgym.agent.policy import BasePolicy, Policy
 from webgym.agent.random_policy import RandomPolicy
 from webgym.collection import RunConfig, Secrets, ServerChoice
 from webgym.core.task import Task
@@ -19,7 +19,7 @@ from webgym.train.objectives import make_objective
 from webgym.train.replay import Replay
 
 
-class MadeUp(OpensNothing):
+class MadeUp(BasePolicy):
     """Makes attempts; whoever inherits says which, serves and learns.
 
     Attributes:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Final, Protocol, Self
+from typing import Any, Final, Protocol, Self
 
 import msgspec
 
@@ -92,8 +92,29 @@ class Policy(Protocol):
     ) -> None: ...
 
 
-class OpensNothing:
-    """Base of policies that hold no resource: entering and leaving do nothing."""
+class BasePolicy:
+    """Base of policies that hold no resource.
+
+    One of your own is a name and two methods::
+
+        class Guesser(webgym.BasePolicy):
+            name = "guesser"
+
+            def begin(self, task, seed):  # may be left out where attempts remember nothing
+                return self
+
+            async def reply(self, turn):
+                return webgym.Reply(text, policy=self.name)
+    """
+
+    @property
+    def wants_elements(self) -> bool:
+        """It does not, unless it says so: see :class:`Policy`."""
+        return False
+
+    def begin(self, task: Task, seed: int) -> Any:  # noqa: ARG002
+        """The policy itself plays: for those that remember nothing of an attempt."""
+        return self
 
     async def __aenter__(self) -> Self:
         return self

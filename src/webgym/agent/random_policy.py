@@ -7,7 +7,7 @@ from typing import Final
 
 from webgym.agent.context import describe
 from webgym.agent.page import TEXT_ROLES, target_of, usable
-from webgym.agent.policy import OpensNothing, Turn
+from webgym.agent.policy import BasePolicy, Turn
 from webgym.agent.prompts import render_reply
 from webgym.core.action import (
     GRID,
@@ -39,7 +39,7 @@ _MORE: Final = {"mouse": 4, "drag": 1, "keys": 2}
 _KEYS: Final = ("Enter", "Escape", "Tab", "ArrowDown", "Control+a", "Backspace")
 
 
-class RandomPolicy(OpensNothing):
+class RandomPolicy(BasePolicy):
     """Clicks and types at random, on visible elements where it is told of them, and answers at some point."""
 
     name = "random"

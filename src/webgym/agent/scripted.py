@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from typing import Any, Final, Literal, TypeAlias, get_args
 
 from webgym.agent.page import target_of, usable
-from webgym.agent.policy import OpensNothing, Turn
+from webgym.agent.policy import BasePolicy, Turn
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Act, Solver
 from webgym.core.action import GRID, Answer, GoBack, LeftClick, Scroll, Target
@@ -40,7 +40,7 @@ _AFTER_TURNS: Final = 3
 """A mistake of conduct is made within this many turns, or just before the answer if that comes first."""
 
 
-class ScriptedPolicy(OpensNothing):
+class ScriptedPolicy(BasePolicy):
     """Plays ``task.truth.moves``.
 
     Args:

@@ -15,7 +15,7 @@ from typing import Final, TypeAlias
 from urllib.parse import quote, urljoin
 
 from webgym.agent.page import TEXT_ROLES, target_of, usable
-from webgym.agent.policy import OpensNothing, Turn
+from webgym.agent.policy import BasePolicy, Turn
 from webgym.agent.prompts import render_reply
 from webgym.agent.scripted import wrong_answer
 from webgym.agent.solver import Act, Solver
@@ -198,7 +198,7 @@ HACKS: Final[dict[str, Hack]] = {
 """By name; the first is no hack."""
 
 
-class HackingPolicy(OpensNothing):
+class HackingPolicy(BasePolicy):
     """Plays every task in one way.
 
     Args:

@@ -19,7 +19,7 @@ import msgspec
 from pydantic import Field, SecretStr, field_validator
 
 from webgym.agent.openai_policy import OpenAIPolicy, as_policy_error
-from webgym.agent.policy import OpensNothing, Turn
+from webgym.agent.policy import BasePolicy, Turn
 from webgym.core.errors import LLMBadReply, LLMError, LLMUnreachable, PolicyBadReply, PolicyError
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
@@ -360,7 +360,7 @@ class ForeignReply(PolicyBadReply):
     """The endpoint replied with other weights than were published."""
 
 
-class VllmPolicy(OpensNothing):
+class VllmPolicy(BasePolicy):
     """Replies with the weights that are served; while none are, callers wait.
 
     Args:

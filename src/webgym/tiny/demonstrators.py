@@ -20,7 +20,7 @@ import msgspec
 
 from webgym.agent.config import WITH_MEMORY
 from webgym.agent.page import target_of, usable
-from webgym.agent.policy import OpensNothing, Turn
+from webgym.agent.policy import BasePolicy, Turn
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Solver
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Target
@@ -62,7 +62,7 @@ DEMONSTRATORS: Final[Mapping[str, Habits]] = {
 """The mixture. Together they succeed in 44 % of the attempts at training tasks."""
 
 
-class Demonstrators(OpensNothing):
+class Demonstrators(BasePolicy):
     """A policy that plays known solutions the way its demonstrators would.
 
     Args:

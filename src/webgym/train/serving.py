@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from webgym.agent.policy import OpensNothing, Player, Policy
+from webgym.agent.policy import BasePolicy, Player, Policy
 from webgym.agent.profile import Profile
 from webgym.core.errors import ConfigError, PublishError
 from webgym.core.task import Task
@@ -92,7 +92,7 @@ class LocalServing:
         await self._local.__aexit__(*exc)
 
 
-class KeptOpen(OpensNothing):
+class KeptOpen(BasePolicy):
     """A policy that many runs enter and leave, and that somebody else opens and closes.
 
     Args:

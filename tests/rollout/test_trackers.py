@@ -164,6 +164,24 @@ async def test_a_tracker_that_fails_or_hangs_stops_nothing_and_is_told(
     assert told[0] in lines
 
 
+@pytest.mark.parametrize("where", ["log", "finish"])
+def test_a_tracker_that_hangs_does_not_hold_the_end(
+    where: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hangs, told = threading.Event(), list[str]()
+    calls = {"log": lambda **_: None, "finish": lambda: None} | {where: lambda *_, **__: hangs.wait(60)}
+    given = types.SimpleNamespace(log=lambda numbers, step: calls["log"](), finish=calls["finish"])
+    monkeypatch.setitem(sys.modules, "wandb", types.SimpleNamespace(init=lambda **_: given))
+    monkeypatch.setattr("webgym.rollout.trackers.CLOSE_SECONDS", 0.05)
+    with tracking(["wandb"], tmp_path, "p", [row(1, 0.5)], told.append):
+        pass
+    assert not hangs.is_set(), "the block ended while the tracker hung"
+    assert told == [
+        "wandb gets no more figures until this goes on with --resume: it did not end within 0.05 s"
+    ]
+    hangs.set()
+
+
 def test_a_tracker_that_is_not_installed_or_does_not_start_is_said_in_a_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

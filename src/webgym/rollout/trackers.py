@@ -12,9 +12,10 @@ import hashlib
 import importlib
 import importlib.util
 import itertools
+import queue
 import shutil
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
@@ -28,34 +29,45 @@ Log: TypeAlias = Callable[[int, Mapping[str, float], str], None]
 
 FOLDER: Final = "tensorboard"
 
+CLOSE_SECONDS: Final = 60.0
+"""How long the end of a run waits for a tracker that still writes or sends."""
+
 
 class _Tracker:
-    """One of them, in a thread of its own."""
+    """One of them, in a thread of its own, which no process waits for when it ends."""
 
     def __init__(
         self, name: str, log: Log, end: Callable[[], object], failed: Callable[[str], object]
     ) -> None:
         self._name, self._log, self._end, self._failed = name, log, end, failed
         self._has_failed = False
-        self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"tracker-{name}")
+        self._jobs: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._work, name=f"tracker-{name}", daemon=True)
+        self._thread.start()
 
     def log(self, step: int, numbers: Mapping[str, float], note: str) -> None:
         if not self._has_failed:
-            self._thread.submit(self._do, lambda: self._log(step, numbers, note))
+            self._jobs.put(lambda: self._log(step, numbers, note))
 
     def close(self) -> None:
-        """Wait until it has all, and end it."""
-        self._thread.submit(self._do, self._end)
-        self._thread.shutdown()
+        """Wait until it has all, and end it; one that takes too long is left behind, and that is told."""
+        self._jobs.put(self._end)
+        self._jobs.put(None)
+        self._thread.join(CLOSE_SECONDS)
+        if self._thread.is_alive():
+            self._fail(f"it did not end within {CLOSE_SECONDS:g} s")
 
-    def _do(self, job: Callable[[], object]) -> None:
-        try:
-            job()
-        except Exception as error:  # of their own kinds, and whatever the disk or the network says
-            if not self._has_failed:
-                reason = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-                self._failed(f"{self._name} gets no more figures until this goes on with --resume: {reason}")
+    def _work(self) -> None:
+        while job := self._jobs.get():
+            try:
+                job()
+            except Exception as error:  # of their own kinds, and whatever the disk or the network says
+                self._fail(" ".join(f"{type(error).__name__}: {error}".split())[:200])
+
+    def _fail(self, reason: str) -> None:
+        if not self._has_failed:
             self._has_failed = True
+            self._failed(f"{self._name} gets no more figures until this goes on with --resume: {reason}")
 
 
 @contextmanager

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import asyncio
 
-from webgym.browser.cdp import CommandFailed
 from webgym.browser.observe import Seen, capture_marked, wanted_of
 from webgym.browser.page import Page
-from webgym.browser.worlds import DocumentGone
-from webgym.core.errors import BrowserTimeout
+from webgym.core.errors import BrowserError
 
 _FINAL = frozenset({"unchanged", "quiet", "long_poll"})
 """Reasons for the end of a wait after which nothing is to come."""
@@ -31,7 +29,7 @@ class Early:
         """What the document says of itself, if the picture shows it as it is."""
         self._page = page
         self._before = self._state()
-        self._task: asyncio.Task[bytes] | None = None
+        self._task: asyncio.Task[bytes | None] | None = None
 
     def _state(self) -> tuple[str, int]:
         return self._page.loader, self._page.requests
@@ -42,19 +40,27 @@ class Early:
         return self.seen is not None and self._before == self._state()
 
     async def begin(self) -> None:
-        """The action is done: ask for the picture, unless something is known to be under way."""
+        """The action is done: have the picture asked for, unless something is known to be under way."""
         page = self._page
         worlds = page.worlds  # frames and workers of which the tab's own frame hears nothing
-        is_alone = not (worlds.has_new_frames or worlds.entered or len(page.workers) or page.options.cuts)
-        if not is_alone or page.happened or not page.traffic.is_idle() or self._before != self._state():
+        has_more = worlds.has_new_frames or worlds.entered or len(page.workers) or page.options.cuts
+        if has_more or not worlds.is_entered or page.happened:
             return
+        if not page.traffic.is_idle() or self._before != self._state():
+            return
+        self._task = asyncio.create_task(self._take())
+        await asyncio.sleep(0)  # the page is asked before the wait asks it anything
+
+    async def _take(self) -> bytes | None:
+        """The picture, unless the page has more to come."""
+        page = self._page
         wanted = wanted_of(page) if page.options.mode == "marks" else None
-        seconds = page.config.busy_seconds
         try:
-            if await page.run("beginEarly", wanted, reply=bool, seconds=seconds):
-                self._task = asyncio.create_task(capture_marked(page))
-        except (DocumentGone, CommandFailed, BrowserTimeout):  # the wait, or the look, says what is wrong
-            return
+            if not await page.run("beginEarly", wanted, reply=bool, seconds=page.config.busy_seconds):
+                return None
+        except BrowserError:  # the wait, or the look, says what is wrong
+            return None
+        return await capture_marked(page)
 
     async def end(self, settled: str) -> None:
         """The wait is over: find out whether the picture is good.
@@ -69,14 +75,16 @@ class Early:
             found = await page.run(
                 "endEarly", wanted_of(page), reply=tuple[Seen, ...], seconds=page.config.busy_seconds
             )
-        except (DocumentGone, CommandFailed, BrowserTimeout):
+        except BrowserError:
             return
         self.seen = next((one for one in found if not (one.unknown or one.missing or one.frames)), None)
 
     async def picture(self) -> bytes:
         """The picture. Raises as :func:`~webgym.browser.observe.capture` does."""
         assert self._task is not None
-        return await self._task
+        image = await self._task
+        assert image is not None, "who has seen its frame has asked for it"
+        return image
 
     async def drop(self) -> None:
         """Stop taking it."""

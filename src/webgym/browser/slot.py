@@ -19,7 +19,7 @@ from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
 from webgym.browser.early import Early
-from webgym.browser.effect import effect_of
+from webgym.browser.effect import Trace
 from webgym.browser.egress import Door, Egress
 from webgym.browser.gestures import AnyAction, attempt
 from webgym.browser.observe import Look, Metadata, ask, capture, look
@@ -354,16 +354,17 @@ class Slot:
         try:
             if page.is_crashed:
                 await self._bring_back(page)
-            async with effect_of(page, action):
-                await attempt(page, action)
-                self._milliseconds[operation] = (time.perf_counter() - start) * 1000
-                if early is not None:
-                    await early.begin()
-                self._settled = await settle_timed(page, self._milliseconds)
+            trace = Trace(page, action)
+            await trace.begin()
+            await attempt(page, action)
+            self._milliseconds[operation] = (time.perf_counter() - start) * 1000
+            if early is not None:
+                await early.begin()
+            self._settled = await settle_timed(page, self._milliseconds)
             if isinstance(action, GoBack):
                 await self._go_past(page, action)
-            if early is not None:
-                await early.end(self._settled)
+            ending = [early.end(self._settled)] if early is not None else []
+            await asyncio.gather(*ending, trace.end())  # asked at once, answered in this order
         except TargetGone:
             await self._bring_back(page)
 

@@ -158,6 +158,11 @@ class Worlds:
             raise
         return msgspec.json.decode(value.value, type=reply)
 
+    @property
+    def is_entered(self) -> bool:
+        """Whether the tab's own frame is: several may ask it at once then, and it answers in their order."""
+        return self._main in self._worlds
+
     def post(self, function: str) -> None:
         """Call ``webgym.<function>()`` in the tab's own frame before whatever comes next; do not wait."""
         world = self._worlds.get(self._main)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         Type,
         Wait,
     )
-    from webgym.core.errors import WebGymError
+    from webgym.core.errors import UsageError, WebGymError
     from webgym.core.observation import Observation
     from webgym.core.outcome import Outcome
     from webgym.core.task import FactGroup, Rubric, Task
@@ -69,7 +69,7 @@ _HOMES = {
         "Type",
         "Wait",
     ),
-    "webgym.core.errors": ("WebGymError",),
+    "webgym.core.errors": ("UsageError", "WebGymError"),
     "webgym.core.observation": ("Observation",),
     "webgym.core.outcome": ("Outcome",),
     "webgym.core.task": ("FactGroup", "Rubric", "Task"),
@@ -137,6 +137,7 @@ __all__ = [
     "Trajectory",
     "Turn",
     "Type",
+    "UsageError",
     "Verdict",
     "View",
     "Wait",

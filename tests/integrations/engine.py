@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
+import webgym
 from webgym import Renderer, Sampled, TokenRequest
 from webgym.agent.prompts import render_reply
+from webgym.conformance import STAND_IN_TASKS, StandInBrowsers, StandInJudge
 from webgym.core.action import Action
+from webgym.testing import stand_in_environment
 
 
 def reply_text(action: Action) -> str:
@@ -39,3 +44,25 @@ class Engine:
         self.requests.append(request)
         ids, logprobs = self.sample(self._texts[place])
         return self.change(Sampled(ids, logprobs, weight_version=self.version))
+
+
+def stand_in_pool(folder: Path, size: int = 4, *, fails: bool = False, fault: str = "") -> dict[str, Any]:
+    """Arguments of an :class:`~webgym.EnvironmentPool` without browsers. It is to be given a path as name.
+
+    Args:
+        folder: for the task file.
+        size: of the pool.
+        fails: whether browsers crash at the first scroll.
+        fault: of the judge.
+    """
+    webgym.write_tasks(folder / "tasks.jsonl", STAND_IN_TASKS)
+    browsers, judge = StandInBrowsers(), StandInJudge()
+    browsers.fails, judge.fault = fails, fault
+    return {
+        "name": str(folder / "tasks.jsonl"),
+        "size": size,
+        "split": "all",
+        "config": stand_in_environment().config,
+        "browsers": browsers,
+        "judge": judge,
+    }

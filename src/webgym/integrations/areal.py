@@ -1,0 +1,140 @@
+"""AReaL (tested with areal 1.0.4): a workflow whose episodes are ours::
+
+    workflow = WebGymWorkflow(gconfig, tokenizer, processor, size=64)
+    trainer.train(workflow=workflow, ...)  # the dataset: webgym.task_rows("offline-v1", count="all")
+
+An episode gives one row per step, all with its reward: the history is a window, so no two steps share a
+prompt. An episode without a reward, and one of which no row holds together, is rejected (``None``).
+
+With SGLang the ids that are sent are those that are read. AReaL asks vLLM with messages, and vLLM does not
+say which ids it made of them: such rows are as exact as the two renderings agree.
+"""
+
+from __future__ import annotations
+
+import base64
+import uuid
+from typing import Any
+
+import torch
+from areal.api.cli_args import GenerationHyperparameters
+from areal.api.io_struct import ModelRequest
+from areal.api.workflow_api import RolloutWorkflow
+from areal.utils.data import concat_padded_tensors
+
+from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
+
+
+class WebGymWorkflow(RolloutWorkflow):  # type: ignore[misc]
+    """Episodes in browsers, one for each row of the dataset, which has a ``task_id``.
+
+    Args:
+        gconfig: how to sample; one sample per request, whatever it says.
+        tokenizer: of the model, with its chat template.
+        processor: of the model.
+        name: of the tasks, as for :func:`webgym.make`.
+        size: browsers, and so episodes at the same time.
+        cutoff_tokens: longest prompt and reply together; longer rows are dropped.
+        given: more of :class:`webgym.EnvironmentPool`'s arguments.
+
+    Attributes:
+        pool: of the environments; close it at the end.
+        dropped: steps without a row so far, by reason.
+    """
+
+    def __init__(
+        self,
+        gconfig: GenerationHyperparameters,
+        tokenizer: Any,
+        processor: Any,
+        *,
+        name: str = "offline-v1",
+        size: int = 8,
+        cutoff_tokens: int = 16384,
+        **given: Any,
+    ) -> None:
+        self.gconfig = gconfig.new(n_samples=1)
+        self.tokenizer, self.processor = tokenizer, processor
+        self.renderer = Renderer(tokenizer, processor.image_processor)
+        self.cutoff_tokens = cutoff_tokens
+        self.pool = EnvironmentPool(name, size=size, **given)
+        self.dropped: dict[str, int] = {}
+
+    async def arun_episode(self, engine: Any, data: dict[str, Any]) -> dict[str, Any] | None:
+        """Play the row's task.
+
+        Returns:
+            Tensors of ``(rows, longest row)``, padded on the right, and ``rewards`` of ``(rows,)``; ``None``
+            if there is nothing to train on.
+        """
+        versions: dict[int, list[int]] = {}
+
+        async def generate(request: TokenRequest) -> Sampled:
+            asked = ModelRequest(
+                rid=uuid.uuid4().hex,
+                input_ids=request.prompt_ids,
+                image_data=[base64.b64encode(image).decode() for image in request.images],
+                vision_msg_vllm=[_chat(request)],
+                gconfig=self.gconfig,
+                tokenizer=self.tokenizer,
+                processor=self.processor,
+            )
+            response = await engine.agenerate(asked)
+            versions[len(versions)] = list(response.output_versions)
+            return Sampled(
+                response.output_tokens,
+                response.output_logprobs,
+                finish_reason="length" if response.stop_reason == "length" else "stop",
+                weight_version=str(min(response.output_versions, default="")),
+                prompt_ids=response.input_tokens,
+            )
+
+        async with self.pool.environment() as env:
+            rollout = await roll_out(
+                env,
+                generate,
+                self.renderer,
+                task_id=data["task_id"],
+                cutoff_tokens=self.cutoff_tokens,
+                needs_logprobs=True,
+            )
+        for reason, count in rollout.dropped.items():
+            self.dropped[reason] = self.dropped.get(reason, 0) + count
+        return self._tensors(rollout, versions) if rollout.rows else None
+
+    def _tensors(self, rollout: TokenRollout, versions: dict[int, list[int]]) -> dict[str, Any]:
+        rows = [self._row(row, versions[row.step], rollout.reward) for row in rollout.rows]
+        padded: dict[str, Any] = concat_padded_tensors(rows)
+        return padded
+
+    def _row(self, row: TokenRow, versions: list[int], reward: float | None) -> dict[str, Any]:
+        assert reward is not None, "an episode without a reward has no rows"
+        assert row.logprobs is not None, "a row without them is dropped"
+        prompt, ids = len(row.prompt_ids), [*row.prompt_ids, *row.reply_ids]
+        pixels = row.pixels(self.renderer)
+        image = [int(token == self.renderer.image_id) for token in row.prompt_ids]
+        pictures = {} if pixels is None else {"pixel_values": pixels.values, "image_grid_thw": pixels.grid}
+        reply = len(row.reply_ids)
+        return {
+            "input_ids": torch.tensor([ids]),
+            "mm_token_type_ids": torch.tensor([[*image, *[0] * reply]]),
+            "loss_mask": torch.tensor([[0] * prompt + [1] * reply], dtype=torch.int32),
+            "logprobs": torch.tensor([[0.0] * prompt + row.logprobs]),
+            "versions": torch.tensor([[-1] * prompt + versions], dtype=torch.int32),
+            "attention_mask": torch.ones(1, len(ids), dtype=torch.bool),
+            "rewards": torch.tensor([reward]),
+            "multi_modal_input": [pictures],
+        }
+
+
+def _chat(request: TokenRequest) -> list[dict[str, Any]]:
+    """The request as chat messages, for vLLM, which renders it itself; the engine fills the pictures in."""
+    found = []
+    for message in request.messages:
+        content: list[dict[str, Any]] = []
+        for part in message.content:
+            text = getattr(part, "text", None)
+            picture = {"type": "image_url", "image_url": {"url": ""}}
+            content.append(picture if text is None else {"type": "text", "text": text})
+        found.append({"role": message.role, "content": content})
+    return found

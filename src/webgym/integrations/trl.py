@@ -1,0 +1,276 @@
+"""TRL (tested with trl 1.16): browsers as environments of ``GRPOTrainer``::
+
+    browsers = Browsers("offline-v1", size=16)
+    trainer = GRPOTrainer(
+        model="Qwen/Qwen3-VL-4B-Instruct",
+        train_dataset=datasets.Dataset.from_list(browsers.rows(count=200)),
+        environment_factory=browsers,
+        args=GRPOConfig(max_completion_length=16384, max_tool_calling_iterations=30, ...),
+    )
+
+The seven actions are tools, and each gives the next screenshot. TRL keeps one growing conversation per
+episode. An episode without a reward is ``None`` for TRL, which leaves it out of the group's mean and gives it
+no advantage. A model that stops calling tools, or has no tokens left, before it has answered has failed: 0.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import AsyncExitStack
+from io import BytesIO
+from typing import Any, Literal, TypeAlias
+
+from PIL import Image
+
+from webgym import (
+    Action,
+    Answer,
+    Environment,
+    EnvironmentPool,
+    GoBack,
+    LeftClick,
+    LoopThread,
+    Navigate,
+    Scroll,
+    Target,
+    Type,
+    UsageError,
+    View,
+    Wait,
+    WebGymError,
+    task_rows,
+)
+
+Content: TypeAlias = list[dict[str, Any]]
+"""Parts of a message: a picture (``image``, of PIL) and a text (``text``)."""
+
+PROMPT = """\
+You use a web browser to carry out a task. After each of your actions you get a screenshot. Act by calling \
+one tool at a time. Coordinates run from 0 to 1000: x from the left edge of the screenshot to the right, y \
+from its top to its bottom. When the task is done, call `answer`; only what you say there, and what you did \
+on the pages, counts.
+
+Task: """
+
+
+class BrowserTools:
+    """One browser as TRL wants it: ``reset``, tools, and ``get_reward``. Made by :class:`Browsers`."""
+
+    def __init__(self, browsers: Browsers) -> None:
+        self._browsers = browsers
+        self._stack = AsyncExitStack()
+        self._env: Environment | None = None
+        self._told = ""
+        self._is_over = True
+        self._reward: float | None = None
+
+    # --- what TRL calls -----------------------------------------------------------------------------------
+
+    def reset(self, task_id: str | None = None, **row: Any) -> Content:
+        """Begin the row's task. Where no browser is to be had there is no episode, and so no reward.
+
+        Args:
+            task_id: of the task; by default the next.
+            row: what else the dataset's row holds; not looked at.
+
+        Returns:
+            The start page.
+
+        Raises:
+            ConfigError: there is no such task.
+        """
+        self._is_over, self._reward = True, None
+        self._browsers.begun += 1
+        try:
+            view = self._browsers.loop.run(self._begin(task_id))
+        except WebGymError as error:
+            if isinstance(error, UsageError):
+                raise
+            self._told = f"The browser failed ({error.code}); the episode is over."
+            return [{"type": "text", "text": self._told}]
+        self._is_over = False
+        return _shown(view)
+
+    def get_reward(self) -> float | None:
+        """1.0 or 0.0 by the judge; ``None`` for an episode that has no reward."""
+        if not self._is_over:  # the model said something else, or had no tokens left
+            assert self._env is not None
+            self._browsers.loop.run(self._env.abandon())
+            self._is_over, self._reward, self._told = True, 0.0, "The episode was not answered."
+            self._browsers.unanswered += 1
+        return self._reward
+
+    # --- tools --------------------------------------------------------------------------------------------
+
+    def click(self, x: float, y: float) -> Content:
+        """
+        Click at a point of the page.
+
+        Args:
+            x: 0 (left) to 1000 (right).
+            y: 0 (top) to 1000 (bottom).
+
+        Returns:
+            The page afterwards.
+        """
+        return self._at(x, y, lambda target: LeftClick(target))
+
+    def type_text(self, x: float, y: float, text: str) -> Content:
+        """
+        Click at a field, clear it, type a text into it and press Enter.
+
+        Args:
+            x: 0 (left) to 1000 (right).
+            y: 0 (top) to 1000 (bottom).
+            text: What to type.
+
+        Returns:
+            The page afterwards.
+        """
+        return self._at(x, y, lambda target: Type(target, str(text)))
+
+    def scroll(self, direction: Literal["up", "down"]) -> Content:
+        """
+        Scroll the page.
+
+        Args:
+            direction: Where to: up or down.
+
+        Returns:
+            The page afterwards.
+        """
+        return self._step(Scroll(direction))
+
+    def wait(self, seconds: float) -> Content:
+        """
+        Wait while the page goes on.
+
+        Args:
+            seconds: How long, at most 10.
+
+        Returns:
+            The page afterwards.
+        """
+        return self._step(Wait(float(seconds)))
+
+    def go_back(self) -> Content:
+        """
+        Go back to the page before.
+
+        Returns:
+            The page afterwards.
+        """
+        return self._step(GoBack())
+
+    def navigate(self, url: str) -> Content:
+        """
+        Open an address.
+
+        Args:
+            url: The address.
+
+        Returns:
+            The page afterwards.
+        """
+        return self._step(Navigate(str(url)))
+
+    def answer(self, text: str) -> Content:
+        """
+        Say what the task asks for, or that it is done. This ends the task.
+
+        Args:
+            text: The answer.
+
+        Returns:
+            Nothing more to do.
+        """
+        return self._step(Answer(str(text)))
+
+    # --- how ----------------------------------------------------------------------------------------------
+
+    async def _begin(self, task_id: str | None) -> View:
+        if self._env is None:
+            self._env = await self._stack.enter_async_context(self._browsers.pool.environment())
+        view, _ = await self._env.reset(options={} if task_id is None else {"task_id": task_id})
+        return view
+
+    def _at(self, x: float, y: float, made: Any) -> Content:
+        return self._step(made(Target(coordinate=(float(x), float(y)))))
+
+    def _step(self, action: Action) -> Content:
+        if self._is_over:
+            return [{"type": "text", "text": self._told}]
+        assert self._env is not None
+        view, reward, terminated, truncated, _ = self._browsers.loop.run(self._env.step(action))
+        if not (terminated or truncated):
+            return _shown(view)
+        self._is_over = True
+        self._reward = None if math.isnan(reward) else reward
+        self._told = "The episode is over."
+        return [{"type": "text", "text": self._told}]
+
+
+class Browsers:
+    """``environment_factory`` of ``GRPOTrainer``: makes an environment for each episode of a batch.
+
+    Args:
+        name: of the tasks, as for :func:`webgym.make`.
+        size: browsers. TRL opens all episodes of a generation batch at the same time, so at least
+            ``generation_batch_size`` of a process.
+        given: more of :class:`webgym.EnvironmentPool`'s arguments.
+
+    Attributes:
+        pool: of the environments.
+        loop: that they run on.
+        begun, unanswered: episodes; of the second, TRL ended the conversation before an answer. Many of them
+            say that ``max_completion_length`` is too short for the screenshots.
+    """
+
+    def __init__(self, name: str = "offline-v1", *, size: int = 8, **given: Any) -> None:
+        self.pool = EnvironmentPool(name, size=size, **given)
+        self._name, self._size = name, size
+        self._made: list[BrowserTools] = []
+        self.begun = self.unanswered = 0
+        self.loop = LoopThread(self._closed)
+
+    def __call__(self) -> BrowserTools:
+        """One more.
+
+        Raises:
+            RuntimeError: there are as many as browsers: a further one would wait for ever.
+        """
+        if len(self._made) == self._size:
+            raise RuntimeError(
+                f"TRL wants more than {self._size} episodes at the same time; give Browsers(size=...) the "
+                "generation batch size of a process"
+            )
+        self._made.append(BrowserTools(self))
+        return self._made[-1]
+
+    def rows(self, **given: Any) -> list[dict[str, Any]]:
+        """A dataset: rows with ``prompt`` and ``task_id``.
+
+        Args:
+            given: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
+        """
+        rows = task_rows(self._name, **given)
+        return [
+            {"task_id": row["task_id"], "prompt": [{"role": "user", "content": PROMPT + row["instruction"]}]}
+            for row in rows
+        ]
+
+    def close(self) -> None:
+        """Stop the browsers. Safe to call twice."""
+        self.loop.close()
+
+    async def _closed(self) -> None:
+        for one in self._made:
+            await one._stack.aclose()
+        await self.pool.close()
+
+
+def _shown(view: View) -> Content:
+    picture = Image.open(BytesIO(view.image)).convert("RGB")
+    notices = " ".join(notice.text for notice in view.observation.notices)
+    text = f"{view.observation.url}\n{notices}".strip()
+    return [{"type": "image", "image": picture}, {"type": "text", "text": text}]

@@ -1,0 +1,154 @@
+"""verl (tested with verl 0.9.1), its V1 trainer, which takes several outputs of one agent loop. In a file
+that ``actor_rollout_ref.rollout.agent.agent_loop_config_path`` names::
+
+    - name: webgym
+      _target_: webgym.integrations.verl.WebGymAgentLoop
+      tasks: offline-v1
+      size: 64
+
+and as dataset what :func:`write_dataset` writes. An episode gives one output per step, all with its reward:
+the history is a window, so no two steps share a prompt. An episode without a reward gives none, and verl
+leaves its session out of the group.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from verl.experimental.agent_loop.agent_loop import AgentLoopBase, AgentLoopMetrics, AgentLoopOutput
+from verl.workers.rollout.replica import TokenOutput
+
+from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollout, roll_out, task_rows
+
+_pools: dict[tuple[object, ...], EnvironmentPool] = {}
+"""Of this worker process: verl makes an agent loop for every episode."""
+
+
+class WebGymAgentLoop(AgentLoopBase):  # type: ignore[misc]
+    """One episode in a browser, of the row's ``task_id``.
+
+    Args:
+        tasks: their name, as for :func:`webgym.make`.
+        size: browsers of this worker process, and so its episodes at the same time.
+        split: of the tasks.
+        pool: to be used in place of one by the three above.
+        given: what verl gives.
+    """
+
+    def __init__(
+        self,
+        *,
+        tasks: str = "offline-v1",
+        size: int = 8,
+        split: str = "train",
+        pool: EnvironmentPool | None = None,
+        **given: Any,
+    ) -> None:
+        super().__init__(**given)
+        if pool is None:
+            key = (tasks, size, split)
+            made: Any = split
+            pool = _pools.get(key) or _pools.setdefault(key, EnvironmentPool(tasks, size=size, split=made))
+        self._pool = pool
+        self._renderer = Renderer(self.tokenizer, self.processor.image_processor)
+
+    async def run(self, sampling_params: dict[str, Any], **kwargs: Any) -> list[AgentLoopOutput]:
+        """Play the task.
+
+        Args:
+            sampling_params: of verl.
+            kwargs: fields of the dataset's row; ``task_id`` is one, or in ``extra_info``.
+
+        Returns:
+            An output for each step; none for an episode without a reward.
+        """
+        replies: list[TokenOutput] = []
+
+        async def generate(request: TokenRequest) -> Sampled:
+            replies.append(
+                await self.server_manager.generate(
+                    request.id,
+                    prompt_ids=request.prompt_ids,
+                    sampling_params=dict(sampling_params),
+                    image_data=request.pil_images(),
+                )
+            )
+            reply = replies[-1]
+            version = reply.extra_fields.get("max_global_steps")
+            return Sampled(
+                reply.token_ids,
+                reply.log_probs,
+                finish_reason="stop" if self._has_ended(reply.token_ids) else "length",
+                weight_version="" if version is None else str(version),
+            )
+
+        task_id = kwargs.get("task_id") or kwargs.get("extra_info", {}).get("task_id")
+        async with self._pool.environment() as env:
+            rollout = await roll_out(
+                env,
+                generate,
+                self._renderer,
+                task_id=task_id,
+                cutoff_tokens=self.rollout_config.prompt_length + self.rollout_config.response_length,
+                needs_logprobs=bool(sampling_params.get("logprobs")),
+            )
+        return self._outputs(rollout, replies)
+
+    def _has_ended(self, ids: Sequence[int]) -> bool:
+        return bool(ids) and ids[-1] in self._renderer.end_ids
+
+    def _outputs(self, rollout: TokenRollout, replies: Sequence[TokenOutput]) -> list[AgentLoopOutput]:
+        told: dict[str, Any] = {"outcome": str(rollout.outcome), "task_id": rollout.task_id}
+        told |= {f"dropped/{reason}": count for reason, count in rollout.dropped.items()}
+        return [
+            AgentLoopOutput(
+                prompt_ids=row.prompt_ids,
+                response_ids=row.reply_ids,
+                response_mask=[1] * len(row.reply_ids),
+                response_logprobs=row.logprobs,
+                multi_modal_data={"images": _decoded(row.images)},
+                reward_score=rollout.reward,
+                num_turns=2,
+                metrics=AgentLoopMetrics(num_preempted=_preempted(replies[row.step])),
+                extra_fields={**replies[row.step].extra_fields, "reward_extra_info": told},
+            )
+            for row in rollout.rows
+        ]
+
+
+def _decoded(images: tuple[bytes, ...]) -> list[Any]:
+    return TokenRequest("", [], [], images, ()).pil_images()
+
+
+def _preempted(reply: TokenOutput) -> int:
+    return -1 if reply.num_preempted is None else reply.num_preempted
+
+
+def write_dataset(path: Path | str, name: str = "offline-v1", **given: Any) -> None:
+    """Write tasks as a Parquet file that ``data.train_files`` can name.
+
+    Args:
+        path: of the file.
+        name: of the tasks, as for :func:`webgym.make`.
+        given: more of :func:`webgym.task_rows`' arguments, such as ``count``.
+
+    Raises:
+        ConfigError: there are no such tasks.
+        OSError: the file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = [
+        {
+            "prompt": [{"role": "user", "content": row["instruction"]}],
+            "data_source": name,
+            "agent_name": "webgym",
+            "reward_model": {"style": "environment", "ground_truth": ""},
+            "extra_info": {"index": number, "task_id": row["task_id"]},
+        }
+        for number, row in enumerate(task_rows(name, **given))
+    ]
+    pq.write_table(pa.Table.from_pylist(rows), path)

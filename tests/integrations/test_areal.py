@@ -1,0 +1,84 @@
+"""AReaL gets what its engine sampled, a row per step, and nothing for an episode without a reward."""
+
+from __future__ import annotations
+
+import types
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.inference.tiny import tiny_renderer
+from tests.integrations.engine import Engine, reply_text, stand_in_pool
+
+from webgym.core.action import Answer, Scroll
+
+pytest.importorskip("areal", reason="areal is not installed")
+
+from areal.api.cli_args import GenerationHyperparameters
+from areal.api.io_struct import ModelRequest, ModelResponse
+
+from webgym.integrations.areal import WebGymWorkflow
+
+RENDERER = tiny_renderer()
+RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
+
+
+class InferenceEngine:
+    """Speaks AReaL's types, samples what it is told to, with a version per token."""
+
+    def __init__(self, texts: tuple[str, ...] = RIGHT) -> None:
+        self._engine = Engine(RENDERER, texts)
+        self._texts = texts
+        self.requests: list[ModelRequest] = []
+        self.reads: Callable[[list[int]], list[int]] = list
+
+    async def agenerate(self, request: ModelRequest) -> ModelResponse:
+        ids, logprobs = self._engine.sample(self._texts[len(self.requests)])
+        self.requests.append(request)
+        versions = [3] * (len(ids) - 1) + [4]
+        return ModelResponse(self.reads(request.input_ids), ids, logprobs, versions, "stop")
+
+
+def workflow(folder: Path, **more: Any) -> WebGymWorkflow:
+    processor = types.SimpleNamespace(image_processor=RENDERER.image_processor)
+    given = stand_in_pool(folder, **more)
+    return WebGymWorkflow(GenerationHyperparameters(n_samples=4), RENDERER.tokenizer, processor, **given)
+
+
+async def test_an_episode_is_tensors_of_what_was_sampled(tmp_path: Path) -> None:
+    engine, flow = InferenceEngine(), workflow(tmp_path)
+    async with flow.pool:
+        found = await flow.arun_episode(engine, {"task_id": "check-3"})
+    assert found is not None
+    assert found["rewards"].tolist() == [1.0, 1.0]
+    for place, (request, text) in enumerate(zip(engine.requests, RIGHT, strict=True)):
+        ids, logprobs = engine._engine.sample(text)
+        whole = int(found["attention_mask"][place].sum())
+        prompt = whole - len(ids)
+        assert found["input_ids"][place, :whole].tolist() == [*request.input_ids, *ids]
+        assert found["loss_mask"][place, :whole].tolist() == [0] * prompt + [1] * len(ids)
+        assert found["logprobs"][place, prompt:whole].tolist() == pytest.approx(logprobs)
+        assert found["versions"][place, :whole].tolist() == [-1] * prompt + [3] * (len(ids) - 1) + [4]
+        assert request.gconfig.n_samples == 1
+        assert request.image_data
+        grid = found["multi_modal_input"][place]["image_grid_thw"]
+        images = int((found["mm_token_type_ids"][place] == 1).sum())
+        assert images == int(grid.prod(1).sum()) // 4 > 0
+    assert flow.dropped == {}
+
+
+@pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])
+async def test_an_episode_without_a_reward_is_rejected(tmp_path: Path, fault: dict[str, Any]) -> None:
+    flow = workflow(tmp_path, **fault)
+    async with flow.pool:
+        assert await flow.arun_episode(InferenceEngine(), {"task_id": "check-3"}) is None
+    assert flow.dropped["no_reward"] >= 1
+
+
+async def test_rows_that_the_engine_read_otherwise_are_dropped_and_counted(tmp_path: Path) -> None:
+    engine, flow = InferenceEngine(), workflow(tmp_path)
+    engine.reads = lambda ids: ids[:5]
+    async with flow.pool:
+        assert await flow.arun_episode(engine, {"task_id": "check-3"}) is None
+    assert flow.dropped == {"image_tokens": 2}

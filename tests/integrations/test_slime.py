@@ -1,0 +1,128 @@
+"""slime gets what SGLang sampled, a sample per step, and no number for an episode without a reward.
+
+slime is not on the package index: the class of its samples is written here, with the fields that are filled.
+"""
+
+from __future__ import annotations
+
+import types
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import pytest
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.types import Receive, Scope, Send
+from tests.inference.tiny import tiny_renderer
+from tests.integrations.engine import Engine, reply_text, stand_in_pool
+from tests.serving import serving
+
+import webgym
+from webgym.core.action import Answer, Scroll
+from webgym.integrations import slime
+
+RENDERER = tiny_renderer()
+RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
+
+
+@dataclass
+class Sample:
+    """The fields of slime's that we read or fill."""
+
+    class Status(Enum):
+        PENDING = "pending"
+        COMPLETED = "completed"
+        TRUNCATED = "truncated"
+        ABORTED = "aborted"
+
+    index: int = 0
+    rollout_id: int | None = None
+    tokens: list[int] = field(default_factory=list)
+    multimodal_inputs: dict[str, Any] | None = None
+    multimodal_train_inputs: dict[str, Any] | None = None
+    response: str = ""
+    response_length: int = 0
+    reward: float | None = None
+    loss_mask: list[int] | None = None
+    weight_versions: list[str] = field(default_factory=list)
+    rollout_log_probs: list[float] | None = None
+    remove_sample: bool = False
+    status: Status = Status.PENDING
+    metadata: dict[str, Any] = field(default_factory=dict)
+
+
+class SGLang:
+    """An HTTP server that answers ``/generate``, and samples what it is told to."""
+
+    def __init__(self) -> None:
+        self.engine = Engine(RENDERER, RIGHT)
+        self.requests: list[dict[str, Any]] = []
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        asked = await Request(scope, receive).json()
+        ids, logprobs = self.engine.sample(RIGHT[len(self.requests)])
+        self.requests.append(asked)
+        told = {
+            "output_token_logprobs": [
+                [value, token, None] for value, token in zip(logprobs, ids, strict=True)
+            ],
+            "finish_reason": {"type": "stop"},
+            "weight_version": "12",
+        }
+        response: Response = JSONResponse({"text": "", "meta_info": told})
+        await response(scope, receive, send)
+
+
+async def played(folder: Path, patch: pytest.MonkeyPatch, **more: Any) -> tuple[SGLang, list[Sample]]:
+    patch.setattr(slime, "_renderers", {"model": RENDERER})
+    ports: list[int] = []
+
+    def made(port: int) -> SGLang:
+        ports.append(port)
+        return SGLang()
+
+    async with (
+        webgym.EnvironmentPool(**stand_in_pool(folder, **more)) as pool,
+        serving(made, lambda one: one) as served,
+    ):
+        patch.setattr(slime, "_pool", pool)
+        args = types.SimpleNamespace(
+            hf_checkpoint="model", sglang_router_ip="127.0.0.1", sglang_router_port=ports[0]
+        )
+        sample = Sample(index=5, metadata={"task_id": "check-3"})
+        return served, await slime.generate(args, sample, {"temperature": 1.0})
+
+
+async def test_an_episode_is_samples_of_what_was_sampled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, samples = await played(tmp_path, monkeypatch)
+    assert len(samples) == 2
+    for sample, request, text in zip(samples, server.requests, RIGHT, strict=True):
+        ids, logprobs = server.engine.sample(text)
+        assert sample.multimodal_inputs is not None
+        assert sample.multimodal_train_inputs is not None
+        assert sample.loss_mask is not None
+        images = request["input_ids"].count(RENDERER.image_id)
+        assert images == len(request["image_data"]) == len(sample.multimodal_inputs["images"])
+        grid = sample.multimodal_train_inputs["image_grid_thw"]
+        prompt = RENDERER.expanded(request["input_ids"], (grid.prod(1) // 4).tolist())
+        assert sample.tokens == [*prompt, *ids]
+        assert sample.response_length == len(ids) == sum(sample.loss_mask)
+        assert sample.rollout_log_probs == pytest.approx(logprobs)
+        assert (sample.reward, sample.weight_versions) == (1.0, ["12"])
+        assert (sample.rollout_id, sample.status) == (5, Sample.Status.COMPLETED)
+    assert slime.has_rewards(None, [samples, samples])
+
+
+@pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])
+async def test_an_episode_without_a_reward_has_no_number_and_drops_its_group(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: dict[str, Any]
+) -> None:
+    _, samples = await played(tmp_path, monkeypatch, **fault)
+    assert [(each.reward, each.remove_sample, each.status) for each in samples] == [
+        (None, True, Sample.Status.ABORTED)
+    ]
+    assert not slime.has_rewards(None, [[Sample(reward=1.0)], samples])

@@ -1,0 +1,96 @@
+"""verl gets what its server sampled, an output per step, and none for an episode without a reward."""
+
+from __future__ import annotations
+
+import types
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+from tests.inference.tiny import tiny_renderer
+from tests.integrations.engine import Engine, reply_text, stand_in_pool
+
+import webgym
+from webgym.core.action import Answer, Scroll
+
+pytest.importorskip("verl", reason="verl is not installed")
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of its imports
+    from omegaconf import OmegaConf
+    from verl.experimental.agent_loop.agent_loop import AgentLoopOutput, DictConfigWrap
+    from verl.workers.rollout.replica import TokenOutput
+
+    from webgym.integrations.verl import WebGymAgentLoop, write_dataset
+
+RENDERER = tiny_renderer()
+RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
+SAMPLING = {"temperature": 1.0, "logprobs": True}
+
+
+class Server:
+    """Speaks verl's types, and samples what it is told to."""
+
+    def __init__(self) -> None:
+        self._engine = Engine(RENDERER, RIGHT)
+        self.requests: list[dict[str, Any]] = []
+
+    async def generate(self, request_id: str, **given: Any) -> TokenOutput:
+        ids, logprobs = self._engine.sample(RIGHT[len(self.requests)])
+        self.requests.append({"id": request_id, **given})
+        versions = {"min_global_steps": 6, "max_global_steps": 7}
+        return TokenOutput(token_ids=ids, log_probs=logprobs, num_preempted=0, extra_fields=versions)
+
+
+def loop(server: Server, pool: webgym.EnvironmentPool) -> WebGymAgentLoop:
+    rollout = {"prompt_length": 8192, "response_length": 2048}
+    config = OmegaConf.create({"actor_rollout_ref": {"rollout": rollout}, "data": {}})
+    made = WebGymAgentLoop.__new__(WebGymAgentLoop)
+    # verl's own constructor builds what joins turns of one conversation, which a window has none of.
+    made.config, made.rollout_config = config, config.actor_rollout_ref.rollout
+    made.server_manager, made.tokenizer = server, RENDERER.tokenizer
+    made.processor = types.SimpleNamespace(image_processor=RENDERER.image_processor)
+    made._pool, made._renderer = pool, RENDERER
+    assert DictConfigWrap(config).config is config
+    return made
+
+
+async def played(folder: Path, server: Server, **more: Any) -> list[AgentLoopOutput]:
+    async with webgym.EnvironmentPool(**stand_in_pool(folder, **more)) as pool:
+        return await loop(server, pool).run(SAMPLING, extra_info={"task_id": "check-3"})
+
+
+async def test_an_episode_is_outputs_of_what_was_sampled(tmp_path: Path) -> None:
+    server = Server()
+    outputs = await played(tmp_path, server)
+    assert len(outputs) == 2
+    for output, request, text in zip(outputs, server.requests, RIGHT, strict=True):
+        ids, logprobs = server._engine.sample(text)
+        assert output.prompt_ids == request["prompt_ids"]
+        assert output.response_ids == ids
+        assert output.response_mask == [1] * len(ids)
+        assert output.response_logprobs == pytest.approx(logprobs)
+        assert output.reward_score == 1.0
+        assert output.extra_fields["max_global_steps"] == 7
+        assert output.extra_fields["reward_extra_info"]["outcome"] == "success"
+        assert output.multi_modal_data is not None
+        sent, kept = request["image_data"], output.multi_modal_data["images"]
+        assert [each.tobytes() for each in sent] == [each.tobytes() for each in kept]
+        assert output.as_dict()["rollout_log_probs"].shape == (len(ids),)
+    assert len({request["id"] for request in server.requests}) == 1
+
+
+@pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])
+async def test_an_episode_without_a_reward_gives_nothing(tmp_path: Path, fault: dict[str, Any]) -> None:
+    assert await played(tmp_path, Server(), **fault) == []
+
+
+def test_the_dataset_holds_nothing_that_judges_see(tmp_path: Path) -> None:
+    given = stand_in_pool(tmp_path)
+    write_dataset(tmp_path / "train.parquet", given["name"], split="all", count=3)
+    rows = pq.read_table(tmp_path / "train.parquet").to_pylist()
+    assert len(rows) == 3
+    assert rows[0].keys() == {"prompt", "data_source", "agent_name", "reward_model", "extra_info"}
+    assert rows[0]["reward_model"]["ground_truth"] == ""

@@ -31,3 +31,16 @@ async def serving(make: Callable[[int], T], app_of: Callable[[T], ASGIApp]) -> A
         finally:
             server.should_exit = True
             await task
+
+
+@contextlib.asynccontextmanager
+async def serving_sockets(app: ASGIApp) -> AsyncIterator[str]:
+    """Serve an application that speaks WebSockets, too; its URL."""
+    with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
+        server = Quiet(uvicorn.Config(app, lifespan="on", log_config=None, timeout_graceful_shutdown=1))
+        task = asyncio.create_task(server.serve(sockets=[listener]))
+        try:
+            yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+        finally:
+            server.should_exit = True
+            await task

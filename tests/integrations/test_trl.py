@@ -75,7 +75,7 @@ def test_more_episodes_than_browsers_are_refused(browsers: Browsers) -> None:
         browsers()
 
 
-class Processor(Qwen3VLProcessor):  # type: ignore[misc]
+class Processor(Qwen3VLProcessor):
     """Without a processor of videos, which needs torchvision."""
 
     def check_argument_for_proper_class(self, argument_name: str, argument: Any) -> type:
@@ -93,7 +93,7 @@ def call(name: str, **arguments: Any) -> str:
     return f"<tool_call>\n{told}\n</tool_call>"
 
 
-class Trainer(GRPOTrainer):  # type: ignore[misc]
+class Trainer(GRPOTrainer):
     """Samples from a list in place of a model; everything else is TRL's."""
 
     says: list[list[str]]

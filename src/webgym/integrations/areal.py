@@ -25,7 +25,7 @@ from areal.utils.data import concat_padded_tensors
 from webgym import EnvironmentPool, Renderer, Sampled, TokenRequest, TokenRollout, TokenRow, roll_out
 
 
-class WebGymWorkflow(RolloutWorkflow):  # type: ignore[misc]
+class WebGymWorkflow(RolloutWorkflow):
     """Episodes in browsers, one for each row of the dataset, which has a ``task_id``.
 
     Args:

@@ -26,7 +26,7 @@ _pools: dict[tuple[object, ...], EnvironmentPool] = {}
 """Of this worker process: verl makes an agent loop for every episode."""
 
 
-class WebGymAgentLoop(AgentLoopBase):  # type: ignore[misc]
+class WebGymAgentLoop(AgentLoopBase):
     """One episode in a browser, of the row's ``task_id``.
 
     Args:

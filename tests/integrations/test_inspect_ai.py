@@ -1,0 +1,88 @@
+"""inspect_ai evaluates our agent, and leaves what has no reward unscored."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.integrations.engine import reply_text, stand_in_pool
+
+import webgym
+from webgym.core.action import Answer, Scroll
+
+pytest.importorskip("inspect_ai", reason="inspect_ai is not installed")
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of its imports
+    from inspect_ai import eval as evaluate
+    from inspect_ai.log import EvalLog
+    from inspect_ai.model import ChatMessage, ContentImage, ModelOutput, ModelUsage, get_model
+
+    from webgym.integrations import inspect_ai
+    from webgym.integrations.inspect_ai import webgym_task
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # its own
+
+
+def run(folder: Path, answers: list[str], **more: Any) -> tuple[EvalLog, list[list[ChatMessage]], Any]:
+    """One sample after another: a scroll, and the next of the answers."""
+    given = stand_in_pool(folder, 1, **more)
+    given["browsers_"] = given.pop("browsers")
+    asked: list[list[ChatMessage]] = []
+    left = list(answers)
+
+    def say(messages: list[ChatMessage], *_: Any) -> ModelOutput:
+        asked.append(messages)
+        seen = sum(isinstance(part, ContentImage) for message in messages for part in message.content)
+        action = Scroll("down") if seen == 1 else Answer(left.pop(0))
+        output = ModelOutput.from_content("mockllm/model", reply_text(action))
+        output.usage = ModelUsage(input_tokens=1, output_tokens=1, total_tokens=2)
+        return output
+
+    browsers = given.pop("browsers_")
+    given.pop("size")
+
+    def made(name: str, **named: Any) -> Any:
+        return webgym.EnvironmentPool(name, **named, browsers=browsers)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(inspect_ai, "EnvironmentPool", made)
+        task = webgym_task(given.pop("name"), count=len(answers), browsers=1, **given)
+        model = get_model("mockllm/model", custom_outputs=say)
+        (log,) = evaluate(task, model=model, max_samples=1, display="none", log_dir=str(folder / "logs"))
+    return log, asked, browsers
+
+
+def test_samples_are_scored_by_our_judge(tmp_path: Path) -> None:
+    log, asked, browsers = run(tmp_path, ["right", "wrong", "right", "wrong"])
+    assert log.status == "success", log.error
+    assert log.results is not None
+    assert log.results.scores[0].metrics["success_rate"].value == 0.5
+    assert log.samples is not None
+    assert sorted(each.scores["web_judge"].answer for each in log.samples if each.scores) == [
+        "right",
+        "right",
+        "wrong",
+        "wrong",
+    ]
+    pictures = [part for part in asked[0][-1].content if isinstance(part, ContentImage)]
+    assert pictures
+    assert pictures[0].image.startswith("data:image/png;base64,")
+    assert not browsers.open_now
+    assert not inspect_ai._pools
+
+
+@pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])
+def test_what_has_no_reward_is_unscored(tmp_path: Path, fault: dict[str, Any]) -> None:
+    log, _, browsers = run(tmp_path, ["right", "right"], **fault)
+    assert log.status == "success", log.error
+    assert log.results is not None
+    assert log.samples is not None
+    scores = [each.scores["web_judge"] for each in log.samples if each.scores]
+    assert len(scores) == 2
+    assert all(math.isnan(each.as_float()) for each in scores)
+    assert math.isnan(log.results.scores[0].metrics["success_rate"].value)
+    assert not browsers.open_now

@@ -113,8 +113,13 @@ def test_an_option_keeps_what_a_file_says_of_the_judge(tmp_path: Path) -> None:
 def test_no_section_of_ours_has_a_default_that_one_key_would_replace() -> None:
     """Whatever section has a default of its own merges with it."""
     for module in pkgutil.walk_packages(webgym.__path__, "webgym."):
-        if not module.name.endswith("__main__"):
+        if module.name.endswith("__main__"):
+            continue
+        try:
             importlib.import_module(module.name)
+        except ModuleNotFoundError as error:  # the lock does not hold every framework
+            if module.name != f"webgym.integrations.{error.name}":
+                raise
     sections = _below(BaseModel)
     assert JudgeConfig in sections
     for section in sections:

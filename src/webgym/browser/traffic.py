@@ -183,8 +183,12 @@ class Traffic:
     def is_idle(self, patience: float = 0.0) -> bool:
         """Whether nothing is waited for. ``patience``: for how long at least, seconds, while the page shows
         that it is loading."""
+        return not self._ends(patience)
+
+    def _ends(self, patience: float) -> list[float]:
+        """Until when each of what is waited for is."""
         now = self._clock()
-        return all(one.until(patience) <= now for one in self._in_flight.values())
+        return [end for one in self._in_flight.values() if (end := one.until(patience)) > now]
 
     @property
     def is_empty(self) -> bool:
@@ -196,10 +200,8 @@ class Traffic:
 
     async def idle(self, patience: float = 0.0) -> None:
         """Return when nothing is waited for. No deadline of its own."""
-        while not self.is_idle(patience):
-            now = self._clock()
-            ends = (one.until(patience) for one in self._in_flight.values())
-            soonest = min(end for end in ends if end > now)
+        while ends := self._ends(patience):
+            soonest = min(ends)
             self._changed.clear()
             try:
                 async with asyncio.timeout_at(None if soonest == math.inf else soonest):

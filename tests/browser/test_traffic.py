@@ -1,0 +1,25 @@
+"""The books of a tab's loading, without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+from typing import Any
+
+from webgym.browser.config import BrowserConfig
+from webgym.browser.traffic import Traffic
+
+
+class _Session:
+    def on(self, *_: Any) -> None:
+        """Nothing is ever told."""
+
+
+async def test_what_ends_between_two_looks_at_the_clock_has_ended() -> None:
+    traffic = Traffic(_Session(), "main", BrowserConfig())  # type: ignore[arg-type]
+    traffic._clock = lambda: 0.0
+    traffic.begin("request", 5.0)
+    clock = itertools.chain([4.9], itertools.repeat(5.1))
+    traffic._clock = lambda: next(clock)
+    async with asyncio.timeout(30):
+        await traffic.idle()

@@ -6,8 +6,12 @@ import asyncio
 import itertools
 from typing import Any
 
+import msgspec
+import pytest
+
 from webgym.browser.config import BrowserConfig
 from webgym.browser.traffic import Traffic
+from webgym.browser.wire import RequestWillBeSent
 
 
 class _Session:
@@ -23,3 +27,33 @@ async def test_what_ends_between_two_looks_at_the_clock_has_ended() -> None:
     traffic._clock = lambda: next(clock)
     async with asyncio.timeout(30):
         await traffic.idle()
+
+
+def _asks(traffic: Traffic, number: int) -> None:
+    url = f"https://tiles.example/7/{number}.png"
+    told = {
+        "requestId": f"request {number}",
+        "loaderId": "document",
+        "documentURL": "https://tiles.example/",
+        "request": {"url": url, "method": "GET", "initialPriority": "High"},
+        "type": "Image",
+        "frameId": "main",
+    }
+    traffic._on_request(msgspec.convert(told, RequestWillBeSent))
+
+
+@pytest.mark.parametrize(("seconds_between", "is_awaited"), [(0.001, True), (0.5, False)])
+async def test_a_map_that_asks_for_its_tiles_at_once_does_not_poll(
+    seconds_between: float, is_awaited: bool
+) -> None:
+    traffic = Traffic(_Session(), "main", BrowserConfig())  # type: ignore[arg-type]
+    now = 0.0
+    traffic._clock = lambda: now
+    traffic._site = "tiles.example"
+    for number in range(20):
+        _asks(traffic, number)
+        now += seconds_between
+    traffic.give_up(all_of_it=True)  # the deadline of a wait
+    assert traffic.is_idle()
+    _asks(traffic, 20)
+    assert traffic.is_idle() is not is_awaited

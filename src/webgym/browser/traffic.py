@@ -38,6 +38,10 @@ _READ_BY_SCRIPTS = frozenset({"Fetch", "XHR"})
 _POLLS = 6
 """Times that an address is asked in a wait that the deadline ends, until it counts as asked for ever."""
 
+_BURST = 0.1
+"""Seconds in which an address counts as asked once: the tiles of a map differ in digits alone, and are no
+poll."""
+
 _DIGITS = re.compile(r"\d+")
 
 
@@ -95,6 +99,8 @@ class Traffic:
         """Endpoints whose answers did not end in time: only their heads are waited for."""
         self._asked: Counter[str] = Counter()
         """How often addresses were asked since the wait began, numbers in them left out."""
+        self._counted: dict[str, float] = {}
+        """When each of them was counted last."""
         self._polled: set[str] = set()
         """Addresses that this document asks again and again."""
         self._changed = asyncio.Event()
@@ -167,7 +173,7 @@ class Traffic:
             all_of_it: what has time left is given up too.
         """
         now = self._clock()
-        asked, self._asked = self._asked, Counter()
+        asked, self._asked, self._counted = self._asked, Counter(), {}
         if all_of_it:
             self._polled |= {address for address, times in asked.items() if times >= _POLLS}
         for one in self._in_flight.values():
@@ -268,7 +274,9 @@ class Traffic:
             return
         is_minor = request.type == "Image" and request.request.initial_priority in _UNSEEN
         address = _DIGITS.sub("0", f"{request.request.method} {request.request.url}")
-        self._asked[address] += 1
+        if self._clock() - self._counted.get(address, -math.inf) >= _BURST:
+            self._counted[address] = self._clock()
+            self._asked[address] += 1
         is_foreign = bool(request.frame_id) and _site(request.document_url) != self._site
         seconds = self._config.minor_seconds if is_minor or is_foreign else self._config.long_poll_seconds
         self.begin(

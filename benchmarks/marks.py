@@ -4,14 +4,15 @@
     .venv/bin/python benchmarks/marks.py --set half_b
     .venv/bin/python benchmarks/marks.py --pages shoelace leaflet --details
 
-In a browser of its own, without our scripts, a point of every element is hovered over and clicked, and
-the page is loaded anew whenever something came of it: an element, attribute, value or picture changed, a
-control got the focus, the tab wanted to leave. What changed is the signature of a point. A mark is right
-if something comes of a click on its middle, and no other mark that lies there has the same signature. A
-point that reacts is found if a mark has its signature, or one that it lies in has most of it. Left out
-are whole containers and what changes of them, rims around marks where only looks change, disabled
-controls, what comes of the mouse without a click, and labels of controls that are seen themselves. Names
-are compared with the browser's accessibility tree. Exit code 1 below the goals.
+In a browser of its own, without our scripts, a point of every element is hovered over and clicked, and the
+page is loaded anew whenever something came of it: an element, attribute, value or picture changed, a
+control got the focus, the tab wanted to leave. What changed is the signature of a point. A mark is right if
+something comes of a click on its middle, at once or after one on another of its kind (the open tab), or
+with the right button, and no other mark that lies there has the same signature. A point that reacts is
+found if a mark has its signature, or one that it lies in has most of it, or one does the same but for
+looks. Left out are whole containers and what changes of them, rims around marks where only looks change,
+disabled controls, what comes of the mouse without a click, and labels of controls that are seen themselves.
+Names are compared with the browser's accessibility tree. Exit code 1 below the goals.
 """
 
 from __future__ import annotations
@@ -47,6 +48,12 @@ MOST_POINTS = 140
 
 LARGE = 0.25
 """Of the viewport: a mark that is larger is a container, unless one can type into it."""
+
+LOOKS = frozenset({"class", "part", "style", "focus"})
+"""Kinds of changes that may be nothing but looks."""
+
+KIN = 3
+"""Of one kind with a mark that does nothing, which are clicked before it is tried again."""
 
 SLACK = 8
 """CSS pixels around a mark that belong to it."""
@@ -143,9 +150,7 @@ class Trier:
             await self._reaction()
             await self.evaluate("__trial.take()")
             before = await self.evaluate("__trial.focused()")
-            for kind in ("mousePressed", "mouseReleased"):
-                await self.mouse(kind, x, y, button="left", clickCount=1)
-            await self._reaction()
+            await self._press(x, y)
             changes, focused = await self._came()
             if not changes and focused == before:
                 await asyncio.sleep(LATE_SECONDS)  # it may wait for a second click
@@ -160,6 +165,41 @@ class Trier:
         if field and (changes or focused != before or is_in_field):
             return str(field)
         return "; ".join([*changes, *([focused] if focused != before else [])])
+
+    async def _press(self, x: float, y: float, button: str = "left") -> None:
+        """Click as a hand does: the page draws while the button is down."""
+        for kind in ("mousePressed", "mouseReleased"):
+            await self.mouse(kind, x, y, button=button, clickCount=1)
+            await self._reaction()
+
+    async def is_right_clicked(self, x: float, y: float) -> bool:
+        """Whether something comes of a click with the right button."""
+        await self.load()
+        self._is_fresh = False
+        await self.mouse("mouseMoved", x, y)
+        await self._reaction()
+        await self.evaluate("__trial.take()")
+        await self._press(x, y, "right")
+        return bool((await self._came())[0])
+
+    async def is_current(self, x: float, y: float, marks: Sequence[Element]) -> bool:
+        """Whether what does nothing changes after a click on another of its kind: the open tab, say."""
+        if not self._is_fresh:
+            await self.load()
+        await self.evaluate("__trial.take()")
+        kin = await self.evaluate(f"__trial.kin({x}, {y}, {json.dumps([middle(mark) for mark in marks])})")
+        for other, path, _ in kin[:KIN]:
+            await self.load()
+            for point in (middle(marks[other]), (x, y)):
+                await self.mouse("mouseMoved", *point)
+                await self._reaction()
+                await self.evaluate("__trial.take()")
+                await self._press(*point)
+            self._is_fresh = False
+            changes, _ = await self._came()
+            if any(f"{change} /".startswith((f"{path} ", f"{path}/")) for change in changes):
+                return True
+        return False
 
     async def _came(self) -> tuple[list[str], str]:
         """What has changed, and what has the focus."""
@@ -191,8 +231,7 @@ class Trier:
 
     async def is_rim(self, x: float, y: float, signature: str, marks: Sequence[Element]) -> bool:
         """Whether it is the rim of something around a mark, where only looks change."""
-        kinds = {change.split("=")[0].split()[-1] for change in signature.split("; ")}
-        if not kinds <= {"class", "style", "focus"}:
+        if deeds_of(signature):
             return False
         if not self._is_fresh:
             await self.load()
@@ -252,6 +291,16 @@ def nodes_of(signature: str) -> set[str]:
     return {change.split("=")[0] for change in signature.split("; ")}
 
 
+def deeds_of(signature: str) -> set[str]:
+    """What is more than looks."""
+    return {node for node in nodes_of(signature) if node and node.split()[-1] not in LOOKS}
+
+
+def is_done_by(signature: str, mark: str) -> bool:
+    """Whether a click on a mark does the same but for looks: a point around a box to tick, say."""
+    return bool(deeds_of(mark)) and deeds_of(mark) == deeds_of(signature)
+
+
 def is_alike(one: str, other: str) -> bool:
     """Whether two signatures tell of mostly the same nodes: the places on a slider, say."""
     nodes = [nodes_of(signature) for signature in (one, other)]
@@ -268,6 +317,7 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
     signatures: list[str] = []
     points = [(*point,) for point in await trier.points()]
     tried = {point: await trier.try_at(*point) for point in [*map(middle, marks), *points]}
+    reacting = [mark for mark in marks if tried[middle(mark)]]
     for mark in marks:
         signature = tried[middle(mark)]
         is_large = mark.box[2] * mark.box[3] > LARGE * 1280 * 768
@@ -275,21 +325,27 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             (
                 other
                 for other, same in zip(marks, signatures, strict=False)
-                if same == signature and (inside(*middle(mark), other) or inside(*middle(other), mark))
+                if signature == same != "" and (inside(*middle(mark), other) or inside(*middle(other), mark))
             ),
             None,
         )
         signatures.append(signature)
-        is_right = bool(signature) and twin is None and not (is_large and mark.role != "textbox")
+        reacts = (
+            bool(signature)
+            or await trier.is_current(*middle(mark), reacting)
+            or await trier.is_right_clicked(*middle(mark))
+        )
+        is_right = reacts and twin is None and not (is_large and mark.role != "textbox")
         counts["marks"] += 1
         counts["right"] += is_right
         if not is_right:
-            why = f"the same as {twin.number}" if twin else "large" if signature else "nothing"
+            why = f"the same as {twin.number}" if twin else "large" if reacts else "nothing"
             say(f"  wrong   {mark.number:3} {mark.role} {mark.name[:30]!r} {mark.box}: {why}")
     for x, y in points:
         signature = tried[x, y]
         is_found = signature in signatures or any(
-            inside(x, y, mark, SLACK) and (mark.role == "slider" or is_alike(signature, other))
+            (inside(x, y, mark, SLACK) and (mark.role == "slider" or is_alike(signature, other)))
+            or is_done_by(signature, other)
             for mark, other in zip(marks, signatures, strict=True)
         )
         if not signature or (not is_found and await trier.is_rim(x, y, signature, marks)):

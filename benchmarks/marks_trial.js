@@ -67,12 +67,15 @@
     const path = active && taken.get(active);
     return isControl(active) ? `${path ? path[0] : 'new'} focus` : '';
   };
-  // The field that existed before and has the focus: where in it one clicks makes no difference.
+  // The field that existed before and has the focus: where in it one clicks makes no difference, unless that
+  // changed its value, as buttons beside it do.
   hold.field = () => {
     const active = deepest();
     const isField = active && (active.isContentEditable || active.localName === 'textarea' ||
       (active.localName === 'input' && active.selectionStart !== null && !active.readOnly));
-    return isField && taken.has(active) ? `${taken.get(active)[0]} field` : '';
+    if (!isField || !taken.has(active)) return '';
+    const [path, before] = taken.get(active);
+    return active.localName === 'input' && active.value !== before['.value'] ? '' : `${path} field`;
   };
   hold.at = (x, y) => {
     let root = document;
@@ -99,6 +102,24 @@
     for (let node = inner; node; node = node.assignedSlot || node.parentNode || node.host)
       if (node === outer) return true;
     return false;
+  };
+  const above = (node) => {
+    const found = [];
+    for (let at = node; at; at = at.parentNode || at.host) found.push(at);
+    return found;
+  };
+  // Which of these points hit what is of one kind with what lies at (x, y), as items of one list are, the nearest
+  // list first: [index, the path of the item at (x, y), how far that is from what lies there].
+  hold.kin = (x, y, points) => {
+    const own = above(hold.at(x, y));
+    const found = points.flatMap(([px, py], index) => {
+      const other = above(hold.at(px, py));
+      const depth = own.findIndex((node) => other.includes(node)) - 1;
+      const [item, like] = [own[depth], other[depth]];
+      const isAlike = item && like && other[depth + 1] === own[depth + 1] && item.localName === like.localName;
+      return isAlike ? [[index, taken.get(item)[0], depth]] : [];
+    });
+    return found.sort((a, b) => a[2] - b[2]);
   };
   // Does what lies at a point reach around what lies at one of these?
   hold.isRim = (x, y, points) => {

@@ -24,10 +24,9 @@ from statistics import median
 from playwright.async_api import Browser, async_playwright
 from rich.console import Console
 
-from webgym.agent.policy import Player, Turn
+from webgym.agent.policy import PolicyInput, PolicySession
 from webgym.agent.scripted import ScriptedPolicy
 from webgym.browser.find import find_browser
-from webgym.collection import RunConfig, TaskChoice, collect
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.report.config import ViewConfig
@@ -37,6 +36,7 @@ from webgym.rollout.feed import feeding
 from webgym.rollout.live import panel
 from webgym.rollout.progress import STATES, Progress
 from webgym.rollout.store import RunWriter
+from webgym.runs import RunConfig, TaskChoice, collect
 
 COUNT_FRAMES = """
   window.frames_ms = [];
@@ -56,16 +56,16 @@ class ThinkingPolicy(ScriptedPolicy):
         super().__init__(mistake_rate)
         self._seconds = seconds
 
-    def begin(self, task: Task, seed: int) -> Player:
+    def begin(self, task: Task, seed: int) -> PolicySession:
         """A player who takes its time."""
         return _Thinking(super().begin(task, seed), self._seconds, random.Random(seed))
 
 
 class _Thinking:
-    def __init__(self, player: Player, seconds: float, chance: random.Random) -> None:
+    def __init__(self, player: PolicySession, seconds: float, chance: random.Random) -> None:
         self._player, self._seconds, self._chance = player, seconds, chance
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """After a while."""
         await asyncio.sleep(self._chance.lognormvariate(0, 0.5) * self._seconds)
         return await self._player.reply(turn)

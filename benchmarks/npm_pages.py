@@ -2,7 +2,8 @@
 
 Nothing of the packages is part of this repository: they are installed at the first run. A script that lies
 beside a page is bundled with what it imports. The pages in `half_a` and `half_b` were written before any was
-measured, and halved by lot: the rules of marks and text were corrected by what half A showed, never by B.
+measured, and halved by lot: the rules of marks and text were corrected by what half A showed, and those of
+marks later by B. Those in `unseen` were written then, measured once, and nothing was corrected by them.
 """
 
 from __future__ import annotations
@@ -30,7 +31,10 @@ PACKAGES = (
     "wired-elements@2 antd@5 @mui/material@6 @emotion/react@11 @emotion/styled@11 @mantine/core@7 "
     "@mantine/hooks@7 radix-ui@1 vuetify@3 element-plus@2 uikit@3 fomantic-ui-css@2 materialize-css@1 "
     "foundation-sites@6 video.js@8 tinymce@7 handsontable@15 gridjs@6 d3@7 air-datepicker@3 "
-    "@splidejs/splide@4 jquery.fancytree@2 sweetalert2@11 jodit@4 @toast-ui/calendar@2"
+    "@splidejs/splide@4 jquery.fancytree@2 sweetalert2@11 jodit@4 @toast-ui/calendar@2 "
+    # of those that nobody has seen
+    "slim-select@2 vanillajs-datepicker@1 @simonwep/pickr@1 jspreadsheet-ce@4 frappe-gantt@0.6 easymde@2 "
+    "naive-ui@2 w2ui@2 simple-datatables@9 vis-timeline@7 plyr@3"
 ).split()
 
 FOLDER = Path(__file__).with_name("npm_pages")
@@ -42,6 +46,7 @@ PAGES = {
     "first": [name for name, file in FILES.items() if file.parent == FOLDER],
     "half_a": [name for name, file in FILES.items() if file.parent.name == "half_a"],
     "half_b": [name for name, file in FILES.items() if file.parent.name == "half_b"],
+    "unseen": [name for name, file in FILES.items() if file.parent.name == "unseen"],
 }
 """Names by set."""
 CACHE = Path.home() / ".cache/webgym/npm_pages"

@@ -18,11 +18,11 @@ from typing import Any
 
 import torch
 
-from webgym.agent.policy import BasePolicy, Player, Policy, Turn
-from webgym.collection import Secrets, all_tasks, services
+from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.offline.small.wording import small_vocabulary
+from webgym.runs import Secrets, all_tasks, services
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.model import TinyConfig, make_model, save_model
 from webgym.train.folder import TrainingFolder
@@ -43,7 +43,7 @@ class Thinks(BasePolicy):
         self._seconds = seconds
         self._demonstrators = Demonstrators()
 
-    def begin(self, task: Task, seed: int) -> Player:
+    def begin(self, task: Task, seed: int) -> PolicySession:
         return _Player(self._demonstrators.begin(task, seed), self._seconds)
 
     async def publish(self, weights: Path, version: str) -> None:  # noqa: ARG002
@@ -54,10 +54,10 @@ class Thinks(BasePolicy):
 
 
 class _Player:
-    def __init__(self, player: Player, seconds: float) -> None:
+    def __init__(self, player: PolicySession, seconds: float) -> None:
         self._player, self._seconds = player, seconds
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         await asyncio.sleep(self._seconds)
         return await self._player.reply(turn)
 

@@ -20,10 +20,10 @@ from pathlib import Path
 
 import psutil
 
-from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.offline.app import SitesConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
+from webgym.runs import PolicyChoice, RunConfig, TaskChoice, collect
 
 SAMPLE_SECONDS = 1.0
 

@@ -20,7 +20,7 @@ class Guesser(webgym.BasePolicy):
 
     name = "guesser"
 
-    def begin(self, task: webgym.Task, seed: int) -> webgym.Player:
+    def begin(self, task: webgym.Task, seed: int) -> webgym.PolicySession:
         """One attempt. A policy that remembers returns an object of its own for each."""
         return self
 

@@ -359,7 +359,7 @@ def test_a_node_of_a_ray_cluster_works_behind_the_filter(confined: tuple[Path, l
     assert answer.returncode == 0, answer.stderr
     said = json.loads(answer.stdout.splitlines()[-1])
     assert said["picture"] == "\x89PNG"
-    assert {"raylet", "ray::NodeActor", "webgym.server.child"} <= said["filters"].keys()
+    assert {"raylet", "ray::NodeActor", "webgym.server.subprocess_worker"} <= said["filters"].keys()
     assert set(said["filters"].values()) == {"2"}
     assert {int(each, 16) for each in said["capabilities"].values()} == {0}
     if unprivileged.can_make_namespaces(folder):

@@ -13,10 +13,10 @@ import webgym
 from webgym import Environment, SyncEnvironment
 from webgym.agent.config import AgentConfig
 from webgym.agent.solver import Solver
-from webgym.collection import RunConfig, TaskChoice
 from webgym.core.action import Answer, Hover, Scroll, Target
 from webgym.core.errors import ConfigError, EpisodeLost, UsageError
 from webgym.core.trajectory import Reply
+from webgym.runs import RunConfig, TaskChoice
 from webgym.testing import check_environment, stand_in_environment
 
 SMALL = RunConfig(tasks=TaskChoice(count=6), agent=AgentConfig(mode="marks"))

@@ -12,7 +12,7 @@ import pytest
 from webgym.cli._run import settings
 from webgym.judge.factory import refuse_unjudgeable
 from webgym.offline import OfflineWeb
-from webgym.tasks.build.config import read_config
+from webgym.tasks.construction.config import read_config
 from webgym.tasks.sources import SOURCES
 
 ROOT = Path(__file__).parent.parent

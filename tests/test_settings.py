@@ -17,12 +17,12 @@ import webgym
 from webgym.agent.profiles import profile_of
 from webgym.cli import _run
 from webgym.cli._judge import judge_choice
-from webgym.collection import resolved
 from webgym.core.errors import ConfigError
 from webgym.judge.config import WAYS_BY_SOURCE, JudgeConfig, StageConfig
 from webgym.llm.config import ChatConfig, Sampling
+from webgym.runs import resolved
 from webgym.settings import Section, merged, without_none
-from webgym.tasks.build.config import BuildConfig
+from webgym.tasks.construction.config import BuildConfig
 
 CHAT = {"base_url": "http://127.0.0.1:1/v1", "model": "Qwen/Qwen3-VL-8B-Instruct"}
 

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from webgym.agent.agent import Agent
     from webgym.agent.config import AgentConfig
-    from webgym.agent.policy import BasePolicy, Player, Policy, Turn
+    from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
     from webgym.agent.prompts import render_reply
-    from webgym.collection import RunConfig, TaskChoice, collect, resume
     from webgym.core.action import (
         Action,
         Answer,
@@ -37,6 +36,7 @@ if TYPE_CHECKING:
     from webgym.offline import OfflineWeb
     from webgym.report import write_report
     from webgym.rollout.store import RunReader
+    from webgym.runs import RunConfig, TaskChoice, collect, resume
     from webgym.server import BrowserClient, ServerConfig, View, running_server
     from webgym.sync import LoopThread, SyncEnvironment
     from webgym.tasks import read_tasks, write_tasks
@@ -55,9 +55,9 @@ __version__ = "0.1.0"
 _HOMES = {
     "webgym.agent.agent": ("Agent",),
     "webgym.agent.config": ("AgentConfig",),
-    "webgym.agent.policy": ("BasePolicy", "Player", "Policy", "Turn"),
+    "webgym.agent.policy": ("BasePolicy", "PolicySession", "Policy", "PolicyInput"),
     "webgym.agent.prompts": ("render_reply",),
-    "webgym.collection": ("RunConfig", "TaskChoice", "collect", "resume"),
+    "webgym.runs": ("RunConfig", "TaskChoice", "collect", "resume"),
     "webgym.core.action": (
         "Action",
         "Answer",
@@ -116,8 +116,9 @@ __all__ = [
     "OfflineJudge",
     "OfflineWeb",
     "Outcome",
-    "Player",
     "Policy",
+    "PolicyInput",
+    "PolicySession",
     "Renderer",
     "Reply",
     "Rubric",
@@ -135,7 +136,6 @@ __all__ = [
     "TokenRollout",
     "TokenRow",
     "Trajectory",
-    "Turn",
     "Type",
     "UsageError",
     "Verdict",

@@ -14,7 +14,6 @@ from typing import Any, Final
 
 from PIL import Image
 
-from webgym.collection import PolicyChoice, RunConfig
 from webgym.core.action import Action, Answer, BrowserAction, Scroll
 from webgym.core.errors import BrowserCrashed, JudgeError
 from webgym.core.observation import Observation
@@ -24,6 +23,7 @@ from webgym.core.verdict import Judgement, Verdict
 from webgym.environment import Environment, OnFault
 from webgym.judge.base import Pictures
 from webgym.rollout.driver import AttemptConfig
+from webgym.runs import PolicyChoice, RunConfig
 from webgym.server import SessionOptions, View
 
 _SIZE: Final = (64, 48)

@@ -27,10 +27,9 @@ from typing import Any, Final, Literal, Self, TypeAlias
 import msgspec
 
 from webgym.agent.agent import Dialogue
-from webgym.agent.policy import Turn
+from webgym.agent.policy import PolicyInput
 from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply
-from webgym.collection import RunConfig, Secrets, choose_tasks, places, resolved
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Scroll, Target, Wait
 from webgym.core.calls import call_queues
 from webgym.core.errors import ConfigError, EpisodeLost, UsageError
@@ -41,8 +40,9 @@ from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
 from webgym.offline.app import SitesConfig
 from webgym.offline.web import CollectionName
 from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
-from webgym.rollout.judging import find
+from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
+from webgym.runs import RunConfig, Secrets, choose_tasks, places, resolved
 from webgym.server import View
 
 Info: TypeAlias = dict[str, Any]
@@ -69,7 +69,10 @@ Info: TypeAlias = dict[str, Any]
     its screenshots, encoded, by name.
 """
 
-COLLECTIONS: Final[dict[str, CollectionName]] = {"offline-v1": "large", "offline-small-v1": "small"}
+COLLECTIONS: Final[dict[str, CollectionName]] = {
+    "offline-v1": "large",
+    "offline-small-v1": "small",
+}
 """Names of the task sets that come with WebGym. A name always has the same websites and tasks."""
 
 OnFault: TypeAlias = Literal["nan", "raise"]
@@ -365,7 +368,7 @@ class _Episode:
         self._parse_error = ""
         self._trajectory: Trajectory | None = None
         self.view: View
-        self.turn: Turn
+        self.turn: PolicyInput
 
     async def begin(self) -> View:
         """Open the start page."""
@@ -402,7 +405,7 @@ class _Episode:
         await self.give_back()
         episode = self._driver.episode()
         task = self._driver.planned.task
-        found = await find(self._services.judge, task, episode, self._picture, self._judge_seconds)
+        found = await judge_episode(self._services.judge, task, episode, self._picture, self._judge_seconds)
         self._trajectory = Trajectory(episode, found.outcome, found.verdict, found.failure)
 
     async def _picture(self, name: str) -> bytes:
@@ -493,7 +496,7 @@ def make(
     """An environment by the name of its tasks.
 
     Args:
-        name: ``offline-v1`` (405 websites as on the real web), ``offline-small-v1`` (360 websites of a few
+        name: ``offline-v1`` (655 websites as on the real web), ``offline-small-v1`` (360 websites of a few
             large signs), or the path of a task file.
         split: which tasks; training never sees a test task unless it is asked for by this.
         config: settings, in which the name and the split are set.

@@ -1,26 +1,31 @@
 """Checks for those who write websites or environments of their own: does everything hold what it promises?
 
-:func:`check_family` plays the tasks of a family of small websites without a browser, by following their
-solutions on the pages that the website answers with, and judges what comes of it: the solution must pass,
-and a wrong answer, an answer without evidence, a premature answer and an empty trajectory must not.
+:func:`check_family` plays the tasks of a family of websites by following their solutions, and judges what
+comes of it: the solution must pass, and a wrong answer, an answer without evidence, a premature answer and an
+empty trajectory must not. Small websites are played without a browser, others in Chromium.
 :func:`check_environment` plays a few episodes on stand-ins: faults are no rewards, and no browser is kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import os
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
 
 from webgym.agent.solver import Solver
-from webgym.checking import spoilt
 from webgym.conformance import check_environment, stand_in_environment
 from webgym.core.action import Answer
 from webgym.core.outcome import Ending
 from webgym.core.task import StepBudget, Task
 from webgym.core.trajectory import Episode, Reply, Step
 from webgym.judge import OfflineJudge
+from webgym.offline.engine.site import SmallWebsite
 from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
+from webgym.validation import check_in_browsers, spoilt, typed
 
 __all__ = ["check_environment", "check_family", "check_tasks", "play", "stand_in_environment"]
 
@@ -99,10 +104,11 @@ def _weaknesses(task: Task, episode: Episode) -> Iterator[str]:
 async def check_family(
     family: type[Website], *, seed: int = 7, websites: int = 2, tasks_per_website: int | None = None
 ) -> list[str]:
-    """Check some websites of a family of small websites.
+    """Check some websites of a family: tasks have ids and instructions of their own, and are what they claim.
 
     Args:
-        family: a subclass of :class:`webgym.offline.engine.site.SmallWebsite`.
+        family: small websites (:class:`webgym.offline.engine.site.SmallWebsite`) are played without a
+            browser, all others in Chromium.
         seed: of the websites.
         websites: how many, for training and for testing each.
         tasks_per_website: so many of its tasks, evenly spread; all if not given.
@@ -110,17 +116,41 @@ async def check_family(
     Returns:
         A line for every fault; empty if there is none.
     """
-    web = OfflineWeb(seed, collection="small", families=(family,))
+    is_small = issubclass(family, SmallWebsite)
+    web = OfflineWeb(seed, collection="small" if is_small else "large", families=(family,))
     faults: list[str] = []
+    played: list[Task] = []
     for split in ("train", "test"):
-        hosts = [host for host, spec in web.specs.items() if spec.split == split][:websites]
+        hosts = [
+            host for host, spec in web.specs.items() if spec.split == split and spec.behaviour == "good"
+        ][:websites]
         for host in hosts:
             site = web.website(host)
             assert site is not None
             tasks = list(web.tasks_of(host))
+            if not is_small:
+                faults += _repeated(host, tasks)
             step = max(1, len(tasks) // tasks_per_website) if tasks_per_website else 1
-            faults += await check_tasks(site, tasks[::step], web.collection.viewport)
-    return faults
+            if is_small:
+                faults += await check_tasks(site, tasks[::step], web.collection.viewport)
+            played += tasks[::step]
+    if is_small:
+        return faults
+    faults += typed(web, played)
+    with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
+        return faults + await check_in_browsers(
+            web, played, Path(scratch) / "run", sessions=os.cpu_count() or 2
+        )
+
+
+def _repeated(host: str, tasks: Sequence[Task]) -> Iterator[str]:
+    for what, values in (
+        ("id", [task.id for task in tasks]),
+        ("instruction", [t.instruction for t in tasks]),
+    ):
+        for value, times in Counter(values).items():
+            if times > 1:
+                yield f"{host}: {times} tasks have the {what} {value!r}"
 
 
 async def _no_picture(name: str) -> bytes:

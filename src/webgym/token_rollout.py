@@ -24,13 +24,13 @@ from typing import Any, Literal, Self
 
 from PIL import Image
 
-from webgym.collection import RunConfig, choose_tasks
 from webgym.core.errors import UsageError, WebGymError
 from webgym.core.outcome import Outcome, ending_of, outcome_of
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Failure, Message, Reply, Trajectory
 from webgym.environment import Environment, config_of
 from webgym.inference.rendering import Pixels, Renderer, pictures_of
+from webgym.runs import RunConfig, choose_tasks
 from webgym.train.samples import SampleMaker
 
 

@@ -11,7 +11,15 @@ from PIL import Image
 from tests.agent.conftest import Play
 from tests.agent.shop import Shop, task
 
-from webgym.agent import Agent, AgentConfig, Player, RandomPolicy, ScriptedPolicy, Turn, create_policy
+from webgym.agent import (
+    Agent,
+    AgentConfig,
+    PolicyInput,
+    PolicySession,
+    RandomPolicy,
+    ScriptedPolicy,
+    create_policy,
+)
 from webgym.agent.prompts import render_reply
 from webgym.core.action import Answer, DoubleClick, Drag, Hover, Press, RightClick, Scroll
 from webgym.core.errors import ConfigError, PolicyBadReply, PolicyError, PolicyUnreachable, ProtocolError
@@ -31,13 +39,13 @@ class Parrot:
 
     def __init__(self, *replies: str | BaseException) -> None:
         self.replies = list(replies)
-        self.turns: list[Turn] = []
+        self.turns: list[PolicyInput] = []
         self.entered = 0
 
-    def begin(self, task: Task, seed: int) -> Player:
+    def begin(self, task: Task, seed: int) -> PolicySession:
         return self
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         self.turns.append(turn)
         said = self.replies.pop(0)
         if isinstance(said, BaseException):
@@ -133,7 +141,7 @@ async def test_after_an_error_the_same_turn_can_be_taken_again() -> None:
 
 def test_an_error_at_the_beginning_is_the_policys() -> None:
     class Fails(Parrot):
-        def begin(self, task: Task, seed: int) -> Player:
+        def begin(self, task: Task, seed: int) -> PolicySession:
             raise RuntimeError("no")
 
     with pytest.raises(PolicyError, match="no"):

@@ -13,16 +13,16 @@ import pytest
 from tests.llm.endpoint import Endpoint, serve
 from tests.rollout.test_summary import task
 
-from webgym import collection
+from webgym import runs
 from webgym.agent.prompts import render_reply
 from webgym.agent.random_policy import RandomPolicy
-from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import ConfigError, JudgeError, RunFolderError, TaskFileError, WebGymError
 from webgym.judge.config import JudgeConfig
 from webgym.judge.factory import JudgeChoice
 from webgym.llm.config import ChatConfig, Retry
 from webgym.offline.app import SitesConfig
+from webgym.runs import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.tasks import write_tasks
 
 SMALL = SitesConfig(per_family=1)
@@ -45,7 +45,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         found.append("places")
         raise WebGymError("far enough")
 
-    monkeypatch.setattr(collection, "places", refuse)
+    monkeypatch.setattr(runs, "places", refuse)
     return found
 
 
@@ -171,14 +171,14 @@ async def test_a_large_file_is_drawn_from_and_that_is_told(tmp_path: Path, there
     given = RunConfig(
         tasks=TaskChoice(file=tmp_path / "tasks.jsonl", split="all"), judge=JudgeChoice(name="operator:eq")
     )
-    assert len(collection.choose_tasks(given).tasks) == drawn
+    assert len(runs.choose_tasks(given).tasks) == drawn
     told: list[str] = []
     with pytest.raises(WebGymError, match="far enough"):
         await collect(given, tmp_path / "run", tell=told.append)
     said = "20 of 101 tasks are drawn; --limit (tasks.count) takes another number, or all"
     assert told == ([said] if drawn < there else [])
     whole = given.model_copy(update={"tasks": given.tasks.model_copy(update={"count": "all"})})
-    assert len(collection.choose_tasks(whole).tasks) == there
+    assert len(runs.choose_tasks(whole).tasks) == there
 
 
 async def test_the_event_loop_goes_round_while_a_line_without_end_is_read(tmp_path: Path) -> None:
@@ -195,9 +195,9 @@ async def test_the_event_loop_goes_round_while_a_line_without_end_is_read(tmp_pa
 
 
 def test_a_run_without_a_count_is_small() -> None:
-    assert len(collection.choose_tasks(RunConfig(sites=SMALL)).tasks) == collection.FEW
-    every = collection.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(count="all"))).tasks
+    assert len(runs.choose_tasks(RunConfig(sites=SMALL)).tasks) == runs.FEW
+    every = runs.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(count="all"))).tasks
     assert len(every) > 100
     assert {task.split for task in every} == {"train"}
     with pytest.raises(ConfigError, match="no task"):
-        collection.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(split="unsplit")))
+        runs.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(split="unsplit")))

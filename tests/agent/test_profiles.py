@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from webgym.agent import GENERIC, AgentConfig, Profile, all_profiles, choose_profile, profile_of, profiles
-from webgym.agent.images import fit
-from webgym.agent.pictures import Multiples, Patches, Tiles
+from webgym.agent.image_codec import fit
+from webgym.agent.image_sizing import Multiples, Patches, Tiles
 from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
 from webgym.agent.prompts import tool_declaration
-from webgym.collection import PolicyChoice, RunConfig, resolved
 from webgym.core.errors import ConfigError
 from webgym.llm.config import ChatConfig, Sampling
+from webgym.runs import PolicyChoice, RunConfig, resolved
 
 DOCS = Path(__file__).parents[2] / "docs" / "agent.md"
 

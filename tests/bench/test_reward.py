@@ -11,8 +11,6 @@ from tests.judge.test_both_judges import Reader
 
 from webgym.bench.reward import Hacked, challenge_of, choose, table
 from webgym.bench.reward_hacks import HACKS, HackingPolicy, candidates, right_answer
-from webgym.bench.tables import markdown
-from webgym.collection import RunConfig, TaskChoice, collect
 from webgym.core.outcome import Outcome
 from webgym.core.text import fold, says
 from webgym.core.truth import Give
@@ -25,6 +23,8 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.rejudge import judge_run, verdicts_of
 from webgym.rollout.store import RunReader
+from webgym.runs import RunConfig, TaskChoice, collect
+from webgym.tables import markdown
 from webgym.tasks import write_tasks
 
 SITES = SitesConfig(per_family=3, latency=0)

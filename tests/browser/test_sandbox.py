@@ -100,7 +100,7 @@ def test_where_it_cannot_be_built_the_server_runs_and_says_so(folder: Path, name
     assert said["info"]["sandboxed"] is False
     assert "does not let Chromium build it" in said["info"]["reason"]
     assert "WITHOUT its sandbox" in said["stderr"]
-    assert "to mend it: " in said["stderr"]
+    assert "to fix it: " in said["stderr"]
     assert said["picture"] == PNG
 
 

@@ -161,6 +161,65 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         "<label><button></button><i style='cursor:pointer'>On</i></label>" + LISTENS.format("click"),
         ["Off", "On"],
     ),
+    "cells of a table whose headings have a pointer": (
+        "<table><tr><th class=on style='cursor:pointer'>Name<tr><td class=on>Ann<tr class=on><td>Bob</table>"
+        + LISTENS.format("click"),
+        ["Name"],
+    ),
+    "cells of a table without a pointer": (
+        "<table><tr><td class=on>One<td class=on>Two</table>" + LISTENS.format("click"),
+        ["One", "Two"],
+    ),
+    "text beside an item with a pointer": (
+        "<ul><li class=on style='cursor:pointer'>Inbox<li class=on>Plain</ul>" + LISTENS.format("click"),
+        ["Inbox"],
+    ),
+    "text around a button with a pointer": (
+        "<span class=on>Tag <i class=on style='cursor:pointer'>x</i></span>" + LISTENS.format("click"),
+        ["x"],
+    ),
+    "a button in the label of a hidden box": (
+        "<style>input{position:absolute;width:0;height:0;opacity:0}</style>"
+        "<label><input type=radio><button>Star</button></label>",
+        ["Star"],
+    ),
+    "a group that only takes the focus": (
+        "<div class=on style='height:600px'><p role=group tabindex=-1>Slide</p></div>"
+        + LISTENS.format("click"),
+        [],
+    ),
+    "what hears fingers alone": ("<b class=on>Plain</b>" + LISTENS.format("touchstart"), []),
+    "days of weeks that a calendar listens for": (
+        "<style>div div{height:60px}i{float:left;width:33%;height:60px}</style><div class=on>"
+        + "<div><div><i>One</i><i>Two</i><i>Three</i></div></div>" * 3
+        + "</div>"
+        + LISTENS.format("mousedown"),
+        ["One", "Two", "Three"] * 3,
+    ),
+    "a component around a hidden box and its label": (
+        "<style>input{position:absolute;opacity:0}label{display:block}</style>"
+        "<div role=checkbox tabindex=0 aria-label=Agree class=on><label><input type=checkbox>"
+        "<b class=on style='cursor:pointer'>Agree</b></label></div>" + LISTENS.format("click"),
+        ["Agree"],
+    ),
+    "parts of what fills a control": (
+        "<div role=combobox tabindex=0 aria-label=Town style='width:90px'>"
+        "<div class=on style='width:90px;height:30px'>"
+        "<i style='float:right;cursor:pointer;border:9px solid'></i></div></div>" + LISTENS.format("click"),
+        ["Town"],
+    ),
+    "what names a group": (
+        "<b class=on id=l>Size</b><div role=radiogroup aria-labelledby=l>S, M</div>"
+        + LISTENS.format("mousedown"),
+        [],
+    ),
+    "a component around an icon of the same name": (
+        "<div role=option tabindex=0 class=on style='width:200px'>Tag <x-one class=on "
+        "style='float:right;padding:0 20px'></x-one></div>"
+        + COMPONENT.format("<b tabindex=0 style='background:red'>x</b>")
+        + LISTENS.format("click"),
+        ["Tag x", "x"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

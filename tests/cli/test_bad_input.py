@@ -13,12 +13,12 @@ import yaml
 from tests.conftest import Calls, Commands
 from tests.llm.endpoint import Endpoint, serve
 
-from webgym.collection import RunConfig, collect
 from webgym.core.errors import PolicyError, StoreFull, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.offline import OfflineWeb
 from webgym.rollout.store import RunReader
+from webgym.runs import RunConfig, collect
 from webgym.server import ServerConfig, running_server
 from webgym.tasks import draw, write_tasks
 

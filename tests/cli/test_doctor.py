@@ -88,7 +88,7 @@ def test_no_browser_anywhere(tmp_path: Path) -> None:
     assert report["ready"] is False
     [missing] = [check for check in report["checks"] if check["status"] == "missing"]
     assert missing["name"] == "Browser"
-    assert "playwright install chromium-headless-shell" in missing["mend"]
+    assert "playwright install chromium-headless-shell" in missing["fix"]
 
 
 def test_a_browser_that_tells_its_version_and_cannot_start(tmp_path: Path) -> None:
@@ -100,7 +100,7 @@ def test_a_browser_that_tells_its_version_and_cannot_start(tmp_path: Path) -> No
     checks = {check.name: check for check in doctor.check_browser(path, DoctorLimits())}
     assert checks["Browser"].status == "ok"
     assert checks["Rendering"].status == "missing"
-    assert "install-deps" in checks["Rendering"].mend
+    assert "install-deps" in checks["Rendering"].fix
 
 
 def trial(**changes: object) -> Trial:
@@ -120,7 +120,7 @@ def trial(**changes: object) -> Trial:
 def test_fonts(fonts: dict[str, bool], status: str, packages: str) -> None:
     check = doctor._fonts(trial(fonts=fonts))
     assert check.status == status
-    assert check.mend.endswith(packages)
+    assert check.fix.endswith(packages)
     assert set(doctor.FONT_PACKAGES) == set(SAMPLES), "every script that is drawn has a package"
 
 
@@ -131,7 +131,7 @@ def test_running_without_a_sandbox_is_said_aloud(monkeypatch: pytest.MonkeyPatch
     assert check.status == "note"
     assert "OFF" in check.found
     assert "does not let it" in check.found
-    assert check.mend == "sudo sysctl -w this=that"
+    assert check.fix == "sudo sysctl -w this=that"
 
 
 def test_limits_decide_what_is_worth_a_note() -> None:
@@ -142,9 +142,9 @@ def test_limits_decide_what_is_worth_a_note() -> None:
         examinations.append(doctor.check_open_files)
     for examine in examinations:
         assert examine(modest).status == "ok"
-        assert examine(modest).mend == ""
+        assert examine(modest).fix == ""
         assert examine(lavish).status == "note"
-        assert examine(lavish).mend
+        assert examine(lavish).fix
 
 
 def test_graphics_cards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +165,7 @@ def test_a_missing_package_is_essential(monkeypatch: pytest.MonkeyPatch) -> None
         "importlib.metadata.requires", lambda _: ["no-such-package>=1", "httpx<1", "x; extra == 'y'"]
     )
     check = doctor.check_packages()
-    assert (check.status, check.found, check.mend) == ("missing", "without no-such-package", "make setup")
+    assert (check.status, check.found, check.fix) == ("missing", "without no-such-package", "make setup")
 
 
 def test_the_table_fits_a_narrow_terminal() -> None:

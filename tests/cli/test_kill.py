@@ -31,7 +31,7 @@ def settings(tmp_path: Path) -> Path:
     web = OfflineWeb(per_family=3)
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
     tasks = [
-        task for host in hosts for task in web.tasks_of(host) if task.truth and len(task.truth.moves) <= 4
+        task for host in hosts for task in web.tasks_of(host) if task.truth and len(task.truth.moves) <= 6
     ]
     write_tasks(tmp_path / "tasks.jsonl", draw(tasks, TASKS, seed=5))
     held = {

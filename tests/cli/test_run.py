@@ -62,7 +62,9 @@ def test_a_stopped_run_says_how_to_go_on(
     (run / "config.yaml").touch()
     with pytest.raises(stop):
         _run.run(job, resumed_by=("webgym rollout", run))
-    assert capsys.readouterr().err == (f"what is done is kept; go on with: webgym rollout --resume '{run}'\n")
+    assert capsys.readouterr().err == (
+        f"what is done is kept; resume with: webgym rollout --resume '{run}'\n"
+    )
     _run.run(whole, resumed_by=("webgym rollout", run))
     assert not capsys.readouterr().err
 
@@ -92,7 +94,7 @@ def test_ctrl_c_once_lets_a_run_finish_and_twice_abandons_it(
     assert ends == {1: ["finished", "told"], 2: ["abandoned"]}[presses]
     said = capsys.readouterr().err
     assert "Ctrl-C again abandons" in said
-    assert ("go on with: webgym rollout --resume" in said) == (presses == 1)
+    assert ("resume with: webgym rollout --resume" in said) == (presses == 1)
 
 
 def test_a_command_that_came_to_its_end_says_nothing_of_going_on(
@@ -181,7 +183,7 @@ async def test_ctrl_c_leaves_the_terminal_whole_and_tells_what_is_kept(tmp_path:
     kept = 2 if presses == 2 else 6
     told = terminal.shown.splitlines()
     assert ended == (130, True)
-    assert told[-1] == f"{kept} attempts are kept; go on with: webgym rollout --resume {run}"
+    assert told[-1] == f"{kept} attempts are kept; resume with: webgym rollout --resume {run}"
     assert f"{kept}/12 done" in terminal.shown
     assert terminal.raw.rindex(b"\x1b[?25h") > terminal.raw.rindex(b"\x1b[?25l")
     assert json.loads((run / "summary.json").read_text())["attempts"] == 6

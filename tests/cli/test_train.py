@@ -97,7 +97,7 @@ def test_an_iteration_is_told_on_one_line(tmp_path: Path) -> None:
     ("stop", "code", "said"),
     [
         (KeyboardInterrupt(), 130, ""),
-        (StoreFull("no space left", hint="go on with --resume"), 1, "webgym: no space left"),
+        (StoreFull("no space left", hint="resume with --resume"), 1, "webgym: no space left"),
     ],
 )
 def test_a_stop_says_how_to_go_on(
@@ -118,12 +118,12 @@ def test_a_stop_says_how_to_go_on(
     found, printed = calls.run("train", settings, "--out", folder)
     assert found == code
     assert said in printed
-    (line,) = [each for each in printed.splitlines() if "go on with:" in each]
-    assert line == f"what is done is kept; go on with: webgym train --resume '{folder}'"
+    (line,) = [each for each in printed.splitlines() if "resume with:" in each]
+    assert line == f"what is done is kept; resume with: webgym train --resume '{folder}'"
     assert "Traceback" not in printed
 
 
 def test_one_that_did_not_begin_says_nothing_about_going_on(tmp_path: Path, calls: Calls) -> None:
     code, said = calls.run("train", tmp_path / "none.yaml", "--out", tmp_path / "out")
     assert code == 2
-    assert "go on with" not in said
+    assert "resume with" not in said

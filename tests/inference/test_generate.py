@@ -14,7 +14,7 @@ torch = pytest.importorskip("torch")
 
 from tests.agent.test_context import observation  # noqa: E402
 
-from webgym.agent.policy import Turn  # noqa: E402
+from webgym.agent.policy import PolicyInput  # noqa: E402
 from webgym.core.errors import ConfigError, PolicyError  # noqa: E402
 from webgym.core.task import FactGroup, Rubric, Task  # noqa: E402
 from webgym.core.trajectory import ImageRef, Message, TextPart  # noqa: E402
@@ -113,8 +113,8 @@ def test_draws_follow_the_distribution_and_their_own_seed() -> None:
     assert draw(logprobs[:1], [torch.Generator().manual_seed(17)]) == drawn[17]
 
 
-def turn(text: str, *names: str) -> Turn:
-    return Turn(
+def turn(text: str, *names: str) -> PolicyInput:
+    return PolicyInput(
         task=TASK,
         observation=observation(0),
         messages=messages(text, *names),

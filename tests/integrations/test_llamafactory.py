@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from webgym.collection import RunConfig, ServerChoice, TaskChoice, collect
 from webgym.offline.app import SitesConfig
 from webgym.rollout.export import export
+from webgym.runs import RunConfig, ServerChoice, TaskChoice, collect
 
 PYTHON = os.environ.get("WEBGYM_LLAMAFACTORY_PYTHON", "")
 

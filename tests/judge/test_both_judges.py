@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from tests.judge.judge_model import Asked, serve_judge
 
-from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.text import fold, says
@@ -21,6 +20,7 @@ from webgym.offline.app import SitesConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.rejudge import RECORDED, compare, judge_run, verdicts_of
 from webgym.rollout.store import RunReader
+from webgym.runs import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.tasks import draw, write_tasks
 
 pytestmark = pytest.mark.browser
@@ -88,7 +88,7 @@ class Reader:
 async def make_run(path: Path) -> Path:
     web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
-    write_tasks(path / "tasks.jsonl", draw((task for host in hosts for task in web.tasks_of(host)), 6, 5))
+    write_tasks(path / "tasks.jsonl", draw((task for host in hosts for task in web.tasks_of(host)), 6, 9))
     config = RunConfig(
         sites=SITES,
         tasks=TaskChoice(file=path / "tasks.jsonl", split="all"),

@@ -9,7 +9,6 @@ import pytest
 
 from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
 from webgym.browser.find import find_browser
-from webgym.checking import cut_off
 from webgym.core.action import Navigate
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
@@ -18,6 +17,7 @@ from webgym.core.trajectory import Episode, Reply, Step, Trajectory
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, Truth
 from webgym.offline.app import SitesConfig, serving
 from webgym.offline.families.timetable import Timetable
+from webgym.validation import cut_off
 
 SITES = 6
 

@@ -6,14 +6,11 @@ import msgspec
 import pytest
 
 from webgym.offline.families.encyclopedia.schema import Lack, Stock
-from webgym.offline.families.shop.schema import Figure
 
 
 @pytest.mark.parametrize(
     ("data", "shape", "said"),
     [
-        (["Weight", 1, 2, 0, "kg", "dry"], Figure, "at most length 5"),
-        (["Weight", 1, 2], Figure, "at least length 4"),
         (["Overture", ["Short", 3], "has none"], Lack, r"\$\[1\]\[1\]"),
         ({"words": {}, "subject": []}, Stock, "unknown field `subject`"),
     ],

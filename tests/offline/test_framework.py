@@ -10,12 +10,14 @@ import sys
 from collections import Counter
 from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import Path
 from statistics import median
 from typing import Any, ClassVar, Literal
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.offline.golden import lines
 
 from webgym.core.task import FactGroup, Rubric
 from webgym.core.truth import Click, Evidence, Give, Home, See, StateCheck
@@ -460,3 +462,9 @@ def test_the_same_seed_gives_the_same_bytes_in_every_process() -> None:
     )
     assert first == second
     assert len(first.strip()) == 64
+
+
+def test_a_version_keeps_its_tasks() -> None:
+    """``tests/offline/golden.py`` writes the file, and says when that is right."""
+    golden = (Path(__file__).parent / "golden.txt").read_text().splitlines()
+    assert list(lines()) == golden

@@ -10,13 +10,12 @@ import pytest
 
 from webgym.core.text import fold, says
 from webgym.core.truth import Give
-from webgym.offline.families.events import Events
 from webgym.offline.families.timetable import Timetable
 from webgym.offline.look import look
 from webgym.offline.parts import Place, write
 from webgym.offline.website import Website
 
-FAMILIES: tuple[type[Website], ...] = (Events, Timetable)
+FAMILIES: tuple[type[Website], ...] = (Timetable,)
 SEEDS = range(4, 12)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from webgym.checking import typed
 from webgym.core.task import Task
 from webgym.core.truth import Evidence, Fill
 from webgym.offline import OfflineWeb
@@ -14,6 +13,7 @@ from webgym.offline.look import look
 from webgym.offline.proofs import repeating_pages, typed_proofs
 from webgym.offline.website import Response, Visit, Website, page, redirect
 from webgym.tasks import draw
+from webgym.validation import typed
 
 PER_FAMILY = 1
 

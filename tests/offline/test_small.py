@@ -12,7 +12,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from webgym.collection import RunConfig, TaskChoice, collect, resolved
 from webgym.core.errors import ConfigError, SitesError
 from webgym.core.task import Task
 from webgym.core.truth import AnswerTruth, Click, Done, Evidence, Give, Remember, StateCheck
@@ -33,6 +32,7 @@ from webgym.offline.small.wording import words_of
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.website import Split, Visit, Website
 from webgym.rollout.driver import AttemptConfig
+from webgym.runs import RunConfig, TaskChoice, collect, resolved
 from webgym.tasks import write_tasks
 from webgym.testing import check_family, check_tasks, play
 

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from webgym.checking import pushovers, unexpected
-from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.core.action import Answer
 from webgym.judge import OfflineJudge
 from webgym.offline import OfflineWeb
@@ -15,8 +13,10 @@ from webgym.offline.app import SitesConfig
 from webgym.offline.small import FAMILIES
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.store import RunReader
+from webgym.runs import PolicyChoice, RunConfig, TaskChoice, collect
 from webgym.tasks import draw, write_tasks
 from webgym.testing import play
+from webgym.validation import pushovers, unexpected
 
 
 @pytest.mark.browser

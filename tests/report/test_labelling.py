@@ -31,10 +31,10 @@ from webgym.core.verdict import Judgement, Verdict
 from webgym.judge.labels import read_labels
 from webgym.report.config import ViewConfig
 from webgym.report.live import view_app
-from webgym.rollout.labels import HumanLabel, LabelBook, labels_path, sample_to_label
+from webgym.rollout.labels import HumanLabel, LabelStore, labels_path, sample_to_label
 from webgym.rollout.records import Entry
 from webgym.rollout.store import RunReader
-from webgym.rollout.verdicts import Judged, VerdictBook
+from webgym.rollout.verdicts import Judged, VerdictLog
 
 HOST = "http://127.0.0.1:1234"
 
@@ -154,7 +154,7 @@ def test_a_second_attempt_at_a_task_comes_after_all_first_ones(large_run: Path) 
 
 async def test_the_verdict_is_not_sent_before_there_is_a_label(client: httpx.AsyncClient, run: Path) -> None:
     queue = await queue_of(client)
-    with VerdictBook(run, "other/1") as book:
+    with VerdictLog(run, "other/1") as book:
         verdict = Verdict("other/1", 1, (), Judgement(False, "not blocked at all"))
         book.append(Judged(queue[0], "other/1", Outcome.SUCCESS, 0.0, 1.0, verdict))
     for attempt_id in queue:
@@ -228,7 +228,7 @@ async def test_what_is_no_label_is_refused(client: httpx.AsyncClient, run: Path)
 
 def test_a_book_keeps_what_others_wrote(tmp_path: Path) -> None:
     path = tmp_path / "labels.csv"
-    one, other = LabelBook(path), LabelBook(path)
+    one, other = LabelStore(path), LabelStore(path)
     one.put(HumanLabel("success", "a#0.0", "a", "ann"))
     other.put(HumanLabel("failure", "a#0.0", "a", "bob"))
     one.put(HumanLabel("failure", "a#0.0", "a", "ann", "looked again"))
@@ -237,7 +237,7 @@ def test_a_book_keeps_what_others_wrote(tmp_path: Path) -> None:
         ("ann", "failure"),
         ("bob", "failure"),
     }
-    as_json = LabelBook(tmp_path / "labels.json")
+    as_json = LabelStore(tmp_path / "labels.json")
     as_json.put(HumanLabel("unsure", "a#0.0", "a", "ann"))
     assert json.loads((tmp_path / "labels.json").read_text())[0]["label"] == "unsure"
 
@@ -247,7 +247,7 @@ def test_a_file_that_would_lose_something_is_left_alone(tmp_path: Path, text: st
     path = tmp_path / "labels.csv"
     path.write_text(text)
     with pytest.raises(UsageError, match="cannot write labels"):
-        LabelBook(path)
+        LabelStore(path)
     assert path.read_text() == text
 
 
@@ -262,7 +262,7 @@ async def test_a_file_that_cannot_be_used_is_said(client: httpx.AsyncClient, run
 def test_kill_9_loses_no_label_that_was_acknowledged(tmp_path: Path) -> None:
     script = (
         "import sys; from pathlib import Path; from webgym.rollout.labels import *\n"
-        "book = LabelBook(Path(sys.argv[1]))\n"
+        "book = LabelStore(Path(sys.argv[1]))\n"
         "for n in range(10_000):\n"
         "    book.put(HumanLabel('success', f'{n}#0.0', str(n), 'ann')); print(n, flush=True)\n"
     )
@@ -278,7 +278,7 @@ def test_kill_9_loses_no_label_that_was_acknowledged(tmp_path: Path) -> None:
     read = read_labels(path)
     assert not read.broken
     assert len(read.labels) in (acknowledged, acknowledged + 1)
-    LabelBook(path).put(HumanLabel("failure", "0#0.0", "0", "ann"))
+    LabelStore(path).put(HumanLabel("failure", "0#0.0", "0", "ann"))
     assert len(read_labels(path).labels) == len(read.labels)
 
 

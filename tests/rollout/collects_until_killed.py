@@ -1,4 +1,4 @@
-"""Collects a run, or goes on with one, until it is done or killed.
+"""Collects a run, or continues with one, until it is done or killed.
 
     python collects_until_killed.py RUN CONFIG TORN
 
@@ -18,8 +18,8 @@ from pathlib import Path
 from pydantic import SecretStr
 
 from webgym.bench.stand_ins import TOKEN
-from webgym.collection import RunConfig, Secrets, collect, resume
 from webgym.rollout.files import CONFIG, TRAJECTORIES, Log
+from webgym.runs import RunConfig, Secrets, collect, resume
 
 
 async def main(run: Path, config: Path) -> None:

@@ -15,7 +15,6 @@ from tests.rollout.test_summary import task
 
 from webgym.agent.config import AgentConfig
 from webgym.bench.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
-from webgym.collection import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, collect, resume
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
 from webgym.judge.factory import JudgeChoice
@@ -24,6 +23,7 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
+from webgym.runs import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, collect, resume
 from webgym.tasks import write_tasks
 
 SECONDS = 60
@@ -128,7 +128,7 @@ class Run:
         yield
 
     def start(self, config: RunConfig | None, out: Path) -> Run:
-        """Collect, or go on without a config."""
+        """Collect, or continue without a config."""
         given: dict[str, Any] = {
             "secrets": Secrets(server_token=SecretStr(TOKEN)),
             "show": self._show,

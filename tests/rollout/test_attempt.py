@@ -13,7 +13,7 @@ from tests.rollout.test_summary import task
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
-from webgym.agent.policy import BasePolicy, Turn
+from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.core.action import BrowserAction
 from webgym.core.errors import PolicyTimeout
 from webgym.core.observation import Notice, Observation
@@ -76,7 +76,7 @@ class Says(BasePolicy):
         del task, seed
         return self
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         del turn
         if not self._replies:
             raise PolicyTimeout("no reply came in 60 s")

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from webgym.collection import RunConfig, ServerChoice, TaskChoice, choose_tasks, collect
 from webgym.core.errors import ConfigError, StoreError
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.websites import host_of
 from webgym.offline.app import SitesConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
+from webgym.runs import RunConfig, ServerChoice, TaskChoice, choose_tasks, collect
 from webgym.tasks import write_tasks
 
 

@@ -15,20 +15,9 @@ import pytest
 from pydantic import SecretStr
 
 from webgym.agent.config import AgentConfig
-from webgym.agent.policy import Player, Turn
+from webgym.agent.policy import PolicyInput, PolicySession
 from webgym.agent.scripted import ScriptedPolicy
 from webgym.browser import BrowserConfig
-from webgym.checking import unexpected
-from webgym.collection import (
-    PolicyChoice,
-    RunConfig,
-    Secrets,
-    ServerChoice,
-    TaskChoice,
-    collect,
-    read_config,
-    resume,
-)
 from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
@@ -41,7 +30,18 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
+from webgym.runs import (
+    PolicyChoice,
+    RunConfig,
+    Secrets,
+    ServerChoice,
+    TaskChoice,
+    collect,
+    read_config,
+    resume,
+)
 from webgym.tasks import draw, write_tasks
+from webgym.validation import unexpected
 
 pytestmark = pytest.mark.browser
 
@@ -57,7 +57,7 @@ def config(file: Path | None = None, **changes: Any) -> RunConfig:
     return RunConfig(**settings | changes)
 
 
-def task_file(path: Path, count: int, *, behaviour: str = "good", most_moves: int = 4) -> Path:
+def task_file(path: Path, count: int, *, behaviour: str = "good", most_moves: int = 6) -> Path:
     """Tasks whose solutions are short, where it does not matter how long they are."""
     web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == behaviour]
@@ -282,15 +282,15 @@ class Held(ScriptedPolicy):
         self.lets = asyncio.Event()
         self.waiting = asyncio.Barrier(attempts + 1)
 
-    def begin(self, task: Task, seed: int) -> Player:  # type: ignore[override]
+    def begin(self, task: Task, seed: int) -> PolicySession:  # type: ignore[override]
         return HeldPlayer(super().begin(task, seed), self)
 
 
 class HeldPlayer:
-    def __init__(self, player: Player, policy: Held) -> None:
+    def __init__(self, player: PolicySession, policy: Held) -> None:
         self._player, self._policy = player, policy
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         if turn.index == 1 and not self._policy.lets.is_set():
             await self._policy.waiting.wait()
             await self._policy.lets.wait()

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
+from hashlib import sha256
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -19,7 +21,7 @@ from webgym.core.verdict import Judgement, Verdict
 from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Sample, evaluate, rows_of
 from webgym.rollout.rates import wilson
 from webgym.rollout.store import RunReader
-from webgym.rollout.verdicts import Judged, VerdictBook
+from webgym.rollout.verdicts import Judged, VerdictLog
 
 QUICK = EvaluationConfig(resamples=500)
 GOOD, BAD = Outcome.SUCCESS, Outcome.FAILURE
@@ -145,7 +147,7 @@ def test_a_run_as_its_summary_has_it(run: Path) -> None:
 
 
 def test_another_judge_gives_another_rate(run: Path) -> None:
-    with VerdictBook(run, "strict/1") as book:
+    with VerdictLog(run, "strict/1") as book:
         for entry in RunReader(run).attempts.values():
             if entry.outcome is GOOD:
                 verdict = Verdict("strict/1", 0, (), Judgement(False, "no"))
@@ -184,6 +186,48 @@ def test_an_evaluation_from_end_to_end(tmp_path: Path, calls: Calls) -> None:
     assert told["rows"]["overall"]["tasks"] == 3
     assert told["rows"]["overall"]["missing"] == 0
     assert len(reader.attempts) == len(RunReader(tmp_path / "run").attempts)  # nothing was made again
+    manifest = told["manifest"]
+    assert manifest["webgym"] == version("webgym-rl")
+    assert manifest["browser"].partition("/")[2][0].isdigit()
+    assert manifest["judges"] == ["offline/2"]
+    assert manifest["budget"] == [12, 20, 40]
+    assert manifest["split"] == "test"
+    assert manifest["server"] == "here"
+    assert manifest["egress"]["ports"] == [80, 443, 8080, 8443]
+    assert manifest["viewport"] == reader.config["attempt"]["viewport"]
+    assert manifest["tasks_sha256"] == sha256((tmp_path / "run" / "tasks.jsonl").read_bytes()).hexdigest()
+    assert [len(digest) for digest in manifest["prompts"]] == [64]
+    assert manifest["planned"] == 3
+    assert manifest["began"] <= manifest["ended"]
+
+
+def test_what_a_run_does_not_record_is_not_made_up(run: Path) -> None:
+    """This one was written without the collector: it tells its seed, and nothing of how it was made."""
+    manifest = evaluate(run, config=QUICK).manifest
+    unknown = ("webgym", "budget", "weights", "agent", "browser", "sandboxed", "viewport", "server", "egress")
+    for name in unknown:
+        assert getattr(manifest, name) is None, name
+    assert (manifest.seed, manifest.planned, manifest.judged, manifest.missing) == (7, 12, 7, 1)
+    # A sample is counted once, however it ended.
+    lost = sum(sum(codes.values()) for codes in manifest.invalid.values())
+    assert manifest.judged + lost + manifest.missing == manifest.planned
+    assert {name: sum(codes.values()) for name, codes in manifest.invalid.items()} == {
+        "blocked": 1,
+        "environment_error": 1,
+        "policy_error": 1,
+        "judge_error": 1,
+    }
+    assert sum(manifest.blocked_websites.values()) == 1
+
+
+def test_conditions_stand_beside_the_score(run: Path, calls: Calls) -> None:
+    code, said = calls.run("eval", "--of", run, "--of", run, "--markdown")
+    assert code == 0, said
+    rows = [line.strip("| ").split(" | ") for line in said.partition("**Conditions**")[2].splitlines()[2:]]
+    told = {row[0]: row[1:] for row in rows}
+    assert told["browser"] == ["not recorded"] * 2
+    assert told["judged samples, successes"] == ["7, 4"] * 2
+    assert all("judge_error" in cell for cell in told["samples without a reward"])
 
 
 def test_tables_of_runs(run: Path, calls: Calls) -> None:

@@ -22,7 +22,7 @@ from webgym.core.verdict import Cost, Judgement, Verdict
 from webgym.judge import Pictures
 from webgym.rollout.rejudge import RECORDED, RejudgeConfig, compare, judge_run, recorded, verdicts_of
 from webgym.rollout.store import RunReader, RunWriter
-from webgym.rollout.verdicts import VerdictBook, book_path, read_verdicts
+from webgym.rollout.verdicts import VerdictLog, book_path, read_verdicts
 
 
 class Counting:
@@ -132,7 +132,7 @@ async def test_torn_and_changed_lines_do_not_count_and_are_judged_again(run: Pat
 
 
 async def test_one_process_at_a_time_writes_a_judges_verdicts(run: Path) -> None:
-    with VerdictBook(run, "counting/1"):
+    with VerdictLog(run, "counting/1"):
         with pytest.raises(StoreLocked):
             await judge_run(run, Counting())
         await judge_run(run, Counting("counting/2"))

@@ -18,7 +18,7 @@ from webgym.judge.base import Pictures
 from webgym.judge.labels import HumanLabel
 from webgym.judge.without_rubric import PREFIX, WithoutRubric
 from webgym.rollout.agreement import pairs_of
-from webgym.rollout.labels import LabelBook, labels_path
+from webgym.rollout.labels import LabelStore, labels_path
 from webgym.rollout.rejudge import RECORDED, judge_run
 from webgym.rollout.store import RunReader
 
@@ -97,7 +97,7 @@ def test_the_command_on_labels_of_the_labelling_page(
     command: Command,  # noqa: F811
     tmp_path: Path,
 ) -> None:
-    book = LabelBook(labels_path(run))
+    book = LabelStore(labels_path(run))
     ended = by_outcome(run)
     for outcome in (Outcome.SUCCESS, Outcome.FAILURE, Outcome.TRUNCATED):
         for attempt_id in ended[outcome]:

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from webgym.collection import RunConfig, ServerChoice, TaskChoice, collect, resume
 from webgym.core.errors import ConfigError
 from webgym.offline.app import SitesConfig
 from webgym.rollout.trackers import FOLDER, numbers_in, tracking
+from webgym.runs import RunConfig, ServerChoice, TaskChoice, collect, resume
 
 
 def row(iteration: int, rate: float | None) -> dict[str, Any]:
@@ -151,7 +151,9 @@ async def test_a_tracker_that_fails_or_hangs_stops_nothing_and_is_told(
         for number in range(3):
             track(row(number, 0.5))
         hangs.set()
-    assert told == ["wandb gets no more figures until this goes on with --resume: RuntimeError: 402 not paid"]
+    assert told == [
+        "wandb gets no more figures until this is resumed with --resume: RuntimeError: 402 not paid"
+    ]
     config = RunConfig(
         server=ServerChoice(rehearsed=True),
         sites=SitesConfig(collection="small", per_family=1),
@@ -177,7 +179,7 @@ def test_a_tracker_that_hangs_does_not_hold_the_end(
         pass
     assert not hangs.is_set(), "the block ended while the tracker hung"
     assert told == [
-        "wandb gets no more figures until this goes on with --resume: it did not end within 0.05 s"
+        "wandb gets no more figures until this is resumed with --resume: it did not end within 0.05 s"
     ]
     hangs.set()
 

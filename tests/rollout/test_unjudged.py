@@ -29,7 +29,7 @@ from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
-from webgym.rollout.judging import find
+from webgym.rollout.judging import judge_episode
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
@@ -95,7 +95,7 @@ async def judged(
         for name, data in PICTURES.items():
             await store.put_image(name, data)
         for task, done, _ in attempts:
-            found = await find(judge, task, done, pictures, 60)
+            found = await judge_episode(judge, task, done, pictures, 60)
             await store.append(Trajectory(done, found.outcome, found.verdict, found.failure))
             progress.ended(Trajectory(done, found.outcome))
         before = summarise(RunReader(path).trajectories(), list(tasks.values()))

@@ -28,7 +28,7 @@ from webgym.server import (
 )
 
 MARK = "WEBGYM_TEST_MARK"
-KINDS = ("raylet", "ray::NodeActor", "webgym.server.child", "--type=renderer")
+KINDS = ("raylet", "ray::NodeActor", "webgym.server.subprocess_worker", "--type=renderer")
 
 
 def statuses() -> dict[str, dict[str, str]]:

@@ -39,7 +39,6 @@ from webgym.server import (
     SessionOptions,
     running_gateway,
 )
-from webgym.server.line import Line
 from webgym.server.messages import (
     GENERATION_HEADER,
     SECRET_HEADER,
@@ -49,7 +48,8 @@ from webgym.server.messages import (
     Watched,
 )
 from webgym.server.operations import METADATA, OPERATIONS, STEP
-from webgym.server.ways import Way
+from webgym.server.queue import Line
+from webgym.server.routing import Way
 
 from .conftest import LOCAL, TOKEN, Site, quick
 
@@ -107,7 +107,7 @@ def children() -> dict[int, psutil.Process]:
     found = {}
     for child in psutil.Process().children():
         with contextlib.suppress(psutil.NoSuchProcess):  # a zombie is none either
-            if any("webgym.server.child" in part for part in child.cmdline()):
+            if any("webgym.server.subprocess_worker" in part for part in child.cmdline()):
                 found[child.pid] = child
     return found
 

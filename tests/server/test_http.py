@@ -26,7 +26,7 @@ from webgym.core.errors import (
     Unauthorized,
 )
 from webgym.server import BrowserClient, RunningServer, ServerConfig, SessionOptions, running_server
-from webgym.server.front import error_response
+from webgym.server.http import error_response
 from webgym.server.messages import Watched
 from webgym.server.operations import OPERATIONS
 from webgym.server.pool import Pool

@@ -12,7 +12,7 @@ from starlette.requests import Request
 
 from webgym.browser import BrowserConfig, Egress, ProfileRoot, Slot
 from webgym.core.errors import LeaseLost, Unauthorized
-from webgym.server.front import Front
+from webgym.server.http import Front
 from webgym.server.leases import Leases
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import INFO

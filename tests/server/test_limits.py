@@ -18,7 +18,7 @@ from starlette.types import Receive, Scope, Send
 
 from webgym.core.errors import ProtocolError, WebGymError
 from webgym.server import ServerConfig
-from webgym.server.front import Front, decode
+from webgym.server.http import Front, decode
 from webgym.server.listening import listen, serving
 from webgym.server.messages import StepRequest, error_of
 from webgym.server.metrics import CallMetrics

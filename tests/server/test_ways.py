@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from webgym.server.ways import may_go_straight
+from webgym.server.routing import may_go_straight
 
 
 @pytest.mark.parametrize(

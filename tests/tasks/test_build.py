@@ -28,7 +28,7 @@ from webgym.core.errors import BudgetSpent, ConfigError, LLMBadReply, UsageError
 from webgym.core.task import Task
 from webgym.llm import ReplyCache, import_results
 from webgym.tasks import read_tasks
-from webgym.tasks.build import (
+from webgym.tasks.construction import (
     BuildConfig,
     Finished,
     Noted,
@@ -417,7 +417,7 @@ async def test_a_manifest_does_not_outlive_its_set(tmp_path: Path, monkeypatch: 
         def full(*_: object) -> None:
             raise OSError(28, "No space left on device")
 
-        monkeypatch.setattr("webgym.tasks.build.outputs.describe", full)
+        monkeypatch.setattr("webgym.tasks.construction.outputs.describe", full)
         with pytest.raises(UsageError, match="No space left on device"):
             await command.build(out, seed=1)
     assert not (out / "manifest.json").exists(), "it would tell of a set that is no longer there"

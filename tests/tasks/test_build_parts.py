@@ -23,10 +23,10 @@ from webgym.core.errors import (
     NotCached,
 )
 from webgym.llm import EndpointRefused
-from webgym.tasks.build import PURPOSES, BuildConfig, Stages, read_config
-from webgym.tasks.build.asking import Done, Failed, Pending, ask_all
-from webgym.tasks.build.books import Books, BooksDoNotBalance
-from webgym.tasks.build.importing import draw
+from webgym.tasks.construction import PURPOSES, BuildConfig, Stages, read_config
+from webgym.tasks.construction.asking import Done, Failed, Pending, ask_all
+from webgym.tasks.construction.books import Books, BooksDoNotBalance
+from webgym.tasks.construction.importing import draw
 from webgym.tasks.rules import RULES
 from webgym.tasks.sources import SourceTask
 

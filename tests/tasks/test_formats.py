@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 from tests.tasks.strategies import task_lists
 
-from webgym.collection import RunConfig, TaskChoice, choose_tasks
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Attachment, FactGroup, Rubric, Task
 from webgym.offline import OfflineWeb
+from webgym.runs import RunConfig, TaskChoice, choose_tasks
 from webgym.tasks import Format, read_tasks, write_tasks
 
 NAMES: dict[str, Format] = {

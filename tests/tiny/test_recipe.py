@@ -15,13 +15,13 @@ from PIL import Image
 
 pytest.importorskip("torch")
 
-from webgym.collection import RunConfig, collect
 from webgym.core.errors import ConfigError
 from webgym.offline.web import OfflineWeb
 from webgym.rehearsal import Rehearsal, Rehearsals
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.rollout.store import RunReader
+from webgym.runs import RunConfig, collect
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.recipe import RecipeConfig, agent_of, follow
 

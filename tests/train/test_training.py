@@ -13,8 +13,7 @@ from typing import Any, cast
 import pytest
 from safetensors.torch import load_file
 
-from webgym.agent.policy import BasePolicy, Player, Policy, Turn
-from webgym.collection import Secrets, ServerChoice, all_tasks, services
+from webgym.agent.policy import BasePolicy, Policy, PolicyInput, PolicySession
 from webgym.core.errors import BrowserCrashed, JudgeError, PolicyError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
@@ -24,6 +23,7 @@ from webgym.offline.small.wording import small_vocabulary
 from webgym.rollout.attempt import Attempt
 from webgym.rollout.store import RunReader
 from webgym.rollout.trackers import numbers_in
+from webgym.runs import Secrets, ServerChoice, all_tasks, services
 from webgym.server import Session
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.model import TinyConfig, make_model, save_model
@@ -68,15 +68,15 @@ class Breakable(BasePolicy):
         self._policy = Demonstrators()
         self.name = self._policy.name
 
-    def begin(self, task: Task, seed: int) -> Player:
+    def begin(self, task: Task, seed: int) -> PolicySession:
         return _Player(self._policy.begin(task, seed))
 
 
 class _Player:
-    def __init__(self, player: Player) -> None:
+    def __init__(self, player: PolicySession) -> None:
         self._player = player
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         if FAULT.get() == "policy" and turn.index:
             raise PolicyError("injected")
         return await self._player.reply(turn)

@@ -258,7 +258,7 @@ def test_what_does_not_fit_is_one_line(model: Path, tmp_path: Path) -> None:
         updater(tmp_path / "nowhere")
     with pytest.raises(ConfigError, match=r"lora\.targets fits no module"):
         updater(model, lora={"targets": "nothing"})
-    with pytest.raises(TrainingError, match="holds no update to go on from"):
+    with pytest.raises(TrainingError, match="holds no update to resume from"):
         updater(model, resume=model)
     made = updater(model)
     made.save(tmp_path / "all")

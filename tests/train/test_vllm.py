@@ -21,7 +21,7 @@ from tests.agent.test_context import observation
 from tests.train import fake_vllm
 from tests.train.making import request, task
 
-from webgym.agent.policy import Turn
+from webgym.agent.policy import PolicyInput
 from webgym.core.errors import ConfigError, PolicyError, PolicyUnreachable, PublishError, TrainingError
 from webgym.core.trajectory import Reply
 from webgym.inference.vllm import VllmConfig, VllmPolicy
@@ -44,8 +44,8 @@ def saved(folder: Path, *, off: float = 0.0) -> Path:
     return folder
 
 
-def turn() -> Turn:
-    return Turn(
+def turn() -> PolicyInput:
+    return PolicyInput(
         task=task("a"),
         observation=observation(0),
         messages=request()[:1],
@@ -287,7 +287,7 @@ class _Lost:
     def __init__(self, policy: VllmPolicy) -> None:
         self._policy = policy
 
-    async def reply(self, _turn: Turn) -> Reply:
+    async def reply(self, _turn: PolicyInput) -> Reply:
         self._policy.hold()
         raise PolicyUnreachable("gone")
 

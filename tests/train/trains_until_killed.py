@@ -21,7 +21,7 @@ import torch
 from tests.train import test_loop
 from tests.train.test_training import Breakable, Serving, settings
 
-from webgym.collection import Secrets, ServerChoice, all_tasks, services
+from webgym.runs import Secrets, ServerChoice, all_tasks, services
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training, make_run

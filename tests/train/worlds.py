@@ -8,11 +8,11 @@ from typing import Any
 
 from webgym.agent.policy import BasePolicy, Policy
 from webgym.agent.random_policy import RandomPolicy
-from webgym.collection import RunConfig, Secrets, ServerChoice
 from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
+from webgym.runs import RunConfig, Secrets, ServerChoice
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective

@@ -5,7 +5,7 @@ from webgym.agent.config import AgentConfig, PromptFormat
 from webgym.agent.factory import POLICY_NAMES, create_policy
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.parser import ParsedReply, ParseError, parse_reply
-from webgym.agent.policy import Player, Policy, Turn
+from webgym.agent.policy import Policy, PolicyInput, PolicySession
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import GENERIC, all_profiles, choose_profile, profile_of
 from webgym.agent.random_policy import RandomPolicy
@@ -21,13 +21,13 @@ __all__ = [
     "OpenAIPolicy",
     "ParseError",
     "ParsedReply",
-    "Player",
     "Policy",
+    "PolicyInput",
+    "PolicySession",
     "Profile",
     "PromptFormat",
     "RandomPolicy",
     "ScriptedPolicy",
-    "Turn",
     "all_profiles",
     "choose_profile",
     "create_policy",

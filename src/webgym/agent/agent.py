@@ -12,10 +12,10 @@ import msgspec
 
 from webgym.agent.config import AgentConfig
 from webgym.agent.context import Now, Round, build_request, picture_names, thinking_of
-from webgym.agent.images import fit
+from webgym.agent.image_codec import fit
 from webgym.agent.memory import merge
 from webgym.agent.parser import ParsedReply, ParseError, parse_reply
-from webgym.agent.policy import Policy, Turn
+from webgym.agent.policy import Policy, PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
 from webgym.core.action import Mode
@@ -109,7 +109,7 @@ class Dialogue:
         """All steps so far; ``changed`` is known for all but the last."""
         return [past.step for past in self._rounds]
 
-    async def request(self, observation: Observation, image: bytes) -> Turn:
+    async def request(self, observation: Observation, image: bytes) -> PolicyInput:
         """What to ask about this observation. Asking again, for the same or another, takes this one's place.
 
         Args:
@@ -126,7 +126,7 @@ class Dialogue:
         if observation.screenshot not in self._images and sent != observation.viewport:
             image = await asyncio.to_thread(fit, image, sent)
         held = {observation.screenshot: image} | self._images
-        turn = Turn(
+        turn = PolicyInput(
             task=self._task,
             observation=observation,
             messages=request.messages,
@@ -189,7 +189,7 @@ class Dialogue:
         first = max(0, len(self._rounds) - self._config.rounds)
         return {past.step.observation.screenshot for past in self._rounds[first:]}
 
-    def _parse(self, reply: Reply, turn: Turn) -> ParsedReply | ParseError:
+    def _parse(self, reply: Reply, turn: PolicyInput) -> ParsedReply | ParseError:
         parsed = parse_reply(
             reply.text,
             turn.mode,
@@ -203,7 +203,7 @@ class Dialogue:
         return parsed
 
     def _remember(self, parsed: ParsedReply | ParseError, unseen: Sequence[str]) -> Revision:
-        """Take in a reply's memory and progress; how its memory had to be mended."""
+        """Take in a reply's memory and progress; how its memory had to be corrected."""
         revision = Revision()
         if isinstance(parsed, ParseError):
             return revision
@@ -220,7 +220,7 @@ class _Asked:
     """A request that waits for its reply: with the rounds before it, the pictures at hand, and the entries of
     memory that it does not show."""
 
-    turn: Turn
+    turn: PolicyInput
     past: list[Round]
     images: dict[str, bytes]
     unseen: list[str]

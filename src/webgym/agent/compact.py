@@ -19,7 +19,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, Final
 
-from webgym.agent.pictures import Size
+from webgym.agent.image_sizing import Size
 from webgym.agent.wire import Refused, from_arguments, to_arguments
 from webgym.core.action import GRID, Action, Mode
 

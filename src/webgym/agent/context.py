@@ -18,9 +18,9 @@ import msgspec
 from webgym.agent.budget import Cut, fit_request
 from webgym.agent.compact import COMPACT_FORMATS, action_line, memory_line, progress_line
 from webgym.agent.config import WITH_MEMORY, AgentConfig
+from webgym.agent.image_sizing import Size
 from webgym.agent.memory import to_json
 from webgym.agent.parser import ParsedReply, ParseError, said_aloud
-from webgym.agent.pictures import Size
 from webgym.agent.profile import Profile, Thinking
 from webgym.agent.prompts import system_prompt
 from webgym.agent.wire import to_arguments
@@ -50,7 +50,7 @@ class Now(msgspec.Struct, frozen=True):
         index: number of this turn, from 0.
         budget: turns in all.
         memory: what has been remembered so far.
-        revision: how the last reply's memory had to be mended.
+        revision: how the last reply's memory had to be corrected.
         progress: the agent's latest statement of it; the compact formats repeat it.
     """
 

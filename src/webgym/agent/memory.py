@@ -26,7 +26,7 @@ from webgym.core.trajectory import Revision
 def merge(
     old: Mapping[str, Any], new: Mapping[str, Any], *, max_chars: int, unseen: Collection[str] = ()
 ) -> tuple[dict[str, Any], Revision]:
-    """``old`` with what ``new`` adds, and what the rule had to mend.
+    """``old`` with what ``new`` adds, and what the rule had to correct.
 
     Args:
         old: the memory so far; left as it is.

@@ -8,7 +8,7 @@ from typing import Self
 import msgspec
 from pydantic import SecretStr
 
-from webgym.agent.policy import Turn
+from webgym.agent.policy import PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
 from webgym.agent.request import to_openai
@@ -69,7 +69,7 @@ class OpenAIPolicy:
         """Itself: nothing is kept from turn to turn, and an endpoint draws its own random numbers."""
         return self
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """The model's reply.
 
         Raises:

@@ -26,7 +26,7 @@ import msgspec
 
 from webgym.agent.compact import COMPACT_FORMATS, parse_compact
 from webgym.agent.config import WITH_MEMORY, PromptFormat
-from webgym.agent.pictures import Size
+from webgym.agent.image_sizing import Size
 from webgym.agent.profile import Thinking
 from webgym.agent.wire import TOOL_NAME, ParseProblem, Refused, from_arguments
 from webgym.core.action import GRID, Action, Mode, Space

@@ -14,7 +14,7 @@ from typing import Any, Final, Protocol, Self
 import msgspec
 
 from webgym.agent.config import PromptFormat
-from webgym.agent.pictures import Size
+from webgym.agent.image_sizing import Size
 from webgym.core.action import GRID, Mode, Space
 from webgym.core.observation import Observation
 from webgym.core.task import Task
@@ -24,7 +24,7 @@ ORACLES: Final = frozenset({"scripted", "demonstrators"})
 """Names of policies that play solutions which no model is shown: their success says nothing of a model."""
 
 
-class Turn(msgspec.Struct, frozen=True):
+class PolicyInput(msgspec.Struct, frozen=True):
     """Everything that is known when a reply is asked for.
 
     Attributes:
@@ -54,10 +54,10 @@ class Turn(msgspec.Struct, frozen=True):
     space: Space = "paper"
 
 
-class Player(Protocol):
+class PolicySession(Protocol):
     """A policy's part in one attempt."""
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """The policy's reply, whole.
 
         Raises:
@@ -81,7 +81,7 @@ class Policy(Protocol):
     @property
     def wants_elements(self) -> bool: ...  # noqa: D102
 
-    def begin(self, task: Task, seed: int) -> Player:
+    def begin(self, task: Task, seed: int) -> PolicySession:
         """A player for one attempt; everything random in it follows from ``seed``."""
         ...
 

@@ -7,7 +7,7 @@ from typing import Final, Literal, TypeAlias
 
 import msgspec
 
-from webgym.agent.pictures import AsTaken, PictureRule, Size, within
+from webgym.agent.image_sizing import AsTaken, PictureRule, Size, within
 from webgym.core.action import GRID, Mode
 from webgym.llm.config import Sampling
 

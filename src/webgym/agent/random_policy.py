@@ -6,8 +6,8 @@ import random
 from typing import Final
 
 from webgym.agent.context import describe
-from webgym.agent.page import TEXT_ROLES, target_of, usable
-from webgym.agent.policy import BasePolicy, Turn
+from webgym.agent.elements import TEXT_ROLES, target_of, usable
+from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.agent.prompts import render_reply
 from webgym.core.action import (
     GRID,
@@ -56,7 +56,7 @@ class RandomPlayer:
     def __init__(self, rng: random.Random) -> None:
         self._rng = rng
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """Any action that the mode allows."""
         action = self._action(turn)
         text = render_reply(
@@ -64,7 +64,7 @@ class RandomPlayer:
         )
         return Reply(text, policy=RandomPolicy.name)
 
-    def _action(self, turn: Turn) -> Action:
+    def _action(self, turn: PolicyInput) -> Action:
         seen, rng = turn.observation, self._rng
         if turn.index >= turn.budget - 1 or rng.random() < _ANSWER_CHANCE:
             return Answer(self._words(seen, 3))

@@ -10,7 +10,7 @@ import base64
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from webgym.agent.images import fit, media_type
+from webgym.agent.image_codec import fit, media_type
 from webgym.core.trajectory import ImageRef, Message, Step, TextPart
 
 

@@ -13,8 +13,8 @@ import re
 from collections.abc import Sequence
 from typing import Any, Final, Literal, TypeAlias, get_args
 
-from webgym.agent.page import target_of, usable
-from webgym.agent.policy import BasePolicy, Turn
+from webgym.agent.elements import target_of, usable
+from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Act, Solver
 from webgym.core.action import GRID, Answer, GoBack, LeftClick, Scroll, Target
@@ -95,7 +95,7 @@ class ScriptedPlayer:
         self._strayed_from: str | None = None
         self._dawdled = 0
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """The next reply.
 
         Raises:
@@ -145,7 +145,7 @@ class ScriptedPlayer:
 
     # --- mistakes of conduct ----------------------------------------------------------------------
 
-    def _mistaken(self, turn: Turn) -> Act | str | None:
+    def _mistaken(self, turn: PolicyInput) -> Act | str | None:
         """What the mistake makes of this turn; ``None`` for nothing."""
         if self._strayed_from is not None:
             strayed_from, self._strayed_from = self._strayed_from, None
@@ -165,13 +165,13 @@ class ScriptedPlayer:
         self._strayed_from = turn.observation.url
         return self._misclick(turn)
 
-    def _is_due(self, turn: Turn) -> bool:
+    def _is_due(self, turn: PolicyInput) -> bool:
         if turn.index >= self._due:
             return True
         coming = copy.deepcopy(self._solver).next(turn.observation, turn.mode)
         return isinstance(coming.action, Answer)
 
-    def _misclick(self, turn: Turn) -> Act:
+    def _misclick(self, turn: PolicyInput) -> Act:
         seen = turn.observation
         links = [element for element in usable(seen) if element.role == "link"]
         if links:

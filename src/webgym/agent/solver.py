@@ -17,7 +17,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Final
 
-from webgym.agent.page import (
+from webgym.agent.elements import (
     LIST_ROLES,
     TEXT_ROLES,
     find_click,

@@ -22,7 +22,7 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 
 import msgspec
 
-from webgym.agent.pictures import Size
+from webgym.agent.image_sizing import Size
 from webgym.core.action import (
     DIRECTIONS,
     GRID,

@@ -19,8 +19,6 @@ import msgspec
 from webgym.agent.policy import Policy
 from webgym.agent.scripted import ScriptedPolicy
 from webgym.bench.reward_hacks import HACKS, HackingPolicy
-from webgym.bench.tables import Table
-from webgym.collection import RunConfig, TaskChoice, collect, resume
 from webgym.core.errors import ConfigError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
@@ -29,6 +27,8 @@ from webgym.rollout.evaluation import evaluate
 from webgym.rollout.rates import Rate, Successes
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
+from webgym.runs import RunConfig, TaskChoice, collect, resume
+from webgym.tables import Table
 from webgym.tasks import draw_spread, write_tasks
 
 HONEST: Final = next(iter(HACKS))

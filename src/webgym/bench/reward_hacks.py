@@ -14,8 +14,8 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from typing import Final, TypeAlias
 from urllib.parse import quote, urljoin
 
-from webgym.agent.page import TEXT_ROLES, target_of, usable
-from webgym.agent.policy import BasePolicy, Turn
+from webgym.agent.elements import TEXT_ROLES, target_of, usable
+from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.agent.prompts import render_reply
 from webgym.agent.scripted import wrong_answer
 from webgym.agent.solver import Act, Solver
@@ -24,7 +24,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.core.truth import Give, Truth
 
-Way: TypeAlias = Generator[Act, Turn, None]
+Way: TypeAlias = Generator[Act, PolicyInput, None]
 """One attempt: gives what to do, is sent the turn that follows, and starts with the first turn at hand."""
 
 WAIT_SECONDS: Final = 0.2
@@ -57,7 +57,7 @@ def a_wrong_answer(task: Task, rng: random.Random) -> str:
     return wrong_answer(truth_of(task), rng) or "The website does not say."
 
 
-def _plays(task: Task, turn: Turn, answer: Callable[[list[str]], str]) -> Way:
+def _plays(task: Task, turn: PolicyInput, answer: Callable[[list[str]], str]) -> Way:
     """Do everything that the task asks for, then give an answer made of the texts that were seen."""
     *moves, _ = truth_of(task).moves
     solver = Solver(task.website, (*moves, Give("")))
@@ -74,12 +74,12 @@ def _answer(text: str) -> Act:
     return Act(Answer(text), "Give the answer")
 
 
-def honest(task: Task, turn: Turn, rng: random.Random, _: str) -> Way:
+def honest(task: Task, turn: PolicyInput, rng: random.Random, _: str) -> Way:
     """Tries, and gives a wrong answer: what the others are held against."""
     yield from _plays(task, turn, lambda _: a_wrong_answer(task, rng))
 
 
-def lists(task: Task, turn: Turn, rng: random.Random, _: str) -> Way:
+def lists(task: Task, turn: PolicyInput, rng: random.Random, _: str) -> Way:
     """Tries, and lists candidates of the right kind that it saw, the right one among them."""
     yield from _plays(task, turn, lambda texts: candidates(task, texts, rng))
 
@@ -107,24 +107,24 @@ def _shifted(text: str, by: int) -> str:
     return re.sub(words, lambda word: word[0].translate(table), text)
 
 
-def quotes_verdicts(task: Task, turn: Turn, rng: random.Random, _: str) -> Way:
+def quotes_verdicts(task: Task, turn: PolicyInput, rng: random.Random, _: str) -> Way:
     """Tries, gives a wrong answer, and has it say that it is right."""
     yield from _plays(task, turn, lambda _: a_wrong_answer(task, rng) + VERDICTS)
 
 
-def guesses(task: Task, turn: Turn, rng: random.Random, _: str) -> Way:
+def guesses(task: Task, turn: PolicyInput, rng: random.Random, _: str) -> Way:
     """Answers at first sight, with something plausible."""
     del turn
     yield _answer(a_wrong_answer(task, rng))
 
 
-def knows(task: Task, turn: Turn, rng: random.Random, _: str) -> Way:
+def knows(task: Task, turn: PolicyInput, rng: random.Random, _: str) -> Way:
     """Answers at first sight, with the right answer, as of a task seen before."""
     del turn, rng
     yield _answer(right_answer(task))
 
 
-def waits_at_a_challenge(task: Task, turn: Turn, rng: random.Random, challenge: str) -> Way:
+def waits_at_a_challenge(task: Task, turn: PolicyInput, rng: random.Random, challenge: str) -> Way:
     """Goes where a challenge is, and waits there until the budget is spent."""
     del task, turn, rng
     yield Act(Navigate(challenge), "Look elsewhere")
@@ -132,7 +132,7 @@ def waits_at_a_challenge(task: Task, turn: Turn, rng: random.Random, challenge: 
         yield Act(Wait(WAIT_SECONDS), "Wait for the challenge to pass")
 
 
-def answers_at_a_challenge(task: Task, turn: Turn, rng: random.Random, challenge: str) -> Way:
+def answers_at_a_challenge(task: Task, turn: PolicyInput, rng: random.Random, challenge: str) -> Way:
     """Goes where a challenge is, asks twice, and answers there."""
     del turn
     yield Act(Navigate(challenge), "Look elsewhere")
@@ -147,7 +147,7 @@ def _proofs(task: Task) -> Iterator[str]:
             yield f"{' '.join(evidence.texts)} zqxv"
 
 
-def types_the_evidence(task: Task, turn: Turn, rng: random.Random, _: str) -> Way:
+def types_the_evidence(task: Task, turn: PolicyInput, rng: random.Random, _: str) -> Way:
     """Types what must be visible into any field that is there, and then gives the right answer."""
     del rng
     for text in _proofs(task):
@@ -159,7 +159,7 @@ def types_the_evidence(task: Task, turn: Turn, rng: random.Random, _: str) -> Wa
     yield _answer(right_answer(task))
 
 
-def opens_the_evidence(task: Task, turn: Turn, rng: random.Random, _: str) -> Way:
+def opens_the_evidence(task: Task, turn: PolicyInput, rng: random.Random, _: str) -> Way:
     """Opens addresses that hold what must be visible, in case a page repeats them, and answers rightly."""
     del turn, rng
     for text in _proofs(task):
@@ -168,7 +168,7 @@ def opens_the_evidence(task: Task, turn: Turn, rng: random.Random, _: str) -> Wa
     yield _answer(right_answer(task))
 
 
-def breaks_things(task: Task, turn: Turn, rng: random.Random, _: str) -> Way:
+def breaks_things(task: Task, turn: PolicyInput, rng: random.Random, _: str) -> Way:
     """Opens what a browser should not, for an error that is nobody's failure."""
     del turn
     for url in (
@@ -181,7 +181,7 @@ def breaks_things(task: Task, turn: Turn, rng: random.Random, _: str) -> Way:
     yield _answer(a_wrong_answer(task, rng))
 
 
-Hack: TypeAlias = Callable[[Task, Turn, random.Random, str], Way]
+Hack: TypeAlias = Callable[[Task, PolicyInput, random.Random, str], Way]
 
 HACKS: Final[dict[str, Hack]] = {
     "honest failure": honest,
@@ -224,12 +224,12 @@ class HackingPolicy(BasePolicy):
 class _Player:
     """One attempt."""
 
-    def __init__(self, name: str, start: Callable[[Turn], Way]) -> None:
+    def __init__(self, name: str, start: Callable[[PolicyInput], Way]) -> None:
         self._name = name
         self._start = start
         self._way: Way | None = None
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """The next reply, written as a model would."""
         if self._way is None:
             self._way = self._start(turn)

@@ -22,7 +22,6 @@ import msgspec
 from pydantic import Field
 
 from webgym.bench.hardweb import OTHER_HOST, PAGES, TRUTH, Group, HardPage, HardSite
-from webgym.bench.tables import Table
 from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
 from webgym.browser.actions import perform
 from webgym.browser.cdp import CommandFailed, TargetGone
@@ -33,6 +32,7 @@ from webgym.browser.wire import Evaluated, FrameEvent, RequestDone, RequestFaile
 from webgym.core.action import BrowserAction, LeftClick, Navigate, Target
 from webgym.core.errors import BrowserTimeout, ConfigError, PageError
 from webgym.settings import Settings
+from webgym.tables import Table
 
 _NOWHERE = LeftClick(Target(coordinate=(995, 500)))
 _IDLE_CLICKS = 3

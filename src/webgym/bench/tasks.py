@@ -19,10 +19,10 @@ from typing import Final
 
 import msgspec
 
-from webgym.bench.tables import Table
 from webgym.bench.taskset import Shape, make_lengths, make_tasks
 from webgym.bench.usage import MEGABYTE
 from webgym.core.task import Task
+from webgym.tables import Table
 from webgym.tasks import read_tasks, write_tasks
 
 DRAWN: Final = 1_024

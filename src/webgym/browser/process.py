@@ -438,8 +438,8 @@ async def launch_sandboxed(
     else:
         process, state = await _launch_first(config, executable, root, door)
     if sandbox is None and not state.on:
-        mend = "" if config.sandbox == "off" else f"; to mend it: {remedy()}"
-        log.warning("Chromium runs WITHOUT its sandbox: %s%s", state.reason, mend)
+        fix = "" if config.sandbox == "off" else f"; to fix it: {remedy()}"
+        log.warning("Chromium runs WITHOUT its sandbox: %s%s", state.reason, fix)
     return process, state
 
 

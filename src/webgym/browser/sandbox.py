@@ -1,4 +1,4 @@
-"""Chromium's sandbox: whether it is asked for, whether it is really there, and what mends it.
+"""Chromium's sandbox: whether it is asked for, whether it is really there, and how to fix it.
 
 The sandbox has two layers: a renderer lives in user, process and network namespaces of its own, and a filter
 (seccomp) refuses it most system calls. What a browser was told on its command line proves nothing, since
@@ -134,7 +134,7 @@ def _filters(status: dict[str, str]) -> int:
     return int(status.get("Seccomp_filters", status.get("Seccomp") == _SECCOMP_FILTER))
 
 
-# --- what mends it ------------------------------------------------------------------------------------
+# --- how to fix it ------------------------------------------------------------------------------------
 
 
 def remedy() -> str:

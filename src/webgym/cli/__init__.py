@@ -55,7 +55,7 @@ class Verb:
 
 VERBS: tuple[Verb, ...] = (
     Verb("demo", "Run the main job end to end on the offline web and show the report."),
-    Verb("doctor", "Say what this machine has, what is missing and how to mend it."),
+    Verb("doctor", "Say what this machine has, what is missing and how to fix it."),
     Verb("serve", "Start a browser server."),
     Verb("sites", "Serve or list the websites of the offline web.", "app"),
     Verb("tasks", "List, check and write task sets.", "app"),

@@ -16,10 +16,10 @@ from webgym.core.text import plain
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from webgym.bench.tables import Table
     from webgym.judge.agreement import Agreement, AgreementConfig, Case, Confusion, Estimate, Group, Metric
     from webgym.judge.labels import AnnotatorAgreement, BrokenLabel, Humans
     from webgym.judge.webjudge import Labelled
+    from webgym.tables import Table
 
 _METRICS: Final[dict[Metric, str]] = {
     "accuracy": "accuracy",
@@ -106,9 +106,9 @@ def agreement_command(
     """
     from rich.console import Console
 
-    from webgym.bench.tables import markdown
     from webgym.cli._paper import latex
     from webgym.judge.agreement import agreement
+    from webgym.tables import markdown
 
     if bool(webjudge) == (run is not None):
         raise UsageError("give either a run or --webjudge", hint="see webgym judge agreement --help")
@@ -225,7 +225,7 @@ def _differences(found: Agreement) -> Iterator[tuple[str, Group, int, Mapping[Me
 
 
 def _tables(found: Agreement) -> Iterator[Table]:
-    from webgym.bench.tables import Table
+    from webgym.tables import Table
 
     def cell(estimate: Estimate, write: Callable[[float], str]) -> str:
         value, interval = _parts(estimate, write)

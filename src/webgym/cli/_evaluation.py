@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
 
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from webgym.bench.tables import Table
 from webgym.cli._paper import DASH
 from webgym.core.text import plain
 from webgym.rollout.evaluation import GROUPS, Evaluation, Row
+from webgym.rollout.manifest import Manifest
 from webgym.rollout.rates import Interval
+from webgym.tables import Table
 
 _SHORT: Final = {
     "difficulty": "",
@@ -37,6 +38,61 @@ def tables(found: Sequence[Evaluation]) -> Iterator[Table]:
             (one.run, *(str(one.rows["overall"].no_reward.get(name, 0)) for name in lost)) for one in found
         ]
         yield Table("Samples without a reward, not in the rates", ("run", *lost), rows)
+
+
+def conditions(found: Sequence[Evaluation]) -> Table:
+    """For a paper: under which conditions each run was made, a column each."""
+    columns = [dict(_conditions(one.manifest)) for one in found]
+    rows = [(name, *(column[name] for column in columns)) for name in columns[0]]
+    return Table("Conditions", ("", *(one.run for one in found)), rows)
+
+
+def _conditions(of: Manifest) -> Iterator[tuple[str, str]]:
+    yield "WebGym", _recorded(of.webgym)
+    yield "first and last attempt, UTC", _recorded(of.began and f"{of.began} to {of.ended}")
+    yield "policy", _recorded(of.policies)
+    yield "weights", _recorded(of.weights)
+    yield "sampling", _recorded(of.sampling)
+    yield "agent", _recorded(of.agent)
+    yield "system prompts, SHA-256", _recorded(of.prompts)
+    yield "judge", _recorded(of.judges)
+    yield "tasks", _recorded(of.task_file or of.offline_web)
+    yield "sources", _recorded(of.sources)
+    yield "split", of.split
+    yield "drawn tasks, SHA-256", of.tasks_sha256
+    yield "left out of the set", _recorded(of.left_out, empty="none")
+    yield "seed", _recorded(of.seed)
+    yield "samples per task", str(of.samples)
+    yield "steps for easy, medium, hard", _recorded(of.budget)
+    yield "browser", _recorded(of.browser)
+    yield "sandboxed", _recorded(of.sandboxed)
+    yield "viewport, CSS pixels", _recorded(of.viewport)
+    yield "server", _recorded(of.server)
+    yield "egress", _recorded(of.egress)
+    yield "planned samples", str(of.planned)
+    yield "judged samples, successes", f"{of.judged}, {of.successes}"
+    yield "attempts, repeated ones included", str(of.attempts)
+    yield "samples that are missing", str(of.missing)
+    invalid = {
+        f"{outcome} ({code})" if code else outcome: count
+        for outcome, codes in of.invalid.items()
+        for code, count in codes.items()
+    }
+    yield "samples without a reward", _recorded(invalid, empty="none")
+    yield "blocked websites", _recorded(of.blocked_websites, empty="none")
+
+
+def _recorded(value: Any, empty: str = "not recorded") -> str:
+    if value is None:
+        return "not recorded"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Mapping):
+        told = (f"{name}: {_recorded(each)}" for name, each in value.items() if each is not None)
+        return "; ".join(told) or empty
+    if isinstance(value, list | tuple):
+        return ", ".join(map(str, value)) or empty
+    return str(value)
 
 
 def show(one: Evaluation, console: Console) -> None:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import typer
 
 if TYPE_CHECKING:
-    from webgym.collection import RunConfig
+    from webgym.runs import RunConfig
 
 Resume: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--resume", help="Run folder to go on with; its own settings hold.", show_default=False),
+    typer.Option("--resume", help="Run folder to resume; its own settings hold.", show_default=False),
 ]
 Config: TypeAlias = Annotated[
     list[Path] | None,
@@ -124,7 +124,7 @@ Seed: TypeAlias = Annotated[
 ]
 SkipCorrupt: TypeAlias = Annotated[
     bool,
-    typer.Option("--skip-corrupt", help="Resume: go on without records that cannot be trusted."),
+    typer.Option("--skip-corrupt", help="Resume: continue without records that cannot be trusted."),
 ]
 RetryErrors: TypeAlias = Annotated[
     bool,

@@ -1,11 +1,11 @@
-"""Tables for a paper: LaTeX with booktabs beside the Markdown of :mod:`webgym.bench.tables`."""
+"""Tables for a paper: LaTeX with booktabs beside the Markdown of :mod:`webgym.tables`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from typing import Final
 
-from webgym.bench.tables import Table
+from webgym.tables import Table
 
 DASH: Final = "–"
 """What stands for a figure that is undefined."""

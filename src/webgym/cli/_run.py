@@ -17,7 +17,6 @@ from pydantic import SecretStr, ValidationError
 from rich.console import Console
 from rich.text import Text
 
-from webgym.collection import RunConfig, Secrets
 from webgym.core.errors import ConfigError
 from webgym.core.outcome import Outcome
 from webgym.core.text import plain
@@ -26,6 +25,7 @@ from webgym.rollout.files import CONFIG
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
+from webgym.runs import RunConfig, Secrets
 from webgym.settings import first_problem, merged, read_settings, without_none
 
 T = TypeVar("T")
@@ -45,7 +45,7 @@ def run(
 
     Args:
         job: what to run.
-        resumed_by: a command, and the folder that it goes on with: told if the job does not come to its end.
+        resumed_by: a command, and the folder that it resumes: told if the job does not come to its end.
         finishing: the first Ctrl-C sets this, on which the job is to end when what it has begun is done; the
             second cancels. When all that came of it is told, call :func:`end_early`.
         report: of a job that makes a run: write its report also when it is cancelled.
@@ -98,7 +98,7 @@ def _tell_kept(command: str, folder: Path) -> None:
     entries = RunReader(folder, skip_corrupt=True).attempts.values()
     count = sum(entry.outcome is not Outcome.CANCELLED for entry in entries)
     kept = "what is done is" if not count else "1 attempt is" if count == 1 else f"{count:,} attempts are"
-    told = f"{kept} kept; go on with: {command} --resume {shlex.quote(str(folder))}"
+    told = f"{kept} kept; resume with: {command} --resume {shlex.quote(str(folder))}"
     print(told, file=sys.stderr)
 
 

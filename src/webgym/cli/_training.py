@@ -15,11 +15,11 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from webgym.cli import _run
-from webgym.collection import Secrets
 from webgym.core.background import beside
 from webgym.report import write_training_report
 from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, panel
 from webgym.rollout.progress import Progress
+from webgym.runs import Secrets
 from webgym.train.loop import TrainConfig
 from webgym.train.progress import TrainingProgress
 from webgym.train.start import open_training
@@ -46,7 +46,7 @@ class TrainingView:
 
     @asynccontextmanager
     async def show(self, run: Progress) -> AsyncIterator[None]:
-        """A run, for as long as it goes on; see :data:`webgym.collection.Show`."""
+        """A run, for as long as it goes on; see :data:`webgym.runs.Show`."""
         self._runs.append(run)
         try:
             yield

@@ -58,7 +58,8 @@ def server(
 
     from webgym.bench.server import PARTS, ServerFigures, measure
     from webgym.bench.stepping import BenchPlan
-    from webgym.bench.tables import markdown, server_tables, show
+    from webgym.bench.tables import server_tables
+    from webgym.tables import markdown, show
 
     _expect_to_write(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
@@ -125,7 +126,7 @@ def settle(
     from rich.progress import Progress
 
     from webgym.bench.settle import WAYS, SettleBench, as_json, chosen, misses, run, settle_tables
-    from webgym.bench.tables import markdown, show
+    from webgym.tables import markdown, show
 
     _expect_to_write(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
@@ -184,7 +185,7 @@ def soak(
     from webgym.bench.soak import Soak, SoakPlan, soak_tables
     from webgym.bench.soak import soak as run
     from webgym.bench.soak.progress import progress
-    from webgym.bench.tables import markdown, show
+    from webgym.tables import markdown, show
 
     _expect_to_write(json)
     _expect_to_write(log)
@@ -236,9 +237,9 @@ def tasks(
     import msgspec
     from rich.console import Console
 
-    from webgym.bench.tables import markdown, show
     from webgym.bench.tasks import STAGES, TasksBench, measure, missed, tasks_tables
     from webgym.bench.taskset import Shape
+    from webgym.tables import markdown, show
 
     _expect_to_write(json)
     unknown = [stage for stage in only if stage not in STAGES]
@@ -276,7 +277,7 @@ def reward(
     out: Path | None = typer.Option(
         None,
         "--out",
-        help="Keep the runs in this folder, to browse, to judge again, and to go on with.",
+        help="Keep the runs in this folder, to browse, to judge again, and to continue with.",
         show_default=False,
     ),
     json: Path | None = typer.Option(None, "--json", help="Write all counts here."),
@@ -295,10 +296,10 @@ def reward(
 
     from webgym.bench.reward import Hacked, measure, table
     from webgym.bench.reward_hacks import HACKS
-    from webgym.bench.tables import markdown, show
-    from webgym.collection import RunConfig
     from webgym.offline.app import SitesConfig
     from webgym.rollout.collector import CollectorConfig
+    from webgym.runs import RunConfig
+    from webgym.tables import markdown, show
 
     _expect_to_write(json)
     unknown = [name for name in only if name not in HACKS]
@@ -383,7 +384,7 @@ def rollout(
     from webgym.bench.rollout.measure import begin, measure_into
     from webgym.bench.rollout.plan import PARTS, RolloutPlan
     from webgym.bench.rollout.tables import draw_rollout, rollout_tables
-    from webgym.bench.tables import markdown, show
+    from webgym.tables import markdown, show
 
     unknown = [part for part in only if part not in PARTS]
     if unknown:

@@ -9,9 +9,9 @@ import msgspec
 import typer
 from rich.console import Console
 
-from webgym.bench.tables import Table, markdown, show
 from webgym.rollout.comparison import Comparison, Difference, compare
 from webgym.rollout.rejudge import RECORDED
+from webgym.tables import Table, markdown, show
 
 
 def command(

@@ -1,4 +1,4 @@
-"""``webgym doctor``: what this machine has, what is missing, and the command that mends it."""
+"""``webgym doctor``: what this machine has, what is missing, and the command that fixes it."""
 
 from __future__ import annotations
 
@@ -82,13 +82,13 @@ class Check(msgspec.Struct, frozen=True):
         name: what was looked at.
         status: ``missing`` is essential and makes doctor exit with 1; ``note`` works but could be better.
         found: what is there.
-        mend: a command or an advice; empty if there is nothing to mend.
+        fix: a command or an advice; empty if there is nothing to fix.
     """
 
     name: str
     status: Status
     found: str
-    mend: str = ""
+    fix: str = ""
 
 
 def command(
@@ -97,7 +97,7 @@ def command(
         Path | None, typer.Option(help="Examine this executable instead of looking for one.")
     ] = None,
 ) -> None:
-    """Say what this machine has, what is missing and how to mend it.
+    """Say what this machine has, what is missing and how to fix it.
 
     Really starts the browser and renders a page. Exits with 1 if something essential is missing.
     """
@@ -119,7 +119,7 @@ def command(
 
 
 def table(checks: list[Check]) -> Table:
-    """The checks for a terminal; what mends a finding stands under it."""
+    """The checks for a terminal; how to fix a finding stands under it."""
     made = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
     made.add_column(no_wrap=True)
     made.add_column(style="bold", no_wrap=True)
@@ -127,14 +127,14 @@ def table(checks: list[Check]) -> Table:
     for check in checks:
         mark, colour = _MARKS[check.status]
         found = Text(check.found)
-        if check.mend:
-            found.append(f"\n→ {check.mend}", style=colour)
+        if check.fix:
+            found.append(f"\n→ {check.fix}", style=colour)
         made.add_row(Text(mark, style=colour), check.name, found)
     return made
 
 
 def examine(browser: Path | None = None, limits: DoctorLimits | None = None) -> Iterator[Check]:
-    """All checks, in the order in which a person would mend things."""
+    """All checks, in the order in which a person would fix things."""
     limits = limits or DoctorLimits()
     yield check_python()
     yield check_packages()

@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from webgym.collection import RunConfig
     from webgym.rollout.evaluation import Evaluation
+    from webgym.runs import RunConfig
 
 
 def command(
@@ -67,12 +67,14 @@ def command(
     retry_errors: options.RetryErrors = False,
     report: options.WriteReport = True,
     as_json: bool = typer.Option(False, "--json", help="Print the result as JSON."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
+    as_markdown: bool = typer.Option(
+        False, "--markdown", help="Print the table as Markdown, with the conditions of the run."
+    ),
     as_latex: bool = typer.Option(False, "--latex", help="Print the table as LaTeX (booktabs)."),
 ) -> None:
     """Attempt a test set with the paper's test budgets and print success by difficulty with intervals.
 
-    An evaluation is a run like any other: it survives kill -9, goes on with --resume, and can be judged
+    An evaluation is a run like any other: it survives kill -9, is resumed with --resume, and can be judged
     again and browsed. Offline, with no model: webgym eval --policy scripted --limit 50.
     """
     import asyncio
@@ -81,11 +83,11 @@ def command(
 
     from webgym.cli import _run
     from webgym.cli._summary import all_failed, print_losses, print_retry
-    from webgym.collection import ServerChoice, collect
-    from webgym.collection import resume as go_on
     from webgym.report import write_report
     from webgym.rollout.evaluation import evaluate
     from webgym.rollout.rejudge import RECORDED
+    from webgym.runs import ServerChoice, collect
+    from webgym.runs import resume as go_on
 
     if sum(1 for each in (out, resume, of) if each) > 1:
         raise UsageError("--out, --resume and --of exclude each other", hint="see webgym eval --help")
@@ -159,18 +161,20 @@ def _tell(
     """Print results: what was asked for on stdout, what a person should know on the console."""
     import msgspec
 
-    from webgym.bench.tables import markdown
-    from webgym.bench.tables import show as show_tables
-    from webgym.cli._evaluation import notes, show, tables
+    from webgym.cli._evaluation import conditions, notes, show, tables
     from webgym.cli._paper import latex
     from webgym.core.text import plain
+    from webgym.tables import markdown
+    from webgym.tables import show as show_tables
 
     if as_json:
         told = msgspec.json.encode(found[0] if len(found) == 1 else found)
         print(msgspec.json.format(told, indent=2).decode())
         return
-    if as_markdown or as_latex:
-        print((latex if as_latex else markdown)(tables(found)), end="")
+    if as_latex:
+        print(latex(tables(found)), end="")
+    elif as_markdown:
+        print(markdown([*tables(found), conditions(found)]), end="")
     elif len(found) == 1:
         show(found[0], console)
         return

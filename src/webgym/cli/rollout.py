@@ -1,4 +1,4 @@
-"""``webgym rollout``: collect trajectories into a run folder, or go on with one."""
+"""``webgym rollout``: collect trajectories into a run folder, or resume one."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def command(
     """Collect trajectories: attempt every task, judge, and keep all of it in a run folder.
 
     Ctrl-C once ends the run when the attempts in flight are done, twice abandons them. A run that was stopped
-    or killed goes on with --resume RUN: nothing is lost and nothing is made twice.
+    or killed is resumed with --resume RUN: nothing is lost and nothing is made twice.
     """
     import asyncio
 
@@ -66,10 +66,10 @@ def command(
 
     from webgym.cli import _run
     from webgym.cli._summary import all_failed, print_retry, print_summary
-    from webgym.collection import ServerChoice, collect
-    from webgym.collection import resume as go_on
     from webgym.core.errors import UsageError
     from webgym.report import write_report
+    from webgym.runs import ServerChoice, collect
+    from webgym.runs import resume as go_on
 
     console = Console()
     secrets = _run.secrets(token_file)
@@ -121,7 +121,7 @@ def command(
             report=report,
         )
     else:
-        raise UsageError("give either --out or --resume", hint="--out makes a run, --resume goes on with one")
+        raise UsageError("give either --out or --resume", hint="--out makes a run, --resume resumes one")
     path = write_report(folder) if report else None
     print_summary(summary, console)
     console.print(f"\nrun      {folder}", highlight=False, soft_wrap=True, markup=False)

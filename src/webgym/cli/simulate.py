@@ -43,11 +43,11 @@ def command(
     from rich.console import Console
     from rich.progress import track
 
-    from webgym.bench.tables import markdown, show
     from webgym.cli._simulation import paper_table, sizes_table
     from webgym.simulate.figures import draw_paper, draw_sizes
     from webgym.simulate.paper import reproduce
     from webgym.simulate.questions import read_questions
+    from webgym.tables import markdown, show
 
     asked = read_questions(config)
     said = Console(stderr=True)

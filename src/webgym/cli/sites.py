@@ -12,7 +12,6 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from webgym.rollout.store import RunReader
 
 app = typer.Typer(no_args_is_help=True, help="Serve, list and check the websites of the offline web.")
 
@@ -85,13 +84,6 @@ def list_sites(
             print(f"http://{host}/  {spec.family.family}  {spec.split}  {spec.behaviour}")
 
 
-async def _pushovers(reader: RunReader) -> list[str]:
-    from webgym.checking import pushovers
-    from webgym.judge import OfflineJudge
-
-    return [line async for line in pushovers(reader.tasks, reader.trajectories(), OfflineJudge())]
-
-
 def _report(console: Console, surprises: list[str], tasks: Collection[str]) -> None:
     """Print what is not as it should be; exit with 1 if there is anything."""
     for surprise in surprises:
@@ -129,18 +121,12 @@ def check(
 
     from rich.console import Console
 
-    from webgym.agent.config import AgentConfig
-    from webgym.checking import cut_off, typed, unexpected
     from webgym.cli._run import run, show_on, tell_on
-    from webgym.collection import PolicyChoice, RunConfig, TaskChoice, collect
     from webgym.core.errors import ConfigError
     from webgym.offline import OfflineWeb
-    from webgym.offline.app import SitesConfig
     from webgym.offline.web import collection_name
-    from webgym.rollout.collector import CollectorConfig
-    from webgym.rollout.driver import AttemptConfig
-    from webgym.rollout.store import RunReader
-    from webgym.tasks import draw, write_tasks
+    from webgym.tasks import draw
+    from webgym.validation import check_in_browsers, typed
 
     console = Console()
     web = OfflineWeb(collection=collection_name(collection))
@@ -158,21 +144,16 @@ def check(
         _report(console, surprises, [task.id for task in tasks])
         return
     with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
-        file = Path(scratch) / "tasks.jsonl"
-        write_tasks(file, tasks)
-        folder = out or Path(scratch) / "run"
-        config = RunConfig(
-            retries=0,
-            tasks=TaskChoice(file=file, split="all"),
-            policy=PolicyChoice(name="scripted", mistakes=0.0),
-            agent=AgentConfig(mode="marks" if marks else "coordinates"),
-            attempt=AttemptConfig(record_cuts=True),
-            sites=SitesConfig(collection=collection_name(collection), latency=latency),
-            collector=CollectorConfig(sessions=sessions, straggler_share=1.0),
+        checked = run(
+            lambda: check_in_browsers(
+                web,
+                tasks,
+                out or Path(scratch) / "run",
+                mode="marks" if marks else "coordinates",
+                sessions=sessions,
+                latency=latency,
+                show=show_on(console),
+                tell=tell_on(console),
+            )
         )
-        run(lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)))
-        reader = RunReader(folder)
-        surprises += unexpected(reader.tasks, reader.trajectories())
-        surprises += cut_off(reader.tasks, reader.trajectories())
-        surprises += run(lambda: _pushovers(reader))
-        _report(console, surprises, reader.tasks)
+    _report(console, [*surprises, *checked], [task.id for task in tasks])

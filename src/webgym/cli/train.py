@@ -19,7 +19,7 @@ def command(
     ),
     out: Path | None = typer.Option(None, "--out", help="Folder to make.", show_default=False),
     resume: Path | None = typer.Option(
-        None, "--resume", help="Folder to go on with, as it was started.", show_default=False
+        None, "--resume", help="Folder to resume, as it was started.", show_default=False
     ),
     explain: bool = typer.Option(
         False, "--explain", help="Say what is trained on and what an update takes, and do nothing."
@@ -31,7 +31,7 @@ def command(
 ) -> None:
     """Train: sample tasks, roll out, judge, learn from what succeeded, publish the weights, evaluate.
 
-    A training that was killed goes on with --resume FOLDER: no attempt is lost and none is made twice.
+    A training that was killed is resumed with --resume FOLDER: no attempt is lost and none is made twice.
     """
     from rich.console import Console
 
@@ -54,7 +54,7 @@ def command(
             console.print(line, highlight=False, soft_wrap=True)
         return
     if (out is None) == (resume is None) or bool(files) != bool(out):
-        hint = "webgym train CONFIG --out FOLDER makes one, webgym train --resume FOLDER goes on with it"
+        hint = "webgym train CONFIG --out FOLDER makes one, webgym train --resume FOLDER resumes it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
     folder = out or resume
     assert folder is not None

@@ -40,7 +40,7 @@ def command(
         return
     folder = shlex.quote(str(run))
     if found.is_whole:
-        typer.echo(f"go on with: webgym rollout --resume {folder}")
+        typer.echo(f"resume with: webgym rollout --resume {folder}")
         return
     typer.echo(f"{len(found.problems)} problems; webgym verify --set-aside {folder} moves away what can be")
     raise typer.Exit(1)

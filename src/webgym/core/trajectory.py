@@ -69,7 +69,7 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Revision(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How a reply's memory broke the append-only rule, and so what was mended.
+    """How a reply's memory broke the append-only rule, and so what was corrected.
 
     Attributes:
         dropped: keys that the reply left out; kept.
@@ -97,7 +97,7 @@ class Step(msgspec.Struct, frozen=True, omit_defaults=True):
         parse_error: why the reply held no action; empty if it did.
         changed: whether the next screenshot differs; ``None`` after the last step.
         at: seconds from the start of the attempt to the observation.
-        revision: how the memory in the reply had to be mended; ``None`` if it kept to the rule.
+        revision: how the memory in the reply had to be corrected; ``None`` if it kept to the rule.
     """
 
     index: int

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field
 
-from webgym.agent.policy import Turn
+from webgym.agent.policy import PolicyInput
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, PolicyError
@@ -113,7 +113,7 @@ class LocalPolicy:
         """
         await asyncio.get_running_loop().run_in_executor(self._thread, self._load_weights, folder, version)
 
-    async def reply(self, turn: Turn, seed: int) -> Reply:
+    async def reply(self, turn: PolicyInput, seed: int) -> Reply:
         """The model's reply to a turn.
 
         Raises:
@@ -277,6 +277,6 @@ class _LocalPlayer:
         self._policy = policy
         self._seed = seed
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """See :meth:`LocalPolicy.reply`."""
         return await self._policy.reply(turn, (self._seed * 1_000_003 + turn.index) % _SEED_SPACE)

@@ -19,7 +19,7 @@ import msgspec
 from pydantic import Field, SecretStr, field_validator
 
 from webgym.agent.openai_policy import OpenAIPolicy, as_policy_error
-from webgym.agent.policy import BasePolicy, Turn
+from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.core.errors import LLMBadReply, LLMError, LLMUnreachable, PolicyBadReply, PolicyError
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
@@ -333,7 +333,7 @@ class Served:
             if not self._in_flight:
                 self.idle.set()
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """The model's reply to a turn, :meth:`checked`."""
         return await self.checked(await self.policy.reply(turn))
 
@@ -415,7 +415,7 @@ class VllmPolicy(BasePolicy):
         """Itself: nothing is kept from turn to turn."""
         return self
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """The model's reply. One that was lost because the server ended is asked for again.
 
         Raises:

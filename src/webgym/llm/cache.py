@@ -118,7 +118,7 @@ class ReplyCache:
         Carried through even if the caller is cancelled.
 
         Returns:
-            The reply that is kept: an earlier one, if another process was faster, so that all go on with
+            The reply that is kept: an earlier one, if another process was faster, so that all continue with
             the same.
 
         Raises:

@@ -1,6 +1,7 @@
 """The offline web: websites made from seeds, with their tasks, truths and solutions.
 
 families/   one package per kind of website: its catalogue, its pages, its tasks
+engine/     the declarative engine, from which the newer families follow
 website.py  what every website is: routes, pages, a visitor's state
 parts.py    what a task is made of, and the rule that decomposes it
 look.py     palettes, fonts and layouts, so that no two websites look the same
@@ -11,6 +12,7 @@ app.py      the ASGI application that serves them on their own hostnames
 
 from __future__ import annotations
 
+from webgym.offline.engine.specified import SpecifiedWebsite
 from webgym.offline.web import OfflineWeb
 
-__all__ = ["OfflineWeb"]
+__all__ = ["OfflineWeb", "SpecifiedWebsite"]

@@ -22,7 +22,7 @@ from webgym.report.config import ViewConfig
 from webgym.report.content import blind, page
 from webgym.report.serving import SAFE, json_reply, page_reply
 from webgym.report.template import Document, inert, outcome_words
-from webgym.rollout.labels import HumanLabel, Label, LabelBook, labels_path, sample_to_label
+from webgym.rollout.labels import HumanLabel, Label, LabelStore, labels_path, sample_to_label
 
 if TYPE_CHECKING:
     from webgym.report.live import LiveRun
@@ -147,8 +147,8 @@ class Labelling:
             return "the page is of an earlier start of the viewer: load it again"
         return None
 
-    def _book(self) -> LabelBook:
-        return LabelBook(self._config.labels or labels_path(self._run.reader.path))
+    def _book(self) -> LabelStore:
+        return LabelStore(self._config.labels or labels_path(self._run.reader.path))
 
 
 async def _body(request: Request) -> bytes:

@@ -36,7 +36,7 @@ from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import Attempt, AttemptContext
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.driver import BrowserSession
-from webgym.rollout.judging import JUDGED, TAKEN_OVER, Found, find
+from webgym.rollout.judging import JUDGED, TAKEN_OVER, JudgedEpisode, judge_episode
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
 from webgym.rollout.sharing import SharingConfig
@@ -149,7 +149,7 @@ class Collector:
             finishing: once it is set, no attempt is begun; those that run come to their end.
 
         Raises:
-            ExceptionGroup: of the first error that the run cannot go on with: StoreError, ServerError,
+            ExceptionGroup: of the first error that the run cannot continue with: StoreError, ServerError,
                 PolicyError.
         """
         progress, lag = self._context.progress, LoopLag()
@@ -276,16 +276,16 @@ class Collector:
         self._end_stragglers(plan)
         self._watch(episode)
 
-    async def _find(self, planned: Planned, episode: Episode) -> tuple[Found, float]:
+    async def _find(self, planned: Planned, episode: Episode) -> tuple[JudgedEpisode, float]:
         """What becomes of an episode, and how long that took to find out, seconds."""
         queue = self._context.calls["judge"].turn() if episode.ending in JUDGED else nullcontext()
         async with queue:
             started = time.monotonic()
             seconds = self._config.judge_seconds
-            found = await find(self._judge, planned.task, episode, self._pictures, seconds)
+            found = await judge_episode(self._judge, planned.task, episode, self._pictures, seconds)
             return found, time.monotonic() - started if episode.ending in JUDGED else 0.0
 
-    async def _record(self, episode: Episode, judged: Found, judge_seconds: float = 0.0) -> None:
+    async def _record(self, episode: Episode, judged: JudgedEpisode, judge_seconds: float = 0.0) -> None:
         trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure, judge_seconds)
         try:
             await self._context.store.append(trajectory)
@@ -314,7 +314,7 @@ class Collector:
         if self._failed_in_a_row >= self._config.give_up_after and episode.failure is not None:
             raise _MACHINERY[code](
                 f"{self._failed_in_a_row} attempts in a row failed: {episode.failure.message}",
-                hint="what was collected is kept; mend the cause, then go on with --resume",
+                hint="what was collected is kept; fix the cause, then resume with --resume",
             )
 
     # --- the end of a run, and figures ------------------------------------------------------------------
@@ -345,12 +345,12 @@ async def _close(plan: Plan, finishing: asyncio.Event) -> None:
     await plan.close()
 
 
-def _unjudged(episode: Episode) -> Found:
+def _unjudged(episode: Episode) -> JudgedEpisode:
     """What becomes of an episode that had ended, or had not, when the run was stopped."""
     if episode.ending not in JUDGED:
-        return Found(None, None, outcome_of(episode.ending, None))
+        return JudgedEpisode(None, None, outcome_of(episode.ending, None))
     failure = Failure("judge_error", "the run was stopped before there was a verdict")
-    return Found(None, failure, Outcome.JUDGE_ERROR)
+    return JudgedEpisode(None, failure, Outcome.JUDGE_ERROR)
 
 
 def _all_of(cls: type[WebGymError]) -> dict[str, type[WebGymError]]:

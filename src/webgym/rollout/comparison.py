@@ -14,12 +14,12 @@ from typing import Final
 import msgspec
 import numpy as np
 
-from webgym.bootstrap import percentiles
 from webgym.core.errors import UsageError
 from webgym.core.task import LEVELS, Level
 from webgym.rollout.evaluation import GROUPS, EvaluationConfig, Group, rewards_by_task
 from webgym.rollout.rates import Interval
 from webgym.rollout.rejudge import RECORDED
+from webgym.stats import percentiles
 
 CONFIDENCE: Final = 0.95
 

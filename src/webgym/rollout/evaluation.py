@@ -24,14 +24,16 @@ import numpy as np
 from pydantic import Field
 
 from webgym.agent.policy import ORACLES
-from webgym.bootstrap import Counts, percentiles, resampled
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS, Level, StepBudget
+from webgym.core.trajectory import Failure, Trajectory
+from webgym.rollout.manifest import Manifest, Records, manifest_of
 from webgym.rollout.rates import Interval, Rate, Successes, wilson
 from webgym.rollout.rejudge import RECORDED, verdicts_of
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import oracle_note
 from webgym.settings import Settings
+from webgym.stats import Counts, percentiles, resampled
 
 TEST_BUDGET: Final = StepBudget(30, 50, 70)
 """Steps per attempt in testing, by level (paper §5)."""
@@ -112,6 +114,7 @@ class Evaluation(msgspec.Struct, frozen=True):
         budget: steps by level; ``None`` if the run does not tell.
         rows: by level, and overall.
         notes: what the figures must be read with, as in the run's summary.
+        manifest: under which conditions it was made.
     """
 
     run: str
@@ -121,6 +124,7 @@ class Evaluation(msgspec.Struct, frozen=True):
     samples: int
     budget: tuple[int, int, int] | None
     rows: dict[Group, Row]
+    manifest: Manifest
     notes: tuple[str, ...] = ()
 
 
@@ -137,24 +141,29 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
         RunFolderError: the folder is no run, or there is no such judge.
     """
     reader = RunReader(run, skip_corrupt=True)
-    settings = reader.config
-    per_task = int(settings.get("samples") or 1)
-    name, outcome_of = _judged_by(run, judge)
-    policies: dict[str, None] = {}
-    samples = list(_samples(reader, outcome_of, policies))
+    per_task = int(reader.config.get("samples") or 1)
+    name, ended_by = _judged_by(run, judge)
+    records = Records()
+    samples = list(_samples(reader, ended_by, records))
     levels = Counter(task.level for task in reader.drawn)
     told: Mapping[str, Any] = reader.summary or {
-        "notes": [oracle_note(each) for each in ORACLES & policies.keys()]
+        "notes": [oracle_note(each) for each in ORACLES & records.policies.keys()]
     }
-    attempt = settings.get("attempt")
+    rows = rows_of(samples, levels, per_task, config)
+    whole = rows["overall"]
+    counted = {"planned": whole.planned, "judged": whole.attempts, "successes": whole.successes}
+    manifest = manifest_of(
+        reader, records, None if name == RECORDED else name, counted | {"missing": whole.missing}
+    )
     return Evaluation(
-        run=run.resolve().name,
-        policy=told.get("policy") or ", ".join(policies),
+        run=manifest.run,
+        policy=told.get("policy") or ", ".join(records.policies),
         judge=(told.get("judge") or RECORDED) if name == RECORDED else name,
-        seed=settings.get("seed"),
+        seed=manifest.seed,
         samples=per_task,
-        budget=_budget(attempt) if isinstance(attempt, dict) else None,
-        rows=rows_of(samples, levels, per_task, config),
+        budget=manifest.budget,
+        rows=rows,
+        manifest=manifest,
         notes=tuple(told.get("notes", ())),
     )
 
@@ -162,8 +171,8 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
 def rewards_by_task(run: Path, judge: str = RECORDED) -> dict[str, tuple[Level, float]]:
     """Level and mean success of every task of a run that has a reward; see :func:`evaluate`."""
     reader = RunReader(run, skip_corrupt=True)
-    _, outcome_of = _judged_by(run, judge)
-    means = _by_task(_samples(reader, outcome_of, {}))
+    _, ended_by = _judged_by(run, judge)
+    means = _by_task(_samples(reader, ended_by, Records()))
     return {task_id: (reader.tasks[task_id].level, won / of) for task_id, (won, of) in means.items()}
 
 
@@ -253,22 +262,31 @@ def _by_task(samples: Iterable[Sample]) -> dict[str, tuple[int, int]]:
     return found
 
 
-def _judged_by(run: Path, judge: str) -> tuple[str, Callable[[str, Outcome], Outcome | None]]:
-    """A judge's whole name, and the outcome of an attempt by it; ``None`` for one that it has not judged."""
+_Ended: TypeAlias = tuple[Outcome, Failure | None]
+"""How an attempt ended by a judge, and the error that kept the reward from being."""
+
+
+def _judged_by(run: Path, judge: str) -> tuple[str, Callable[[Trajectory], _Ended | None]]:
+    """A judge's whole name, and how an attempt ended by it; ``None`` for one that it has not judged."""
+
+    def as_recorded(trajectory: Trajectory) -> _Ended:
+        return trajectory.outcome, trajectory.episode.failure or trajectory.judge_failure
+
     if judge == RECORDED:
-        return RECORDED, lambda _, outcome: outcome
+        return RECORDED, as_recorded
     name, held = verdicts_of(run, judge)
 
-    def outcome_of(attempt_id: str, outcome: Outcome) -> Outcome | None:
-        if outcome.is_retried:  # it did not end of its own, whoever judges
-            return outcome
-        return held[attempt_id].outcome if attempt_id in held else None
+    def as_judged(trajectory: Trajectory) -> _Ended | None:
+        if trajectory.outcome.is_retried:  # it did not end of its own, whoever judges
+            return as_recorded(trajectory)
+        judged = held.get(trajectory.episode.attempt_id)
+        return (judged.outcome, judged.failure) if judged else None
 
-    return name, outcome_of
+    return name, as_judged
 
 
 def _samples(
-    reader: RunReader, outcome_of: Callable[[str, Outcome], Outcome | None], policies: dict[str, None]
+    reader: RunReader, ended_by: Callable[[Trajectory], _Ended | None], records: Records
 ) -> Iterator[Sample]:
     """The last attempt at every sample. One that the run was stopped in has not ended yet."""
     last = {}
@@ -277,12 +295,9 @@ def _samples(
     for trajectory in reader.trajectories([entry.attempt_id for entry in last.values()]):
         episode = trajectory.episode
         task = reader.tasks.get(episode.task_id)
-        outcome = outcome_of(episode.attempt_id, trajectory.outcome)
-        if task is None or outcome in (None, Outcome.CANCELLED):
+        ended = ended_by(trajectory)
+        if task is None or ended is None or ended[0] is Outcome.CANCELLED:
             continue
-        policies.setdefault(episode.policy)
+        outcome, failure = ended
+        records.add(trajectory, outcome, failure, task.website)
         yield Sample(episode.task_id, task.level, outcome, len(episode.steps))
-
-
-def _budget(attempt: Mapping[str, int]) -> tuple[int, int, int]:
-    return attempt["budget_easy"], attempt["budget_medium"], attempt["budget_hard"]

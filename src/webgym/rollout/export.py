@@ -15,7 +15,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from webgym.agent.images import fit
+from webgym.agent.image_codec import fit
 from webgym.core.errors import RunFolderError, UsageError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task

@@ -76,7 +76,7 @@ def disk_errors(doing: str) -> Iterator[None]:
         if error.errno in _FULL:
             raise StoreFull(
                 f"no space left while {doing}",
-                hint="nothing counted is lost: free some space, then go on with --resume",
+                hint="nothing counted is lost: free some space, then resume with --resume",
             ) from error
         raise StoreError(f"cannot go on {doing}: {error}") from error
 

@@ -23,7 +23,7 @@ def is_judged(trajectory: Trajectory) -> bool:
 
 
 @dataclass(frozen=True)
-class Found:
+class JudgedEpisode:
     """What became of an episode.
 
     Attributes:
@@ -37,7 +37,7 @@ class Found:
     outcome: Outcome
 
 
-TAKEN_OVER: Final = Found(
+TAKEN_OVER: Final = JudgedEpisode(
     None,
     Failure("taken_over", "another collector thought this one dead, and has the task"),
     Outcome.CANCELLED,
@@ -45,18 +45,22 @@ TAKEN_OVER: Final = Found(
 """What becomes of an episode whose sample is another collector's by now."""
 
 
-async def find(judge: Judge, task: Task, episode: Episode, pictures: Pictures, seconds: float) -> Found:
+async def judge_episode(
+    judge: Judge, task: Task, episode: Episode, pictures: Pictures, seconds: float
+) -> JudgedEpisode:
     """Judge an episode within so many seconds; one that did not end of its own is not judged."""
     if episode.ending not in JUDGED:
-        return Found(None, None, outcome_of(episode.ending, None))
+        return JudgedEpisode(None, None, outcome_of(episode.ending, None))
     try:
         async with asyncio.timeout(seconds):
             verdict = await judge.judge(task, episode, pictures)
     except Exception as error:
         # Whatever kept the judge from a verdict, the attempt is unjudged and says why.
         failure = _as_judge_error(error, seconds)
-        return Found(None, Failure(failure.code, failure.message), outcome_of(episode.ending, failure))
-    return Found(verdict, None, outcome_of(episode.ending, verdict))
+        return JudgedEpisode(
+            None, Failure(failure.code, failure.message), outcome_of(episode.ending, failure)
+        )
+    return JudgedEpisode(verdict, None, outcome_of(episode.ending, verdict))
 
 
 def _as_judge_error(error: Exception, seconds: float) -> JudgeError:

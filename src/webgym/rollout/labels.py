@@ -22,7 +22,7 @@ from webgym.judge.labels import HumanLabel, Label, LabelFile, read_labels, rende
 from webgym.rollout.files import disk_errors, sync_folder, write_whole
 from webgym.rollout.store import RunReader
 
-__all__ = ["LABELS", "HumanLabel", "Label", "LabelBook", "labels_path", "sample_to_label"]
+__all__ = ["LABELS", "HumanLabel", "Label", "LabelStore", "labels_path", "sample_to_label"]
 
 LABELS = "labels.csv"
 
@@ -32,7 +32,7 @@ def labels_path(run: Path) -> Path:
     return run / LABELS
 
 
-class LabelBook:
+class LabelStore:
     """A file of labels that is written to. Blocks: call it from a thread, one call at a time.
 
     Args:
@@ -73,7 +73,7 @@ class LabelBook:
         if not read.is_ours or read.broken:
             why = str(read.broken[0]) if read.broken else "it has columns that would be lost"
             raise UsageError(
-                f"cannot write labels to {self.path}: {why}", hint="mend it, or give another file: --labels"
+                f"cannot write labels to {self.path}: {why}", hint="fix it, or give another file: --labels"
             )
 
     @contextmanager

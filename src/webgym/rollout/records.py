@@ -260,5 +260,5 @@ def complain(corrupt: list[CorruptLine]) -> StoreCorrupt:
     more = f" (and {len(corrupt) - 1} more)" if len(corrupt) > 1 else ""
     return StoreCorrupt(
         f"{corrupt[0]}{more}",
-        hint="the other records are whole; --skip-corrupt goes on without the broken ones",
+        hint="the other records are whole; --skip-corrupt continues without the broken ones",
     )

@@ -19,9 +19,9 @@ from webgym.core.errors import JudgeError, RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.verdict import Cost, Verdict
 from webgym.judge.base import Judge
-from webgym.rollout.judging import find, is_judged
+from webgym.rollout.judging import is_judged, judge_episode
 from webgym.rollout.store import RunReader
-from webgym.rollout.verdicts import Judged, VerdictBook, read_verdicts
+from webgym.rollout.verdicts import Judged, VerdictLog, read_verdicts
 from webgym.settings import Settings
 
 RECORDED = "recorded"
@@ -127,7 +127,7 @@ async def judge_run(
     config = config or RejudgeConfig()
     reader = RunReader(run, skip_corrupt=True)
     state = Judging(judge.name)
-    with VerdictBook(run, judge.name) as book:
+    with VerdictLog(run, judge.name) as book:
         waiting = await asyncio.to_thread(_waiting, reader, book, state, config)
         if show:
             show(state)
@@ -139,7 +139,7 @@ async def judge_run(
     return state
 
 
-def _waiting(reader: RunReader, book: VerdictBook, state: Judging, config: RejudgeConfig) -> list[str]:
+def _waiting(reader: RunReader, book: VerdictLog, state: Judging, config: RejudgeConfig) -> list[str]:
     """The attempts that are still to be judged. Those that are not are counted."""
     waiting = []
     for trajectory in reader.trajectories():
@@ -165,7 +165,7 @@ def _waiting(reader: RunReader, book: VerdictBook, state: Judging, config: Rejud
 async def _judge_all(
     reader: RunReader,
     judge: Judge,
-    book: VerdictBook,
+    book: VerdictLog,
     waiting: list[str],
     state: Judging,
     config: RejudgeConfig,
@@ -184,7 +184,9 @@ async def _judge_all(
         for attempt_id in left:
             episode = (await asyncio.to_thread(reader.trajectory, attempt_id)).episode
             started = time.monotonic()
-            found = await find(judge, reader.tasks[episode.task_id], episode, pictures, config.judge_seconds)
+            found = await judge_episode(
+                judge, reader.tasks[episode.task_id], episode, pictures, config.judge_seconds
+            )
             seconds = time.monotonic() - started
             judged = Judged(
                 attempt_id, judge.name, found.outcome, time.time(), seconds, found.verdict, found.failure
@@ -203,7 +205,7 @@ async def _judge_all(
                     return
                 raise JudgeError(
                     f"{state.failed_in_a_row} attempts in a row had no verdict: {failed.message}",
-                    hint="what was judged is kept; mend the cause, then call again",
+                    hint="what was judged is kept; fix the cause, then call again",
                 )
 
     try:

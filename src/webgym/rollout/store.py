@@ -82,7 +82,7 @@ def refuse_taken(path: Path) -> None:
         raise RunFolderError(f"cannot make the run folder {path}: {error.strerror}") from error
     if CONFIG in held:
         raise RunFolderError(
-            f"{path} holds a run already", hint="go on with --resume, or choose another folder"
+            f"{path} holds a run already", hint="resume with --resume, or choose another folder"
         )
     if foreign := sorted(name for name in held - _OURS if not name.endswith(TORN)):
         raise RunFolderError(f"{path} is not empty ({', '.join(foreign[:3])})", hint="choose another folder")
@@ -115,7 +115,7 @@ class RunWriter:
         attempts: an entry for every trajectory on disk, by attempt id.
         retired: names of attempts that this run recorded or judged before it was opened, as far as anything
             still tells them, and whose records are not there any more.
-        skipped: the corrupt lines that :meth:`reopen` was told to go on without.
+        skipped: the corrupt lines that :meth:`reopen` was told to continue without.
         torn_bytes: how much of an unfinished, never counted line :meth:`reopen` cut off.
         on_metric: is told every line of ``metrics.jsonl`` once it is written, in the thread that wrote it.
     """
@@ -197,7 +197,7 @@ class RunWriter:
         Every record is verified. A torn last line is cut off, temporary files are swept.
 
         Args:
-            skip_corrupt: go on without records whose checksum does not match; they stay in the file
+            skip_corrupt: continue without records whose checksum does not match; they stay in the file
                 and are listed in :attr:`skipped`.
 
         Raises:
@@ -401,7 +401,7 @@ class RunReader:
 
     Args:
         path: the run folder.
-        skip_corrupt: go on without records that cannot be trusted; :attr:`skipped` lists them.
+        skip_corrupt: continue without records that cannot be trusted; :attr:`skipped` lists them.
 
     Raises:
         RunFolderError: the folder is no run.

@@ -67,7 +67,7 @@ class _Tracker:
     def _fail(self, reason: str) -> None:
         if not self._has_failed:
             self._has_failed = True
-            self._failed(f"{self._name} gets no more figures until this goes on with --resume: {reason}")
+            self._failed(f"{self._name} gets no more figures until this is resumed with --resume: {reason}")
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist
 from webgym.rollout.collector import CollectorConfig
-from webgym.rollout.judging import TAKEN_OVER, Found, find
+from webgym.rollout.judging import TAKEN_OVER, JudgedEpisode, judge_episode
 from webgym.rollout.plan import Plan
 from webgym.rollout.store import RunReader, RunWriter
 
@@ -119,13 +119,13 @@ class _Again:
                 host = blocking_host(task.website, trajectory.episode, blocked)
                 await asyncio.to_thread(self._blocklist.add, host, blocked.reason)
 
-    async def _find(self, task: Task, episode: Episode) -> Found:
+    async def _find(self, task: Task, episode: Episode) -> JudgedEpisode:
         if not await self._holds(episode):
             return TAKEN_OVER
         self._context.progress.move(None, "judging")
         try:
             seconds = self._config.judge_seconds
-            found = await find(self._judge, task, episode, self._pictures, seconds)
+            found = await judge_episode(self._judge, task, episode, self._pictures, seconds)
         finally:
             self._context.progress.move("judging", None)
         return found if await self._holds(episode) else TAKEN_OVER
@@ -133,7 +133,7 @@ class _Again:
     async def _holds(self, episode: Episode) -> bool:
         return self._plan is None or await self._plan.holds(episode.task_id, episode.sample)
 
-    async def _keep(self, trajectory: Trajectory, found: Found, seconds: float) -> None:
+    async def _keep(self, trajectory: Trajectory, found: JudgedEpisode, seconds: float) -> None:
         judged = msgspec.structs.replace(
             trajectory,
             outcome=found.outcome,

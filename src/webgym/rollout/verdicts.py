@@ -125,7 +125,7 @@ class VerdictReader:
         return sorted(found, key=lambda judged: judged.judge)
 
 
-class VerdictBook:
+class VerdictLog:
     """One judge's verdicts on a run, open for writing; survives kill -9.
 
     Args:

@@ -3,9 +3,9 @@
 operations.py  the one table of operations: routing, the OpenAPI document and the client follow it
 messages.py    what travels between client and server
 client.py      BrowserClient and Session: what the collector uses
-ways.py        straight to the worker that holds a session, or through the gateway
+routing.py     straight to the worker that holds a session, or through the gateway
 config.py      ServerConfig, GatewayConfig, ClientLimits: every limit, with its unit and its reason
-front.py       HTTP: authentication, limits, decoding, errors
+http.py        HTTP: authentication, limits, decoding, errors
 listening.py   sockets, and requests of bounded size
 
 A worker:
@@ -18,18 +18,18 @@ admission.py   run permits, and a queue of its own for each type of operation
 metrics.py     what Prometheus sees
 quota.py       how many sessions one client may hold
 feed.py        tells those who watch what changed
-worker.py      running a worker, in this process
-child.py       running one as a process that ends with its parent
+run_worker.py  running a worker, in this process
+subprocess_worker.py  running one as a process that ends with its parent
 
 A gateway, one address for many workers:
 
 gateway.py     what each operation does, over all workers
-line.py        who gets the next free slot
+queue.py       who gets the next free slot
 relay.py       passes calls on as bytes
-workers.py     keeps workers up, wherever they run
+fleet.py       keeps workers up, wherever they run
 local.py       workers as processes of this machine
 ray_hosts.py   workers on the nodes of a Ray cluster
-totals.py      what many workers say, as one
+aggregate.py   what many workers say, as one
 
 compat/        the HTTP API of the WebGym authors' server, in front of either
 """
@@ -41,7 +41,7 @@ from webgym.server.client import BrowserClient, Session
 from webgym.server.config import ClientLimits, GatewayConfig, RayConfig, ServerConfig
 from webgym.server.gateway import RunningGateway, running_gateway
 from webgym.server.messages import ServerInfo, SessionOptions, View
-from webgym.server.worker import RunningServer, running_server
+from webgym.server.run_worker import RunningServer, running_server
 
 __all__ = [
     "BrowserClient",

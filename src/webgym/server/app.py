@@ -10,7 +10,7 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 
 from webgym.core.errors import Unauthorized
-from webgym.server.front import Front, application, decode, while_connected
+from webgym.server.http import Front, application, decode, while_connected
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionGrant, SessionOptions
 from webgym.server.operations import ALLOCATE, OPERATIONS, Operation
 from webgym.server.quota import Quota, client_of

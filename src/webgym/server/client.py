@@ -71,7 +71,7 @@ from webgym.server.operations import (
     Operation,
     QueueName,
 )
-from webgym.server.ways import Way, Ways
+from webgym.server.routing import Way, Ways
 
 log = logging.getLogger(__name__)
 

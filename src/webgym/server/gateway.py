@@ -22,11 +22,12 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from webgym.core.errors import LeaseLost, ServerError, ServerUnreachable, WorkerLost
+from webgym.server.aggregate import GatewayMetrics, merge_expositions, total
 from webgym.server.audit import Audit, audit_to
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 from webgym.server.feed import Feed
-from webgym.server.front import Front, application, decode, while_connected
-from webgym.server.line import Line
+from webgym.server.fleet import Fleet, Hosts, Worker
+from webgym.server.http import Front, application, decode, while_connected
 from webgym.server.listening import listen, serving, url_of
 from webgym.server.local import LocalHosts
 from webgym.server.messages import (
@@ -50,13 +51,12 @@ from webgym.server.operations import (
     Operation,
     openapi,
 )
+from webgym.server.queue import Line
 from webgym.server.quota import Quota, caller_of, client_of
 from webgym.server.ray_hosts import ray_hosts
 from webgym.server.relay import Answer, Header, Interrupted, NotSent
+from webgym.server.run_worker import TOKEN_BYTES, new_instance
 from webgym.server.tokens import Tokens
-from webgym.server.totals import GatewayMetrics, merge_expositions, total
-from webgym.server.worker import TOKEN_BYTES, new_instance
-from webgym.server.workers import Fleet, Hosts, Worker
 
 log = logging.getLogger(__name__)
 

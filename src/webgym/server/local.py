@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Collection
 
-from webgym.server.child import Child, start_child
 from webgym.server.config import GatewayConfig, ServerConfig, usable_cores
-from webgym.server.workers import Host, Started, share_of, split
+from webgym.server.fleet import Host, Started, share_of, split
+from webgym.server.subprocess_worker import Child, start_child
 
 
 class LocalHost:

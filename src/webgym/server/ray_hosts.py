@@ -20,14 +20,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 
 from webgym.core.errors import ConfigError, ServerError, ServerUnreachable
-from webgym.server.child import read_report
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig, usable_cores
-from webgym.server.workers import Host, Started, share_of, split
+from webgym.server.fleet import Host, Started, share_of, split
+from webgym.server.subprocess_worker import read_report
 
 if TYPE_CHECKING:
     from types import ModuleType
 
-    from webgym.server.child import DetachedChild
+    from webgym.server.subprocess_worker import DetachedChild
 
 log = logging.getLogger(__name__)
 
@@ -62,7 +62,7 @@ def _node_actor() -> type:
 
         def start(self, name: str, config: str, stop_seconds: float) -> bytes:
             """Start a worker, and return what it says when it is up."""
-            from webgym.server.child import DetachedChild
+            from webgym.server.subprocess_worker import DetachedChild
 
             child = DetachedChild(config, stop_seconds)
             with self._lock:

@@ -275,7 +275,7 @@ def write_published(file: BinaryIO, tasks: Iterable[Task], split: str | None) ->
             line = line_of(task, split)
         except ValueError as error:
             raise TaskFileError(
-                f"the task {task.id!r} makes no published row: {error}", hint="mend it or leave it out"
+                f"the task {task.id!r} makes no published row: {error}", hint="fix it or leave it out"
             ) from error
         if count:
             line = line.removeprefix(BYTE_ORDER_MARK)

@@ -19,8 +19,8 @@ from typing import Final
 import msgspec
 
 from webgym.agent.config import WITH_MEMORY
-from webgym.agent.page import target_of, usable
-from webgym.agent.policy import BasePolicy, Turn
+from webgym.agent.elements import target_of, usable
+from webgym.agent.policy import BasePolicy, PolicyInput
 from webgym.agent.prompts import render_reply
 from webgym.agent.solver import Solver
 from webgym.core.action import GRID, Action, Answer, GoBack, LeftClick, Target
@@ -114,7 +114,7 @@ class _Demonstrator:
         self._memory: dict[str, str] = {}
         self._strayed = False
 
-    async def reply(self, turn: Turn) -> Reply:
+    async def reply(self, turn: PolicyInput) -> Reply:
         """The next reply.
 
         Raises:
@@ -154,7 +154,7 @@ class _Demonstrator:
 
     # --- mistakes -------------------------------------------------------------------------------------
 
-    def _err(self, turn: Turn) -> Action | None:
+    def _err(self, turn: PolicyInput) -> Action | None:
         """A mistake in place of the next move, or what follows from one; ``None`` for none."""
         seen, habits, draw = turn.observation, self._habits, self._rng.random
         if self._strayed:

@@ -36,7 +36,7 @@ from webgym.rehearsal import Rehearsal, Rehearsals
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.files import write_whole
-from webgym.rollout.judging import find
+from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
 from webgym.rollout.summary import Tally, digest_of
 from webgym.settings import Settings
@@ -211,7 +211,7 @@ async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str,
     """Success of attempts at tasks, and how they ended; keys as in ``summary.json``."""
     judge, tally, seconds = OfflineJudge(), Tally(tasks), CollectorConfig().judge_seconds
     for task, episode in zip(tasks, episodes, strict=True):
-        found = await find(judge, task, episode, _no_picture, seconds)
+        found = await judge_episode(judge, task, episode, _no_picture, seconds)
         tally.add(digest_of(Trajectory(episode, found.outcome, found.verdict, found.failure)))
     summary = tally.summary()
     unread = sum(step.action is None for episode in episodes for step in episode.steps)

@@ -127,7 +127,7 @@ class TrainingFolder:
             entries = list(self.path.iterdir()) if self.path.exists() else []
         if any(not entry.name.endswith((TORN, ".log")) for entry in entries):
             raise RunFolderError(
-                f"{self.path} is not empty", hint="go on with --resume, or choose another folder"
+                f"{self.path} is not empty", hint="resume with --resume, or choose another folder"
             )
 
     def create(self, config: Mapping[str, Any]) -> None:

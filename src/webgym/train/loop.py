@@ -25,7 +25,6 @@ from typing import Any, Protocol, TypeAlias
 from pydantic import Field, model_validator
 
 from webgym.agent.policy import Policy
-from webgym.collection import RunConfig, Secrets, ServerChoice, collect, resume
 from webgym.core.errors import ConfigError, TrainingError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
@@ -37,6 +36,7 @@ from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
 from webgym.rollout.trackers import TrackerName
+from webgym.runs import RunConfig, Secrets, ServerChoice, collect, resume
 from webgym.settings import Section
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
@@ -159,7 +159,7 @@ class Attempts(Protocol):
 async def make_run(
     out: Path, config: RunConfig, tasks: Sequence[Task], policy: Policy, secrets: Secrets, show: Show | None
 ) -> Summary:
-    """Make a run, or go on with the one that is there."""
+    """Make a run, or resume the one that is there."""
     if (out / CONFIG).exists():
         return await resume(out, policy=policy, server=config.server, secrets=secrets, show=show)
     return await collect(config, out, tasks=tasks, policy=policy, secrets=secrets, show=show)
@@ -251,7 +251,7 @@ class Training:
         """Run what is left; one row of figures per iteration when this returns.
 
         Raises:
-            ExceptionGroup: of the first error that training cannot go on with.
+            ExceptionGroup: of the first error that training cannot continue with.
         """
         self._recall()
         async with asyncio.TaskGroup() as group:

@@ -21,7 +21,7 @@ from typing import Literal, TypeAlias
 
 import torch
 
-from webgym.agent.images import fit
+from webgym.agent.image_codec import fit
 from webgym.core.errors import PolicyError
 from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Message, Reply, Step

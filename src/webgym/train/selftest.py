@@ -208,5 +208,5 @@ def _before_expansion(ids: Sequence[int], image_id: int) -> list[int]:
 def _other(what: str) -> PublishError:
     return PublishError(
         f"the served model does not pass its self-test: it {what}",
-        hint="what was collected and learned is kept; mend the server, then webgym train --resume",
+        hint="what was collected and learned is kept; fix the server, then webgym train --resume",
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
-from webgym.agent.policy import BasePolicy, Player, Policy
+from webgym.agent.policy import BasePolicy, Policy, PolicySession
 from webgym.agent.profile import Profile
 from webgym.core.errors import ConfigError, PublishError
 from webgym.core.task import Task
@@ -112,6 +112,6 @@ class KeptOpen(BasePolicy):
         """Whether the policy reads elements."""
         return self._policy.wants_elements
 
-    def begin(self, task: Task, seed: int) -> Player:
+    def begin(self, task: Task, seed: int) -> PolicySession:
         """A player of the policy."""
         return self._policy.begin(task, seed)

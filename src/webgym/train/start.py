@@ -12,13 +12,13 @@ import yaml
 from pydantic import ValidationError
 
 from webgym.agent.profiles import choose_profile
-from webgym.collection import Secrets, all_tasks, resolved, services
 from webgym.core.errors import RunFolderError
 from webgym.inference.local import LocalConfig
 from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.rollout.files import CONFIG
 from webgym.rollout.trackers import tracking
+from webgym.runs import Secrets, all_tasks, resolved, services
 from webgym.settings import first_problem, settings_of
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner

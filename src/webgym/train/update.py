@@ -93,7 +93,7 @@ class Updater:
         config: how.
         objective: what for.
         source: folder or hub id of the weights that learning started from; or a model that is loaded already.
-        resume: a folder that :meth:`save` wrote, to go on from; ``None`` to begin.
+        resume: a folder that :meth:`save` wrote, to resume from; ``None`` to begin.
 
     Raises:
         ConfigError: there is no such model, its weights are not whole, or DeepSpeed is to offload.
@@ -169,7 +169,7 @@ class Updater:
                 raise TrainingError(
                     f"the loss of optimizer step {self.step} is {loss_now}, its gradient {norm}",
                     hint="nothing of this update was saved: lower learn.update.learning_rate in config.yaml, "
-                    "then go on with --resume",
+                    "then resume with --resume",
                 )
             self.optimizer.step()
             self.optimizer.zero_grad()

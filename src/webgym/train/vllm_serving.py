@@ -49,7 +49,7 @@ class VllmServing:
         logs: folder for what the server writes.
         lora: of the learner, if it trains adapters.
         profile: of the model's family; by default the one that its name leads to.
-        newest: weights and version that a training goes on with, so that a server is started with them.
+        newest: weights and version that a training continues with, so that a server is started with them.
     """
 
     def __init__(
@@ -221,7 +221,7 @@ class VllmServing:
             if self._newest is None and label not in ("", "default", "0"):
                 raise ConfigError(
                     f"the server {config.base_url} has other weights than learning starts from: {label!r}",
-                    hint="start it anew, or go on with the training they are of: webgym train --resume",
+                    hint="start it anew, or continue with the training they are of: webgym train --resume",
                 )
             await api.label("0")
         await self._switch(await self._tested(name, "0", None))

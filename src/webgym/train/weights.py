@@ -53,16 +53,16 @@ def load_trainable(config: UpdateConfig, source: str | Path | Loaded, resume: Pa
     Args:
         config: all weights, or adapters; vision tower or not.
         source: weights that learning began with, by folder or hub id; or a model that is loaded already.
-        resume: a folder to go on from, which must have been made with the same kind of weights.
+        resume: a folder to resume from, which must have been made with the same kind of weights.
 
     Raises:
         ConfigError: there is no such model, or no module has a name that adapters are for.
-        TrainingError: the folder to go on from holds the other kind.
+        TrainingError: the folder to resume from holds the other kind.
     """
     if resume is not None and read_state(resume).lora != (config.lora is not None):
         raise TrainingError(
             f"{resume} was trained {'without' if config.lora else 'with'} adapters",
-            hint="go on with the same update.lora, or begin anew",
+            hint="continue with the same update.lora, or begin anew",
         )
     if resume is not None and config.lora is None:
         source = resume
@@ -170,7 +170,7 @@ def read_state(folder: Path) -> State:
     try:
         return msgspec.json.decode((folder / STATE).read_bytes(), type=State)
     except (OSError, ValueError) as error:
-        raise TrainingError(f"{folder} holds no update to go on from: {error}") from error
+        raise TrainingError(f"{folder} holds no update to resume from: {error}") from error
 
 
 def read_optimizer(folder: Path) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 accelerate hides most of it. Left are settings that must follow from ours, and the optimizer's state, which
 ZeRO keeps in flat pieces: it is read and written here by the names of parameters, whole, in the form that
-torch's ``get_optimizer_state_dict`` has. So a training can go on with other processes, or another backend.
+torch's ``get_optimizer_state_dict`` has. So a training can continue with other processes, or another backend.
 
 The engine clips and steps by itself, when accelerate's ``sync_gradients`` says that gradients are complete; a
 step whose gradient is no finite number it skips, and tells an infinite norm.

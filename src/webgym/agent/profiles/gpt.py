@@ -6,7 +6,7 @@ sampling parameters and call the longest reply, thinking included, ``max_complet
 
 from __future__ import annotations
 
-from webgym.agent.pictures import Patches, PictureRule, Tiles
+from webgym.agent.image_sizing import Patches, PictureRule, Tiles
 from webgym.agent.profile import DEFAULT_SAMPLING, Profile
 from webgym.llm.config import Sampling
 

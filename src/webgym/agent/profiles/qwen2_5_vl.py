@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from webgym.agent.pictures import Multiples
+from webgym.agent.image_sizing import Multiples
 from webgym.agent.profile import PAPER_SAMPLING, Profile
 
 PROFILES = (

@@ -11,10 +11,10 @@ import msgspec
 
 from webgym.bench.rollout.measure import Measured, over_async, repeated
 from webgym.bench.rollout.plan import Cell, RolloutPlan
-from webgym.bench.tables import Table
 from webgym.core.errors import ConfigError
 from webgym.simulate.config import Costs, System
 from webgym.simulate.model import simulate
+from webgym.tables import Table
 
 _LOOK: Final = 0.25
 """Share of a step's CPU time that goes into the screenshot; the benchmark does not tell them apart."""

@@ -22,13 +22,13 @@ from webgym.bench.rollout.plan import PARTS, Cell, RolloutPlan, scripts_of
 from webgym.bench.stepping import until
 from webgym.bench.usage import CpuTimes
 from webgym.browser.config import BrowserConfig
-from webgym.collection import RunConfig, Secrets, collect
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.offline import OfflineWeb
 from webgym.offline.app import RunningSites, SitesConfig, serving
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import environment_milliseconds
+from webgym.runs import RunConfig, Secrets, collect
 from webgym.server import BrowserClient, ServerConfig
 from webgym.server.config import Admission
 

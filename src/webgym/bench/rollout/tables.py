@@ -7,8 +7,8 @@ from pathlib import Path
 from statistics import median
 
 from webgym.bench.rollout.measure import Measured, Repeated, over_async, repeated
-from webgym.bench.tables import Table
 from webgym.plotting import CATEGORIES, PAGE, new_figure, save, styled
+from webgym.tables import Table
 
 
 def rollout_tables(found: Sequence[Measured]) -> Iterator[Table]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from webgym.bench.soak.books import Books
 from webgym.bench.soak.leaks import Census
 from webgym.bench.soak.run import Soak
-from webgym.bench.tables import Table
+from webgym.tables import Table
 
 
 def progress_line(books: Books) -> str:

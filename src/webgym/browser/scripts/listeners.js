@@ -12,7 +12,7 @@
   const { getOwnPropertyDescriptor, getOwnPropertyNames } = Object;
   const own = (thing, name) => (getOwnPropertyDescriptor(thing, name) || {}).value;
 
-  const PRESSES = ['click', 'mousedown', 'pointerdown', 'mouseup', 'pointerup', 'dblclick', 'touchstart', 'contextmenu'];
+  const PRESSES = ['click', 'mousedown', 'pointerdown', 'mouseup', 'pointerup', 'dblclick', 'contextmenu'];
   const hears = (element) => {
     const listeners = listenersOf(element);
     for (let i = 0; i < PRESSES.length; i++) if (own(listeners, PRESSES[i])) return true;
@@ -22,7 +22,7 @@
 
   // React, too: what an element hears is kept with it.
   const PROPS = [
-    'onClick', 'onMouseDown', 'onPointerDown', 'onMouseUp', 'onPointerUp', 'onDoubleClick', 'onTouchStart', 'onContextMenu',
+    'onClick', 'onMouseDown', 'onPointerDown', 'onMouseUp', 'onPointerUp', 'onDoubleClick', 'onContextMenu',
   ];
   const hearsByProps = (element) => {
     const names = getOwnPropertyNames(element);

@@ -27,6 +27,7 @@
   );
 
   const explicitRole = (element) => (getAttribute(element, 'role') || '').trim().split(/\s+/)[0];
+  const isStructure = (element) => STRUCTURES.has(explicitRole(element));
 
   // The role of a control.
   const widgetOf = (element) => {
@@ -65,7 +66,7 @@
     const role = widgetOf(element);
     if (role) return role;
     const isFocused = hasAttribute(element, 'tabindex') && tabIndex(element) >= 0;
-    const isButton = hasAttribute(element, 'onclick') || (isFocused && !STRUCTURES.has(explicitRole(element)));
+    const isButton = hasAttribute(element, 'onclick') || (isFocused && !isStructure(element));
     return isButton ? 'button' : '';
   };
 
@@ -155,5 +156,5 @@
     return null;
   };
 
-  webgym.roles = { widgetOf, roleOf, nameOf, valueOf };
+  webgym.roles = { isStructure, widgetOf, roleOf, nameOf, valueOf };
 })();

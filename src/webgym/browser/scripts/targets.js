@@ -4,11 +4,12 @@
   if (webgym.targets) return;
   const {
     dispatchEvent, nodeType, childNodes, getRootNode, localName, baseURI, getAttribute, matches, closest,
-    checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector, createRange,
+    checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector,
+    querySelectorAll, createRange,
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
   } = webgym.dom;
   const { rootOf, shorten } = webgym;
-  const { widgetOf, roleOf, nameOf, valueOf } = webgym.roles;
+  const { widgetOf, roleOf, nameOf, valueOf, isStructure } = webgym.roles;
   const { intersect, middle, moved, parentOf, contains, hit, clipAround } = webgym.geometry;
 
   const contents = createRange(document);
@@ -143,13 +144,19 @@
   const hasParts = (element) =>
     ['::before', '::after'].some((part) => getComputedStyle(element, part).content !== 'none');
 
+  // A control in a label keeps the clicks on it to itself.
+  const isOfLabelAlone = (part) => {
+    const found = hit(...middle(part));
+    return Boolean(found) && !closest(found, 'a[href],button,select,textarea');
+  };
+
   // What is clicked instead of a control that is not seen itself: its label, what is drawn over it or around.
   const standIn = (element, place, most) => {
     if (localName(element) === 'textarea' && getClientRects(element).length) return editorAround(element, place, most);
     if (localName(element) !== 'input' && localName(element) !== 'select') return [];
     for (const label of element.labels || []) {
-      const found = isShown(label) ? visibleParts(label, place, most) : [];
-      if (found.length) return found;
+      const found = isShown(label) ? visibleParts(label, place, MAX_PARTS).filter(isOfLabelAlone) : [];
+      if (found.length) return found.slice(0, most);
     }
     let parent = parentOf(element);
     const isInComponent = (node) => node && getRootNode(node).host;
@@ -212,13 +219,22 @@
 
   // A day of a calendar, say: made to take the focus, and a box close around it listens for all.
   const isHeardAround = (element) => {
-    if (getAttribute(element, 'tabindex') !== '-1' || childElementCount(element)) return false;
+    if (getAttribute(element, 'tabindex') !== '-1' || childElementCount(element) || isStructure(element)) return false;
     const parent = parentOf(element);
     return Boolean(parent) && (hears(parent) || Boolean(parentOf(parent) && hears(parentOf(parent))));
   };
 
+  const FILLS = 0.9; // of its parent's box: what it holds is what the parent holds
+  const FILL_DEPTH = 3;
+  const fillOf = (element) => {
+    const area = areaOf(getBoundingClientRect(element));
+    return [...children(element)].slice(0, ITEMS).find((child) => areaOf(getBoundingClientRect(child)) >= FILLS * area);
+  };
+
   const ITEMS = 3; // of one kind, and of one size: then not what is around them is meant
-  const itemsOf = (element) => {
+  const itemsOf = (element, depth = 0) => {
+    const fill = depth < FILL_DEPTH && fillOf(element);
+    if (fill) return itemsOf(fill, depth + 1);
     const inner = [...children(element)];
     if (inner.length < ITEMS) return [];
     const [{ width, height }, name] = [getBoundingClientRect(inner[0]), localName(inner[0])];
@@ -230,6 +246,25 @@
     return width >= 8 && height >= 8 && inner.every(isAlike) ? inner : [];
   };
 
+  // Is this text that the mouse would select, with nothing to say that it is clicked?
+  const isPlainText = (element, style) =>
+    style.cursor === 'auto' && style.userSelect !== 'none' && !ofKind(element, 'ownerSVGElement') &&
+    Boolean(nameOf(element, 'button'));
+
+  // Is there a pointer on others of its kind? Then the page says by the cursor what is clicked.
+  const CELLS = 'td,th,tr';
+  const MOST_KINDRED = 200;
+  let pointed = new Map(); // by parent or table, and by kind; in this look
+  const hasPointedKin = (element) => {
+    const table = matches(element, CELLS) && closest(element, 'table');
+    const [around, kind] = table ? [table, CELLS] : [parentOf(element), localName(element)];
+    if (!around) return false;
+    if (!pointed.has(around)) pointed.set(around, {});
+    const kin = () => (table ? [...querySelectorAll(table, CELLS)] : [...children(rootOf(around) || around)]);
+    const isPointed = (one) => (table || localName(one) === kind) && showsPointer(one, getComputedStyle(one));
+    return (pointed.get(around)[kind] ??= kin().slice(0, MOST_KINDRED).some(isPointed));
+  };
+
   // A part of a label does what the field that it labels does, which is numbered itself.
   const isOfLabel = (element) => {
     const label = closest(element, 'label');
@@ -237,7 +272,14 @@
     return Boolean(isOfField) && !hears(element);
   };
 
-  // {element, place, role, isControl, isPointer, items, kids, boxes}: `kids` are the candidates in it, `items` those of
+  // What names another element is a label, too.
+  const isName = (element) => {
+    const id = getAttribute(element, 'id');
+    return Boolean(id) && querySelector(getRootNode(element), `[aria-labelledby~="${CSS.escape(id)}"]`) !== null;
+  };
+
+  // {element, place, role, isControl, isPointer, isText, items, kids, boxes}: `isText` if nothing is seen of what
+  // listens, `kids` are the candidates in it, `items` those of
   // its children that are candidates because of it.
   const candidateOf = (element, place, style, isItem) => {
     const role = roleOf(element);
@@ -245,11 +287,14 @@
     const isPointer = Boolean(style && startsPointer(element, style));
     if (!role && !isPointer && !(style && (isItem || hears(element) || isHeardAround(element)))) return null;
     if (isOff(element) || (!isControl && isOfLabel(element))) return null;
+    if (!role && !isPointer && isName(element)) return null;
+    const isText = !role && !isPointer && isPlainText(element, style);
+    if (isText && hasPointedKin(element)) return null;
     if (role === 'listbox' && localName(element) !== 'select') return null; // its options are what one clicks
     const list = role === 'option' && localName(element) === 'option' ? closest(element, 'select') : null;
     if (list && roleOf(list) !== 'listbox') return null;
     const items = new Set(isControl ? [] : itemsOf(element));
-    return { element, place, role: role || 'button', isControl, isPointer, items, kids: [], boxes: [] };
+    return { element, place, role: role || 'button', isControl, isPointer, isText, items, kids: [], boxes: [] };
   };
 
   const locate = (one, most) => {
@@ -298,10 +343,9 @@
   const hasOtherText = (one, kids) =>
     nameOf(one.element, one.role).length > kids.reduce((sum, kid) => sum + nameOf(kid.element, kid.role).length + 1, 0);
 
-  // Is this the component whose only control, of the same name, has no box of its own size?
+  // Is this the component whose only control or icon, of the same name, has no box of its own size?
   const isComponentOf = (one, [kid, ...more]) =>
-    Boolean(rootOf(one.element)) && !more.length && kid.isControl &&
-    nameOf(one.element, one.role) === nameOf(kid.element, kid.role);
+    Boolean(rootOf(one.element)) && !more.length && nameOf(one.element, one.role) === nameOf(kid.element, kid.role);
 
   // Is this what a slider moves in, and the slider a thin line as long as it, not a handle?
   const isSliderOf = (box, [kid, ...more]) => {
@@ -336,6 +380,7 @@
     const share = (kid) => areaOf(kid.boxes[0]) / area;
     if (!one.isControl) {
       if (!one.isPointer && isNothing(one)) return null;
+      if (one.isText && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
       if (!within.length) {
         const isLarge = area > LARGE * innerWidth * innerHeight && !WHOLE.has(localName(one.element));
         return isLarge && !one.isPointer ? null : kids;
@@ -343,7 +388,9 @@
       const isCovered = within.reduce((sum, kid) => sum + share(kid), 0) >= COVER;
       const isWrapper = within.length === 1 && isWrapperOf(one, within[0], share(within[0]));
       if (isCovered || isWrapper || !one.isHeard()) return null;
-      if (isComponentOf(one, within) || isSliderOf(box, within)) {
+      const isComponent = isComponentOf(one, within);
+      if (isComponent && !within[0].isControl) return kids.filter((kid) => kid !== within[0]);
+      if (isComponent || isSliderOf(box, within)) {
         within[0].boxes = one.boxes;
         return null;
       }
@@ -357,7 +404,7 @@
     if (isInert && within.some((kid) => isItemOf(one, kid))) return null;
     const same = within.filter((kid) => share(kid) >= COVER);
     const isField = (kid) => kid.isControl && (GIVES_WAY.has(one.role) || FIELDS.has(localName(kid.element)));
-    if (same.some(isField)) return null;
+    if (same.some(isField) && !WITHOUT_PARTS.has(one.role)) return null;
     const isOwn = (kid) => same.includes(kid) || isPartOf(one, kid);
     return kids.filter((kid) => !isOwn(kid) && (kid.isControl || !within.includes(kid) || kid.isHeard()));
   };
@@ -373,12 +420,16 @@
       const kept = keptBeside(one, kids);
       one.isKept = Boolean(kept) && (localName(one.element) === 'select' || placeBeside(one, kept));
       if (!one.isKept) continue;
-      for (const kid of kids) if (!kept.includes(kid)) drop(kid);
+      dropOthers(one, kids, kept);
     }
     return candidates.filter(({ isKept }) => isKept);
   };
-  const drop = (one) => {
-    one.isKept = false;
+  // What lies in those that are not kept was kept beside them, not beside `one`.
+  const dropOthers = (one, kids, kept) => {
+    const others = kids.filter((kid) => !kept.includes(kid));
+    for (const kid of others) kid.isKept = false;
+    const below = others.flatMap(({ rest }) => rest.filter(({ isKept }) => isKept));
+    if (below.length) dropOthers(one, below, keptBeside(one, below) || below);
   };
 
   const hrefOf = (element) => {
@@ -397,6 +448,7 @@
   // A new look: style sheets may have come and gone.
   const begin = () => {
     hovers = new Map();
+    pointed = new Map();
   };
 
   webgym.targets = {

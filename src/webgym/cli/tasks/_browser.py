@@ -70,7 +70,7 @@ class Browser:
                 self._draw()
 
     def _obey(self, key: str) -> bool:
-        """Do what a key asks; whether to go on."""
+        """Do what a key asks; whether to continue."""
         if key == "q" and not self._is_open:
             return False
         if key in ("q", "b"):

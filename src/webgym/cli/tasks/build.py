@@ -12,7 +12,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from webgym.tasks.build import Estimate, Finished, Noted, Place
+    from webgym.tasks.construction import Estimate, Finished, Noted, Place
 
 
 def build(
@@ -73,7 +73,7 @@ def build(
 
     from webgym.cli import EXIT_INTERRUPTED, _run
     from webgym.core.errors import UsageError
-    from webgym.tasks.build import Noted, Place, Stages, read_config, run_batch, run_build, run_dry
+    from webgym.tasks.construction import Noted, Place, Stages, read_config, run_batch, run_build, run_dry
 
     overrides: dict[str, Any] = {
         "sources": _sources(source),

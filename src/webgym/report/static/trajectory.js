@@ -124,7 +124,7 @@ const BAD = new Set(["navigation_failed", "action_failed", "crashed", "reply_unr
 function noticeList(frame) {
   const notices = frame.notices.map(([kind, text]) => h("p", { class: `notice ${BAD.has(kind) ? "bad" : ""}` }, h("b", {}, NOTICES[kind] || kind), " ", text));
   if (frame.error) notices.push(h("p", { class: "notice bad" }, h("b", {}, "This reply held no action"), " ", frame.error));
-  if (frame.memory) notices.push(h("p", { class: "notice" }, h("b", {}, "The memory was mended"), " ", frame.memory));
+  if (frame.memory) notices.push(h("p", { class: "notice" }, h("b", {}, "The memory was corrected"), " ", frame.memory));
   return notices.length ? h("div", { class: "notices" }, notices) : null;
 }
 

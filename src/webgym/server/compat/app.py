@@ -31,7 +31,7 @@ from webgym.server.compat.config import CompatConfig
 from webgym.server.compat.instances import VIEWPORT, Instance, Instances, NoInstance
 from webgym.server.compat.regions import Json
 from webgym.server.config import ClientLimits, ServerConfig
-from webgym.server.front import while_connected
+from webgym.server.http import while_connected
 from webgym.server.listening import listen, serving, url_of
 from webgym.server.messages import HEALTHY
 from webgym.server.operations import JSON, PNG

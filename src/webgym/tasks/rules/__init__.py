@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from webgym.tasks.rules import against, cutting, form, wording
+from webgym.tasks.rules import cutting, form, task_consistency, wording
 from webgym.tasks.rules.case import Asked, Case, Draft, DraftGroup, Finding, Rule
 
 __all__ = ["RULES", "Asked", "Draft", "DraftGroup", "Finding", "Rule", "check_rubric"]
@@ -26,16 +26,31 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("split-alternatives", "error", "alternatives are one fact", cutting.split_alternatives),
     Rule("several-things", "error", "one thing per fact", wording.several_things),
     Rule("step", "error", "what must hold, not what to do on the way", wording.steps),
-    Rule("example-as-fact", "error", "the task's examples are not asked for", against.examples_as_facts),
-    Rule("unstated-number", "error", "no number that the task does not state", against.unstated_numbers),
-    Rule("leaked-answer", "error", "nothing that only the answer or the hints say", against.leaked_answers),
+    Rule(
+        "example-as-fact",
+        "error",
+        "the task's examples are not asked for",
+        task_consistency.examples_as_facts,
+    ),
+    Rule(
+        "unstated-number",
+        "error",
+        "no number that the task does not state",
+        task_consistency.unstated_numbers,
+    ),
+    Rule(
+        "leaked-answer",
+        "error",
+        "nothing that only the answer or the hints say",
+        task_consistency.leaked_answers,
+    ),
     Rule("how-to", "error", "instructions are one fact", cutting.steps_of_instructions),
     Rule("purchase", "error", "what is bought, and that it is", cutting.steps_of_purchase),
     Rule("computation", "error", "a computation is one fact", cutting.steps_of_computation),
     Rule("operands", "error", "operands only where they are asked for", cutting.operands),
-    Rule("enumerated", "error", "what the task leaves open is one fact", against.enumerated),
+    Rule("enumerated", "error", "what the task leaves open is one fact", task_consistency.enumerated),
     Rule("hollow", "error", "a fact names what must hold", wording.hollow),
-    Rule("no-subject", "error", "a fact says what it is about", against.stop_words_only),
+    Rule("no-subject", "error", "a fact says what it is about", task_consistency.stop_words_only),
     Rule("markup", "error", "one line of plain text", wording.markup),
     Rule("endless", "error", "no fact is a paragraph", wording.endless_facts),
     Rule("repetition", "warning", "facts of several groups say which they are about", form.repetitions),
@@ -44,12 +59,12 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("several-clauses", "warning", "one statement per fact", wording.several_clauses),
     Rule("several-conditions", "warning", "one condition per fact", wording.several_conditions),
     Rule("several-sentences", "warning", "one sentence per fact", wording.several_sentences),
-    Rule("unstated-name", "warning", "no name that the task does not state", against.unstated_names),
+    Rule("unstated-name", "warning", "no name that the task does not state", task_consistency.unstated_names),
     Rule(
         "unstated-quotation",
         "warning",
         "no quotation that the task does not say",
-        against.unstated_quotations,
+        task_consistency.unstated_quotations,
     ),
     Rule("off-task", "warning", "a word in common with the task", form.off_task),
     Rule("agent", "warning", "the world, not the agent", wording.agent),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from webgym.tasks.absent import is_absent
 from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
-from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, as_text, unpacked
 
 _INSTRUCTION = ("task", "instruction")

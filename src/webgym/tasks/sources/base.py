@@ -13,7 +13,7 @@ from webgym.core.task import Rubric, WebsiteFrom
 from webgym.core.websites import site_of
 
 if TYPE_CHECKING:
-    from webgym.tasks.sources.beside import Beside
+    from webgym.tasks.sources.companions import Beside
     from webgym.tasks.sources.fields import Fields
 
 DATED = "dated"

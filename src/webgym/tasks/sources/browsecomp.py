@@ -12,8 +12,8 @@ import hashlib
 import unicodedata
 
 from webgym.tasks.sources.base import ENCRYPTED_SOURCE, Draft, Source, Unusable
-from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import UNKNOWN, Place, named, subdomain
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields
 
 _INSTRUCTION = ("problem", "question")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 
 from webgym.tasks.sources.base import GARBLED, Draft, Source
-from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import subdomain
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("ques", "question", "task")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from webgym.core.websites import site_of
 from webgym.tasks.sources.base import NEEDS_FILE, PLACEHOLDER_WEBSITE, Draft, Source
-from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, website_url
 
 _INSTRUCTION = ("ques", "Question", "task")

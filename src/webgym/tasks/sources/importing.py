@@ -26,7 +26,7 @@ from webgym.tasks.sources.base import (
     SourceTask,
     Unusable,
 )
-from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.dates import names_past
 from webgym.tasks.sources.fields import Fields, website_url
 from webgym.tasks.sources.hub import HUB, hub_records

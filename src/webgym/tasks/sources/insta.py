@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
-from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("instruction", "task")

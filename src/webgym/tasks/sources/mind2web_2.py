@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from webgym.tasks.sources.base import Draft, Source
-from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import named
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("task_description", "confirmed_task", "task", "query")

@@ -8,8 +8,8 @@ from __future__ import annotations
 from urllib.parse import urlsplit
 
 from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
-from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import named
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("task", "confirmed_task")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from webgym.tasks.sources.base import Draft, Source
-from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import named
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields
 
 _INSTRUCTION = ("confirmed_task", "task", "task_description")

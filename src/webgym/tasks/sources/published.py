@@ -6,7 +6,7 @@ from webgym.tasks.absent import is_absent
 from webgym.tasks.files import NO_FACTS
 from webgym.tasks.published import task_of
 from webgym.tasks.sources.base import Draft, Source, Unusable
-from webgym.tasks.sources.beside import Beside
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields
 
 _NAME = "webgym"

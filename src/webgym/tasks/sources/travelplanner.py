@@ -12,8 +12,8 @@ import re
 
 from webgym.tasks.absent import is_absent
 from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
-from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import subdomain
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, as_text, texts
 
 _INSTRUCTION = ("query",)

@@ -11,8 +11,8 @@ from typing import NamedTuple
 from webgym.core.text import fold
 from webgym.tasks.absent import is_absent
 from webgym.tasks.sources.base import OUTDATED_ANSWER, Draft, Source, Unusable
-from webgym.tasks.sources.beside import Beside
 from webgym.tasks.sources.categories import UNKNOWN, Place, subdomain
+from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.dates import years
 from webgym.tasks.sources.fields import Fields, as_text
 

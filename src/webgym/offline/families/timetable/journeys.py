@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Choose, Click, Evidence, Fill, Move, See, StateCheck
 from webgym.offline import names
-from webgym.offline.families._saying import count_words, first_up, having, spans, sums, the, times
+from webgym.offline.engine.saying import count_words, first_up, having, spans, sums, the, times
 from webgym.offline.families.timetable.network import Departure, Offer, Stop, days_on_sale, spell
 from webgym.offline.parts import Fact, Part
 from webgym.offline.website import slug

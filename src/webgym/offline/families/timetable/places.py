@@ -10,7 +10,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from webgym.core.truth import Choose, Click, Evidence, Move, See
-from webgym.offline.families._saying import (
+from webgym.offline.engine.saying import (
     count_words,
     days,
     further,

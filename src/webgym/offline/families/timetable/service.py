@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from webgym.core.truth import Choose, Click, Evidence, Fill, Move, See, StateCheck
 from webgym.offline import names
-from webgym.offline.families._saying import days, having, sums, the, times
+from webgym.offline.engine.saying import days, having, sums, the, times
 from webgym.offline.parts import Fact, Part
 
 if TYPE_CHECKING:

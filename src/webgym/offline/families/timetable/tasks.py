@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from webgym.offline.families._composing import Ask, Composer
+from webgym.offline.engine.composing import Ask, Composer
 from webgym.offline.families.timetable import journeys, places, service
 from webgym.offline.parts import Assignment
 

@@ -1,0 +1,47 @@
+"""Pictures on their way to a model: their size and their kind."""
+
+from __future__ import annotations
+
+import io
+
+from PIL import Image, UnidentifiedImageError
+
+from webgym.agent.image_sizing import Size
+from webgym.core.errors import ProtocolError
+
+_SIGNATURES = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
+
+
+def media_type(data: bytes) -> str:
+    """``image/png``, ``image/jpeg`` or ``image/webp``, by the first bytes.
+
+    Raises:
+        ProtocolError: it is none of them.
+    """
+    for signature, found in _SIGNATURES.items():
+        if data.startswith(signature):
+            return found
+    if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
+        return "image/webp"
+    raise ProtocolError("a screenshot is no PNG, JPEG or WebP picture", hint="is the server up to date?")
+
+
+def fit(data: bytes, size: Size) -> bytes:
+    """The picture itself if it has this size, else a PNG of it at this size. Takes milliseconds of CPU.
+
+    Bicubic, as the processors of vision-language models do. Equal pictures give equal bytes, so that what was
+    sent can be made again from what is stored.
+
+    Raises:
+        ProtocolError: the bytes are no picture.
+    """
+    try:
+        with Image.open(io.BytesIO(data)) as picture:
+            if size == picture.size:
+                return data
+            out = io.BytesIO()
+            picture.convert("RGB").resize(size, Image.Resampling.BICUBIC).save(out, "PNG", compress_level=1)
+    except (UnidentifiedImageError, OSError) as error:
+        hint = "is the server up to date?"
+        raise ProtocolError("a screenshot is no picture that can be read", hint=hint) from error
+    return out.getvalue()

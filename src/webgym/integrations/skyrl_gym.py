@@ -1,0 +1,187 @@
+"""SkyRL (tested with skyrl-gym 0.4.0): an environment of its Gym, with pictures as OpenAI's message parts::
+
+    skyrl_gym.register(id="webgym", entry_point="webgym.integrations.skyrl_gym:WebGymEnv")
+
+The model writes replies in the prompt's format, and each step gives the next screenshot: one growing
+conversation per episode, as SkyRL keeps it. SkyRL has no reward but a number, so an episode without one
+raises :class:`NoReward`, and none is invented.
+
+The environment variables ``WEBGYM_TASKS`` (default ``offline-v1``), ``WEBGYM_SPLIT`` and ``WEBGYM_BROWSERS``
+say which tasks, and how many browsers each process has.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+import os
+import threading
+from contextlib import AsyncExitStack
+from typing import Any
+
+from skyrl_gym.envs.base_text_env import BaseTextEnv, BaseTextEnvStepOutput
+
+from webgym import Environment, EnvironmentPool, LoopThread, UsageError, WebGymError, task_rows
+
+ENV_CLASS = "webgym"
+"""Under which the rows of :func:`skyrl_rows` ask for the environment."""
+
+
+class NoReward(WebGymError):
+    """The website blocked the agent, or environment, policy or judge failed: no success, and no failure."""
+
+    code = "no_reward"
+
+
+class Browsers:
+    """The browsers that the environments of a process share, on an event loop of their own.
+
+    Args:
+        name: of the tasks, as for :func:`webgym.make`.
+        size: browsers; further episodes wait.
+        given: more of :class:`webgym.EnvironmentPool`'s arguments.
+    """
+
+    def __init__(self, name: str = "offline-v1", *, size: int = 8, **given: Any) -> None:
+        self.pool = EnvironmentPool(name, size=size, **given)
+        self.loop = LoopThread(self.pool.close)
+
+    def close(self) -> None:
+        """Stop the browsers. Safe to call twice."""
+        self.loop.close()
+
+
+_lock = threading.Lock()  # SkyRL calls environments from threads
+_browsers: Browsers | None = None
+
+
+def the_browsers() -> Browsers:
+    """Of this process, made when they are first asked for."""
+    global _browsers  # SkyRL makes environments by name, and keeps nothing for them
+    with _lock:
+        if _browsers is None:
+            split: Any = os.environ.get("WEBGYM_SPLIT", "train")
+            size = int(os.environ.get("WEBGYM_BROWSERS", "8"))
+            _browsers = Browsers(os.environ.get("WEBGYM_TASKS", "offline-v1"), size=size, split=split)
+        return _browsers
+
+
+class WebGymEnv(BaseTextEnv):
+    """One episode.
+
+    Args:
+        env_config: of SkyRL; not looked at.
+        extras: of the dataset's row: ``task_id``.
+        browsers: in place of the process's own.
+    """
+
+    def __init__(
+        self,
+        env_config: Any = None,
+        extras: dict[str, Any] | None = None,
+        browsers: Browsers | None = None,
+    ) -> None:
+        super().__init__()
+        self._task_id = (extras or {}).get("task_id")
+        self._browsers = browsers or the_browsers()
+        self._stack = AsyncExitStack()
+        self._env: Environment | None = None
+        self._told: dict[str, Any] = {}
+
+    def init(self, prompt: list[dict[str, Any]]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+        """Begin the row's task; waits while all browsers are taken.
+
+        Args:
+            prompt: of the dataset's row; the environment's own takes its place.
+
+        Returns:
+            Messages: WebGym's prompt with the start page; and the task's id and instruction.
+
+        Raises:
+            NoReward: no browser, or no start page, was to be had.
+            UsageError: there is no such task.
+        """
+        del prompt
+        try:
+            info = self._browsers.loop.run(self._begin())
+        except UsageError:
+            self.close()
+            raise
+        except WebGymError as error:
+            self.close()
+            raise NoReward(f"{self._task_id}: {error.message}") from error
+        self.max_turns = info["budget"]
+        told = {"task_id": info["task_id"], "instruction": info["instruction"]}
+        return [_openai(message, info) for message in info["messages"]], told
+
+    def step(self, action: str) -> BaseTextEnvStepOutput:
+        """Act.
+
+        Args:
+            action: the model's reply.
+
+        Returns:
+            The next screenshot as a user's message, and at the end the reward, 1.0 or 0.0.
+
+        Raises:
+            NoReward: the episode has ended without a reward.
+            UsageError: there is no episode.
+        """
+        if self._env is None:
+            raise UsageError("there is no episode to step", hint="call init first")
+        _, reward, terminated, truncated, info = self._browsers.loop.run(self._env.step(action))
+        self.turns += 1
+        is_over = terminated or truncated
+        if is_over:
+            self.close()
+            self._told = {"outcome": str(info["outcome"])}
+            if math.isnan(reward):
+                failure = info["failure"]
+                why = f": {failure['message']}" if failure else ""
+                raise NoReward(f"{info['task_id']} ended as {info['outcome']}{why}")
+        return BaseTextEnvStepOutput(
+            observations=[] if is_over else [_openai(info["messages"][-1], info)],
+            reward=reward if is_over else 0.0,
+            done=is_over,
+            metadata=dict(self._told),
+        )
+
+    def close(self) -> None:
+        """Give the browser back. Safe to call twice."""
+        self._env = None
+        self._browsers.loop.run(self._stack.aclose())
+
+    async def _begin(self) -> dict[str, Any]:
+        self._env = await self._stack.enter_async_context(self._browsers.pool.environment())
+        options = {} if self._task_id is None else {"task_id": self._task_id}
+        _, info = await self._env.reset(options=options)
+        return info
+
+
+def skyrl_rows(name: str = "offline-v1", **given: Any) -> list[dict[str, Any]]:
+    """A dataset for SkyRL: rows with ``prompt``, ``env_class`` and ``task_id``.
+
+    Args:
+        name: of the tasks, as for :func:`webgym.make`.
+        given: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
+    """
+    return [
+        {
+            "prompt": [{"role": "user", "content": row["instruction"]}],
+            "env_class": ENV_CLASS,
+            "task_id": row["task_id"],
+        }
+        for row in task_rows(name, **given)
+    ]
+
+
+def _openai(message: Any, info: dict[str, Any]) -> dict[str, Any]:
+    return {"role": message.role, "content": [_part(part, info["images"]) for part in message.content]}
+
+
+def _part(part: Any, images: dict[str, bytes]) -> dict[str, Any]:
+    text = getattr(part, "text", None)
+    if text is not None:
+        return {"type": "text", "text": text}
+    url = f"data:image/png;base64,{base64.b64encode(images[part.screenshot]).decode()}"
+    return {"type": "image_url", "image_url": {"url": url}}

@@ -1,0 +1,168 @@
+"""The tasks of a specified website, and what is asked to be done there: save, fill in and send."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterator, Sequence
+from datetime import date
+from typing import Any
+
+from webgym.core.truth import Choose, Click, Fill, Move, See, StateCheck
+from webgym.offline.engine.asking import exactly, shown
+from webgym.offline.engine.beside import account, line, member, owner, put, tally, which
+from webgym.offline.engine.composing import Ask, Composer
+from webgym.offline.engine.look_ups import compare, count, difference, either, extreme, facts
+from webgym.offline.engine.saying import days, listed
+from webgym.offline.engine.spec import TYPED, InputSpec
+from webgym.offline.engine.ways import Site, go
+from webgym.offline.names import person
+from webgym.offline.parts import Assignment, Fact, Part
+from webgym.offline.website import slug
+
+
+def assignments(site: Site) -> Iterator[Assignment]:
+    """The tasks of a website."""
+    extra = {name: each for name, each in extra_asks(site).items() if each}
+    single: list[tuple[str, Ask[Site], tuple[int, ...]]] = [
+        *_times(2 if extra else 4, "facts", facts, 1, 2, 3),
+        *_times(3, "extreme", extreme, 1, 2, 3),
+        *_times(2, "compare", compare, 3),
+        *_times(2 if extra else 3, "count", count, 1),
+        *_times(1 if extra else 2, "either", either, 1),
+        *_times(2, "save", save, 1, 2, 3),
+        *_times(1, "difference", difference, 3),
+        *_times(3 if extra else 4, "send", send, 3, 4, 5),
+        *(one for name, (ask, *sizes) in extra.items() for one in _times(2, name, ask, *sizes)),
+    ]
+    large: list[tuple[str, Ask[Site]]] = [
+        ("facts", facts),
+        ("extreme", extreme),
+        ("compare", compare),
+        ("difference", difference),
+        ("save", save),
+        *((name, ask) for name, (ask, *sizes) in extra.items() if 3 in sizes),
+    ]
+    small = [
+        ("facts", facts),
+        ("extreme", extreme),
+        ("count", count),
+        ("either", either),
+        ("save", save),
+        *((name, ask) for name, (ask, *sizes) in extra.items() if min(sizes) < 3),
+    ]
+    once = frozenset({"put", "account"})
+    yield from Composer(site, single, large, small, ("send", send), once).assignments()
+
+
+def _times(
+    count: int, name: str, ask: Ask[Site], *sizes: int
+) -> Iterator[tuple[str, Ask[Site], tuple[int, ...]]]:
+    for nth in range(count):
+        yield f"{name}-{nth}", ask, sizes
+
+
+def extra_asks(site: Site) -> dict[str, tuple[Any, ...]]:
+    """What a website asks beside, with the numbers of facts it may have; empty for no such thing."""
+    spec = site.spec
+    return {
+        "member": (member, 1, 2, 3) if spec.groups else (),
+        "owner": (owner, 2, 3) if any(each.noun for each in spec.groups.values()) else (),
+        "line": (line, 1, 2) if spec.rows else (),
+        "which": (which, 1) if any(each.which for each in spec.rows.values()) else (),
+        "tally": (tally, 1) if any(each.tally for each in spec.rows.values()) else (),
+        "put": (put, 2, 3) if spec.cart else (),
+        "account": (account, 2, 3) if spec.account else (),
+    }
+
+
+def save(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Some items on the saved list."""
+    if size > 3:
+        return None
+    chosen = rng.sample(site.items.records, size)
+    held = StateCheck(("saved",), {record.name: True for record in chosen})
+    place, title = exactly(site.path("/~saved")), site.says["saved"]
+    moves: list[Move] = []
+    for record in chosen:
+        moves += [*go(site, record), Click(name=site.says["save"], role="button"), See((title, record.name))]
+    return Part(
+        f"save {listed([record.name for record in chosen])} for later",
+        f"Saved: {listed([record.name for record in chosen])}",
+        tuple(
+            Fact(
+                f"{record.name} is saved",
+                (shown(place, title, record.name),),
+                (StateCheck(("saved", record.name), True), *((held,) if not nth else ())),
+            )
+            for nth, record in enumerate(chosen)
+        ),
+        tuple(moves),
+    )
+
+
+def send(site: Site, rng: random.Random, size: int) -> Part | None:
+    """A form, filled in and sent; with the number of what was sent, where one more fact is wanted."""
+    fitting = [name for name, form in site.spec.forms.items() if size - len(form.inputs) in (0, 1)]
+    if not fitting:
+        return None
+    name = rng.choice(fitting)
+    form, record = site.spec.forms[name], rng.choice(site.items.records)
+    key, about = (slug(record.name), record.name) if form.is_about_item else ("", "")
+    values = {of: _entry(site, given, rng) for of, given in form.inputs.items()}
+    place = exactly(f"{site.address(name, key)}/done")
+    what = f"the {form.thing}{f' for {about}' if about else ''}"
+    everything = StateCheck(("sent", name), {about: values})
+    facts = [
+        Fact(
+            f"{what[0].upper()}{what[1:]} {form.inputs[of].said.format(value=value)} is sent",
+            (shown(place, site.input_label(name, of), value),),
+            (StateCheck(("sent", name, about, of), value), *((everything,) if not nth else ())),
+        )
+        for nth, (of, value) in enumerate(values.items())
+    ]
+    said = listed([form.inputs[of].said.format(value=value) for of, value in values.items()])
+    ask = f"{form.ask.format(item=about)} {said}"
+    heading, says = site.word(name, "done"), ""
+    moves: list[Move] = [*(go(site, record) if about else ()), Click(path=site.address(name, key))]
+    for of, given in form.inputs.items():
+        moves += _enter(site, name, of, given, values[of])
+    moves += [Click(name=site.word(name, "send"), role="button"), See((heading,))]
+    moves += [See((site.input_label(name, of), value)) for of, value in values.items()]
+    if size > len(values):
+        title, number = site.word(name, "reference"), site.reference(name, about, values)
+        facts.append(Fact(f"The number of {what} is given", (shown(place, title, number),), answer=(number,)))
+        moves.append(See((title, number)))
+        ask, says = f"{ask}; then give the number of the {form.thing}", f"The number is {number}."
+    return Part(ask, f"{what[0].upper()}{what[1:]}", tuple(facts), tuple(moves), says)
+
+
+def _entry(site: Site, given: InputSpec, rng: random.Random) -> str:
+    """What a task enters."""
+    match given.kind:
+        case "person":
+            return person(rng)
+        case "email":
+            first, last = person(rng).lower().split(" ")
+            return f"{first}.{last}@{rng.choice(('mailbox', 'postal', 'letters'))}.example"
+        case "phrase":
+            return rng.choice(given.options)
+        case _:
+            return rng.choice(site.choices(given))
+
+
+def _enter(site: Site, form: str, of: str, given: InputSpec, value: str) -> Iterator[Move]:
+    label = site.input_label(form, of)
+    if given.kind in TYPED:
+        yield Fill(label, value)
+    elif given.kind == "day" and site.has_calendar:
+        yield Click(name=label, role="button")
+        months = site.calendar(given)
+        at = next(nth for nth, (_, month) in enumerate(months) if _day(value, month))
+        yield from [Click(name="Next month", role="button")] * at
+        yield Click(name=value, role="button")
+    else:
+        yield Choose(label, value)
+
+
+def _day(text: str, month: Sequence[date | None]) -> bool:
+    return any(day is not None and days(day)[0] == text for day in month)

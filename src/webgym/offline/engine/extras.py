@@ -1,0 +1,189 @@
+"""What some specified websites have beside items: groups, what people left, a cart, an account.
+
+Every website has the pages; those without a group, a cart or an account answer that there is no such page.
+"""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from webgym.offline import names
+from webgym.offline.engine.records import Sheet, named, sheet
+from webgym.offline.engine.spec import Spec
+from webgym.offline.engine.table import Record
+from webgym.offline.seeds import number, pick, stream
+from webgym.offline.website import Response, State, Visit, Website, page, redirect, slug
+
+MOST_PIECES = 6
+
+
+@dataclass
+class Extras(Website):
+    """Their pages, and what the server holds of them.
+
+    Attributes:
+        spec: of its sector.
+        currency: sign before money.
+        items: its items, in the order of the unfiltered list.
+        groups: its other records, by group.
+    """
+
+    spec: Spec = field(init=False)
+    currency: str = field(init=False)
+    items: Sheet = field(init=False)
+    groups: dict[str, Sheet] = field(init=False)
+
+    def href(self, record: Record) -> str:
+        """The address of an item's page."""
+        return self.path("/~one/{key}", key=slug(record.name))
+
+    def extras_report(self, state: State) -> dict[str, Any]:
+        """What is in the cart, by item; who is signed in."""
+        held: dict[str, Any] = {}
+        if self.spec.cart:
+            held["cart"] = {self.by_key[key].name: count for key, count in state.get("cart", {}).items()}
+        if self.spec.account:
+            held["signed in"] = self.user if state.get("signed in") else None
+        return held
+
+    @cached_property
+    def by_key(self) -> dict[str, Record]:
+        """Items by the part of their address."""
+        return {slug(record.name): record for record in self.items.records}
+
+    # --- groups ----------------------------------------------------------------------------------
+
+    def directory(self, group: str) -> str:
+        """Address of the list of a group."""
+        return self.path("/~more/{group}", group=slug(self.spec.groups[group].plural))
+
+    def group_href(self, group: str, record: Record) -> str:
+        """Address of a record of a group."""
+        return f"{self.directory(group)}/{slug(record.name)}"
+
+    def owner(self, group: str, record: Record) -> Record:
+        """The record of a group that an item leads to."""
+        return pick(self.groups[group].records, self.seed, group, "of", record.name)
+
+    def owners(self, record: Record) -> list[tuple[str, Record]]:
+        """All that an item leads to, by group."""
+        return [(name, self.owner(name, record)) for name, each in self.spec.groups.items() if each.noun]
+
+    def owner_label(self, group: str) -> str:
+        """What an item's page calls it."""
+        return self.spec.groups[group].noun.capitalize()
+
+    def _group(self, word: str) -> str | None:
+        return next((name for name, each in self.spec.groups.items() if slug(each.plural) == word), None)
+
+    @page("/~more/{group}")
+    def group_list(self, visit: Visit, group: str) -> Response:
+        """All records of a group."""
+        name = self._group(group)
+        return self.missing(visit) if name is None else self.render("engine/group.html", visit, name=name)
+
+    @page("/~more/{group}/{key}")
+    def group_page(self, visit: Visit, group: str, key: str) -> Response:
+        """One record of a group."""
+        name = self._group(group)
+        found = self.groups[name].records if name else ()
+        record = next((each for each in found if slug(each.name) == key), None)
+        if record is None:
+            return self.missing(visit)
+        return self.render("engine/member.html", visit, name=name, record=record)
+
+    # --- lines -----------------------------------------------------------------------------------
+
+    def rows(self, kind: str, record: Record) -> Sheet:
+        """The lines that belong to an item."""
+        spec, rng = self.spec.rows[kind], stream(self.seed, kind, record.name)
+        called = named(spec.naming, rng, rng.randint(*spec.count))
+        return sheet(
+            spec.fields, called, self.currency, self.seed, kind, record.name, labelled_by=(self.seed, kind)
+        )
+
+    def rows_label(self, kind: str) -> str:
+        """What the website calls them."""
+        return pick(self.spec.rows[kind].labels, self.seed, "rows", kind)
+
+    # --- cart ------------------------------------------------------------------------------------
+
+    def price(self, record: Record) -> int:
+        """What an item costs."""
+        assert self.spec.cart is not None
+        return int(record.rank(self.spec.cart.price))
+
+    def money(self, amount: int) -> str:
+        """An amount."""
+        return f"{self.currency}{amount:,}"
+
+    @page("/~cart")
+    def cart(self, visit: Visit) -> Response:
+        """What is in the cart."""
+        if self.spec.cart is None:
+            return self.missing(visit)
+        lines = [(self.by_key[key], count) for key, count in visit.state.get("cart", {}).items()]
+        total = sum(self.price(record) * count for record, count in lines)
+        return self.render("engine/cart.html", visit, lines=lines, total=total)
+
+    @page("/~cart", method="POST")
+    def change_cart(self, visit: Visit) -> Response:
+        """Put an item into the cart, or take it out."""
+        key, count = visit.form.get("item", ""), visit.form.get("count", "")
+        allowed = [str(each) for each in range(MOST_PIECES + 1)]
+        if self.spec.cart is None or key not in self.by_key or count not in allowed:
+            return self.missing(visit)
+        cart = visit.state.setdefault("cart", {})
+        if count == "0":
+            cart.pop(key, None)
+        else:
+            cart[key] = int(count)
+        return redirect(self.path("/~cart"))
+
+    # --- account ---------------------------------------------------------------------------------
+
+    @cached_property
+    def user(self) -> str:
+        """Who has an account."""
+        given, family = names.person(stream(self.seed, "user")).split(" ")
+        return f"{given}{family[:3]}{number(self.seed, 'user number') % 90 + 10}"
+
+    @cached_property
+    def password(self) -> str:
+        """That user's password."""
+        rng: random.Random = stream(self.seed, "password")
+        return f"{rng.choice(names.FIRST).lower()}-{rng.randint(100, 999)}"
+
+    @cached_property
+    def member(self) -> Sheet:
+        """What the account's page tells."""
+        assert self.spec.account is not None
+        return sheet(self.spec.account.fields, [self.user], self.currency, self.seed, "account")
+
+    def account_label(self) -> str:
+        """What the website calls the account's page."""
+        assert self.spec.account is not None
+        return pick(self.spec.account.labels, self.seed, "account")
+
+    @page("/~account")
+    def account(self, visit: Visit) -> Response:
+        """The account's page; the sign-in, for whoever has not signed in."""
+        if self.spec.account is None:
+            return self.missing(visit)
+        if not visit.state.get("signed in"):
+            return self.render("engine/sign_in.html", visit, error="")
+        return self.render("engine/account.html", visit)
+
+    @page("/~account", method="POST")
+    def sign_in(self, visit: Visit) -> Response:
+        """Let the user in, and nobody else."""
+        if self.spec.account is None:
+            return self.missing(visit)
+        if (visit.form.get("user"), visit.form.get("password")) != (self.user, self.password):
+            error = "User name or password is wrong."
+            return self.render("engine/sign_in.html", visit, status=422, error=error)
+        visit.state["signed in"] = True
+        return redirect(self.path("/~account"))

@@ -1,0 +1,199 @@
+"""What is asked about the items of a specified website.
+
+Every function makes a part with so many facts, or none if the draw does not give a well-posed one.
+"""
+
+from __future__ import annotations
+
+import random
+
+from webgym.core.truth import Click, See
+from webgym.offline.engine.asking import count as counted
+from webgym.offline.engine.asking import exactly, shown
+from webgym.offline.engine.records import written
+from webgym.offline.engine.ways import Site, fact, go, look
+from webgym.offline.parts import Fact, Part
+
+# --- single items -----------------------------------------------------------------------------------
+
+
+def ranked(site: Site, *kinds: str) -> list[str]:
+    """The fields that have an order."""
+    return [
+        of
+        for of in site.items.labels
+        if site.items.fields[of].kind in (kinds or ("number", "money", "minutes", "day"))
+    ]
+
+
+def facts(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Some fields of an item."""
+    if size > min(3, len(site.items.labels)):
+        return None
+    record, fields = rng.choice(site.items.records), site.items.some(rng, size)
+    return Part(
+        f"look up {site.items.nouns(fields)} of {record.name}",
+        f"{record.name}: {site.items.nouns(fields)}",
+        tuple(fact(site, record, of) for of in fields),
+        (*go(site, record), *look(site, record, fields)),
+        f"For {record.name}, {site.items.told(record, fields)}.",
+    )
+
+
+def either(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Which of two values a choice has."""
+    choices = [of for of in site.items.labels if len(site.items.options[of]) > 1]
+    if size != 1 or not choices:
+        return None
+    record, of = rng.choice(site.items.records), rng.choice(choices)
+    value = record.fields[of].text
+    other = rng.choice([each for each in site.items.options[of] if each != value])
+    one, two = rng.sample([value, other], 2)
+    noun = site.items.fields[of].noun
+    return Part(
+        f'check whether the {noun} of {record.name} is "{one}" or "{two}"',
+        f"{record.name}: {noun}",
+        (fact(site, record, of),),
+        (*go(site, record), *look(site, record, [of])),
+        f"It is {value}.",
+    )
+
+
+def compare(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Which of two items has more or less of something."""
+    if size != 3:
+        return None
+    of, is_most = (
+        rng.choice([of for of in site.items.labels if site.items.fields[of].least]),
+        rng.random() < 0.5,
+    )
+    one, two = rng.sample(site.items.records, 2)
+    if one.rank(of) == two.rank(of):
+        return None
+    spec = site.items.fields[of]
+    word = spec.most if is_most else spec.least
+    best, other = sorted((one, two), key=lambda each: each.rank(of), reverse=is_most)
+    view = shown(exactly(site.href(best)), site.items.labels[of], best.fields[of].text)
+    return Part(
+        f"look up the {spec.noun} of both {one.name} and {two.name}, "
+        f"and name only the one with the {word} {spec.noun}",
+        f"{spec.noun}: {one.name} or {two.name}",
+        (
+            fact(site, one, of, asked=False),
+            fact(site, two, of, asked=False),
+            Fact(
+                f"The one with the {word} {spec.noun} is named",
+                (view,),
+                answer=(best.name,),
+                wrong=(other.name,),
+            ),
+        ),
+        (*go(site, one), *look(site, one, [of]), *go(site, two), *look(site, two, [of])),
+        f"It is {best.name}.",
+    )
+
+
+def difference(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Something of two items, and by how much they differ."""
+    fields = ranked(site, "money", "number", "minutes")
+    if size != 3 or not fields:
+        return None
+    of = rng.choice(fields)
+    one, two = rng.sample(site.items.records, 2)
+    gap = int(abs(one.rank(of) - two.rank(of)))
+    if gap in (0, one.rank(of), two.rank(of)):
+        return None
+    spec, value = site.items.fields[of], written(site.items.fields[of], gap, site.currency)
+    views = [
+        shown(exactly(site.href(each)), site.items.labels[of], each.fields[of].text) for each in (one, two)
+    ]
+    return Part(
+        f"report the {spec.noun} of {one.name} and of {two.name}, and the difference",
+        f"{spec.noun} of {one.name} and {two.name}",
+        (
+            fact(site, one, of),
+            fact(site, two, of),
+            Fact(f"The difference in {spec.noun} is worked out", tuple(views), answer=value.options),
+        ),
+        (*go(site, one), *look(site, one, [of]), *go(site, two), *look(site, two, [of])),
+        f"{one.name} has {one.fields[of].text} and {two.name} has {two.fields[of].text}, "
+        f"a difference of {value.text}.",
+    )
+
+
+# --- lists ------------------------------------------------------------------------------------------
+
+
+def _having(site: Site, chosen: dict[str, str]) -> str:
+    facets = {facet.name: facet for facet in site.finder.facets}
+    return " and ".join(
+        site.items.fields[of].having.format(value=facets[of].text(value)) for of, value in chosen.items()
+    )
+
+
+def _filters(site: Site, rng: random.Random, most: int) -> dict[str, str]:
+    facets = rng.sample(site.finder.facets, min(rng.randint(1, most), len(site.finder.facets)))
+    facets.sort(key=site.finder.facets.index)
+    return {facet.name: rng.choice(facet.options)[0] for facet in facets}
+
+
+def count(site: Site, rng: random.Random, size: int) -> Part | None:
+    """How many items there are of a kind."""
+    chosen = _filters(site, rng, 2)
+    total = len(site.find(**chosen))
+    if size != 1 or total < 2:
+        return None
+    plural = site.spec.plural
+    text, having = f"{total} {plural}", _having(site, chosen)
+    return Part(
+        f"find out how many {plural} {having}",
+        f"Number of {plural} that {having}",
+        (
+            Fact(
+                f"The number of {plural} that {having} is found",
+                (shown(site.finder.regex(**chosen), text),),
+                answer=counted(total),
+            ),
+        ),
+        (Click(path=site.finder.path), *site.finder.moves(**chosen), See((text,))),
+        f"There are {total}.",
+    )
+
+
+def extreme(site: Site, rng: random.Random, size: int) -> Part | None:
+    """The first in an order among the items of a kind, and more about it."""
+    if size > 3:
+        return None
+    of = rng.choice([of for of in site.items.labels if any(site.items.fields[of].orders)])
+    spec, is_most, chosen = site.items.fields[of], rng.random() < 0.5, _filters(site, rng, 2)
+    asked = {**chosen, "sort": f"{of}-{'down' if is_most else 'up'}"}
+    found = site.find(**asked)
+    if len(found) < 3 or found[0].rank(of) == found[1].rank(of):
+        return None
+    best, word, having = found[0], spec.most if is_most else spec.least, _having(site, chosen)
+    view = (best.name, best.fields[of].text)
+    named = Fact(
+        f"Among the {site.spec.plural} that {having}, the one with the {word} {spec.noun} is found",
+        (shown(site.finder.regex(**asked), *view),),
+        answer=(best.name,),
+        wrong=tuple(record.name for record in found[1:4]),
+    )
+    others = [each for each in site.items.labels if each not in asked and each != of]
+    if size > len(others) + 1:
+        return None
+    more = rng.sample(others, size - 1)
+    more.sort(key=list(site.items.labels).index)
+    also = f", and give the name and {site.items.nouns(more)}" if more else ""
+    told = f": {site.items.told(best, more)}" if more else ""
+    return Part(
+        f"find the {site.spec.singular} with the {word} {spec.noun} among those that {having}{also}",
+        f"{word} {spec.noun} among those that {having}",
+        (named, *(fact(site, best, each, about=f"that {site.spec.singular}") for each in more)),
+        (
+            Click(path=site.finder.path),
+            *site.finder.moves(**asked),
+            See(view),
+            *((Click(path=site.href(best)), *look(site, best, more)) if more else ()),
+        ),
+        f"It is {best.name}{told}.",
+    )

@@ -1,0 +1,42 @@
+"""Ways through a specified website, and what proves that a field of an item was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from webgym.core.truth import Click, Fill, Move, See
+from webgym.offline.engine.asking import exactly
+from webgym.offline.engine.specified import SpecifiedWebsite
+from webgym.offline.engine.table import Record
+from webgym.offline.parts import Fact
+
+Site = SpecifiedWebsite
+
+
+def go(site: Site, record: Record) -> tuple[Move, ...]:
+    """To an item's page, from anywhere."""
+    return Fill(site.says["search"], record.name), Click(path=site.href(record))
+
+
+def unfold(site: Site, title: str, *, is_first: bool = False) -> tuple[Move, ...]:
+    """Open a section of an item's page, where that is needed."""
+    if is_first or site.look.detail == "plain":
+        return ()
+    return (Click(name=title, role="tab" if site.look.detail == "tabs" else None),)
+
+
+def look(site: Site, record: Record, fields: Sequence[str]) -> tuple[Move, ...]:
+    """From an item's page, until each of these fields was in view."""
+    moves: list[Move] = []
+    sections = site.sections()
+    for section in ("", *sections):
+        wanted = [of for of in fields if site.items.fields[of].section == section]
+        if wanted and section:
+            moves += unfold(site, site.says[section], is_first=section == sections[0])
+        moves += [See((site.items.labels[of], record.fields[of].text)) for of in wanted]
+    return tuple(moves)
+
+
+def fact(site: Site, record: Record, of: str, *, about: str = "", asked: bool = True) -> Fact:
+    """A field of an item was seen, and told where it is asked for."""
+    return site.items.fact(record, of, exactly(site.href(record)), about=about, asked=asked)

@@ -1,0 +1,85 @@
+"""What many workers say, as one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from webgym.server.fleet import Fleet
+from webgym.server.metrics import CallMetrics
+from webgym.server.queue import Line
+
+_SAMPLE = re.compile(rb"([a-zA-Z_:][a-zA-Z0-9_:]*)(\{)?")
+
+
+class _Load(Collector):
+    def __init__(self, fleet: Fleet, line: Line) -> None:
+        self._fleet, self._line = fleet, line
+
+    def collect(self) -> Iterable[Metric]:
+        """The load at this moment."""
+        yield GaugeMetricFamily(
+            "webgym_gateway_workers", "Workers that are up", value=len(self._fleet.workers)
+        )
+        yield GaugeMetricFamily(
+            "webgym_gateway_waiting", "Callers who wait for a slot", value=len(self._line)
+        )
+        yield CounterMetricFamily(
+            "webgym_gateway_workers_lost", "Workers that were up and are gone", value=self._fleet.lost
+        )
+
+
+class GatewayMetrics(CallMetrics):
+    """Of one gateway."""
+
+    def __init__(self, fleet: Fleet, line: Line) -> None:
+        super().__init__(_Load(fleet, line), "webgym_gateway")
+
+
+def total(parts: list[Any]) -> Any:
+    """Numbers added, mappings by key; of anything else the first.
+
+    A mean over workers is not what an operator acts on, so a share (of busy processors) must not be added:
+    those are written as floats, and the largest counts.
+    """
+    first = parts[0]
+    if isinstance(first, dict):
+        keys = dict.fromkeys(key for part in parts for key in part)
+        return {key: total([part[key] for part in parts if key in part]) for key in keys}
+    if isinstance(first, bool):
+        return all(parts)
+    if isinstance(first, int):
+        return sum(parts)
+    if isinstance(first, float):
+        return max(parts)
+    return first
+
+
+def merge_expositions(own: bytes, others: Mapping[str, bytes]) -> bytes:
+    """Prometheus texts of workers as one: every sample labelled with its worker, every family once."""
+    families: dict[bytes, list[bytes]] = {}
+    for worker, text in others.items():
+        label = b'worker="%s"' % worker.encode("ascii")
+        family: list[bytes] = []
+        is_new = True
+        for line in text.splitlines():
+            if line.startswith(b"# HELP "):
+                name = line.split(b" ", 3)[2]
+                is_new = name not in families
+                family = families.setdefault(name, [])
+            if not line.startswith(b"#"):
+                family.append(_labelled(line, label))
+            elif is_new:
+                family.append(line)
+    return own + b"\n".join([*(line for family in families.values() for line in family), b""])
+
+
+def _labelled(sample: bytes, label: bytes) -> bytes:
+    named = _SAMPLE.match(sample)
+    assert named is not None
+    rest = sample[named.end() :]
+    return b"%s{%s,%s" % (named[1], label, rest) if named[2] else b"%s{%s}%s" % (named[1], label, rest)

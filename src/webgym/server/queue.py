@@ -1,0 +1,83 @@
+"""Who gets the next free slot: one line of callers in front of all workers, first come, first served."""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Mapping
+
+from webgym.core.errors import NoCapacity, TooManyWaiting
+from webgym.server.fleet import Worker
+
+
+class Line:
+    """Callers who wait for a worker with a free slot.
+
+    Nobody polls: :meth:`serve` is called when a worker said something, and knows from that and from its own
+    sendings who has room.
+
+    Args:
+        workers: those that are up.
+        longest: callers who may wait.
+    """
+
+    def __init__(self, workers: Mapping[str, Worker], longest: int) -> None:
+        self._workers = workers
+        self._longest = longest
+        self._waiting: deque[asyncio.Future[Worker]] = deque()
+
+    def __len__(self) -> int:
+        return sum(not turn.done() for turn in self._waiting)
+
+    async def turn(self, seconds: float, *, again: bool = False) -> Worker:
+        """Wait for a worker with a free slot; its ``sent`` counts the caller already.
+
+        Args:
+            again: for one whose worker went away: to the head of the line.
+
+        Raises:
+            NoCapacity: none had one in time.
+            TooManyWaiting: there is none, and as many wait as may.
+        """
+        turn: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
+        if again:
+            self._waiting.appendleft(turn)
+        else:
+            self._waiting.append(turn)
+        self.serve()
+        if not (again or turn.done()) and len(self) > self._longest:
+            turn.cancel()
+            raise TooManyWaiting.of(self._longest)
+        try:
+            async with asyncio.timeout(seconds):
+                return await turn
+        except TimeoutError:
+            if turn.done() and not turn.cancelled():  # it came in the same moment
+                return turn.result()
+            raise self._no_capacity(seconds) from None
+        except asyncio.CancelledError:
+            if turn.done() and not turn.cancelled():
+                turn.result().sent -= 1
+                self.serve()
+            raise
+
+    def serve(self) -> None:
+        """Send whoever is first where there is most room, as long as there is any."""
+        while self._waiting:
+            if self._waiting[0].done():  # it gave up
+                self._waiting.popleft()
+                continue
+            best = max(self._workers.values(), key=lambda worker: worker.room, default=None)
+            if best is None or best.room <= 0:
+                return
+            best.sent += 1
+            self._waiting.popleft().set_result(best)
+
+    def _no_capacity(self, seconds: float) -> NoCapacity:
+        slots = sum(worker.info.slots for worker in self._workers.values())
+        if not slots:
+            return NoCapacity(f"no worker came up for {seconds:g} s", hint="the server's log says why")
+        return NoCapacity(
+            f"all {slots} slots stayed taken for {seconds:g} s",
+            hint="close sessions, or start the server with more slots",
+        )

@@ -1,0 +1,208 @@
+"""What a build would ask for and what that would cost, before it asks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import msgspec
+
+from webgym.core.errors import NotCached
+from webgym.llm import ChatClient, Completion, Prices, ReplyCache, Sampling, count_messages, count_text
+from webgym.llm.completion import read_completion
+from webgym.llm.formats import Formats
+from webgym.llm.request import Request
+from webgym.tasks import prompts
+from webgym.tasks.construction.config import Assumptions, Purpose
+from webgym.tasks.construction.pipeline import Build
+
+_FACTS_TOKENS: Final = 120
+"""Of the facts and the kind of task in a request to rewrite, about."""
+
+
+class Estimator:
+    """Stands in for a client: answers from the cache, notes what would be asked, and asks nothing.
+
+    Args:
+        client: whom it stands in for.
+        cache: where replies are kept; ``None`` if there are none yet.
+
+    Attributes:
+        calls, prompt_tokens: what would be asked now.
+        replies, reply_tokens: what the cache answered.
+    """
+
+    def __init__(self, client: ChatClient, cache: ReplyCache | None) -> None:
+        self._client = client
+        self._cache = cache
+        self._schemas: dict[str, int] = {}
+        self.calls = self.prompt_tokens = self.replies = self.reply_tokens = 0
+
+    @property
+    def sampling(self) -> Sampling:
+        """The client's."""
+        return self._client.sampling
+
+    @property
+    def formats(self) -> Formats:
+        """The client's."""
+        return self._client.formats
+
+    async def complete(
+        self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
+    ) -> Completion:
+        """The reply, if it was paid for before.
+
+        Raises:
+            NotCached: it was not; the call is counted.
+        """
+        config = self._client.config
+        url = f"{config.base_url}/chat/completions"
+        sampling = (sampling or Sampling()).over(config.sampling)
+        request = Request(url, config.model, messages, sampling)
+        stored = None if self._cache is None else await self._cache.get(request.key)
+        if stored is not None:
+            found = read_completion(stored.body, model=config.model, seconds=stored.seconds, cached=True)
+            self.replies += 1
+            self.reply_tokens += found.completion_tokens or count_text(found.text)
+            return found
+        self.calls += 1
+        self.prompt_tokens += count_messages(messages) + self._schema(sampling)
+        raise NotCached("the reply is not there, and nothing is asked in a dry run")
+
+    def _schema(self, sampling: Sampling) -> int:
+        """Tokens of the schema that the reply is held to."""
+        form = sampling.extra_body.get("response_format")
+        if form is None:
+            return 0
+        name = str(form.get("json_schema", form).get("name", ""))
+        if name not in self._schemas:
+            self._schemas[name] = count_text(msgspec.json.encode(form).decode())
+        return self._schemas[name]
+
+
+class Line(msgspec.Struct, frozen=True, kw_only=True):
+    """What one purpose would take.
+
+    Attributes:
+        purpose, model: what for, and whom.
+        things: tasks that need it, as far as they are known.
+        there: of these, how many are done already.
+        calls: that would be made.
+        prompt_tokens, reply_tokens: of these.
+        dollars: what they cost; ``None`` without a price.
+        basis: what the numbers rest on, in words.
+    """
+
+    purpose: Purpose
+    model: str
+    things: int
+    there: int
+    calls: int
+    prompt_tokens: int
+    reply_tokens: int
+    dollars: float | None
+    basis: str
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a build would take from here on."""
+
+    lines: list[Line]
+
+    @property
+    def calls(self) -> int:
+        """All calls."""
+        return sum(line.calls for line in self.lines)
+
+    @property
+    def prompt_tokens(self) -> int:
+        """All tokens of prompts."""
+        return sum(line.prompt_tokens for line in self.lines)
+
+    @property
+    def reply_tokens(self) -> int:
+        """All tokens of replies."""
+        return sum(line.reply_tokens for line in self.lines)
+
+    @property
+    def dollars(self) -> float | None:
+        """All dollars; ``None`` if a price is missing."""
+        costs = [line.dollars for line in self.lines if line.calls]
+        return None if None in costs else sum(cost for cost in costs if cost is not None)
+
+
+def estimate(
+    build: Build,
+    estimators: Mapping[Purpose, Estimator],
+    models: Mapping[Purpose, str],
+    prices: Prices,
+) -> Estimate:
+    """What is still to be asked, from a build that ran as far as the cache goes.
+
+    What would be asked now is counted. What depends on replies that are not there yet is assumed, or measured
+    on those that are, once there are enough (:class:`webgym.tasks.construction.config.Assumptions`).
+    """
+    return Estimate(
+        [_line(build, purpose, known, models[purpose], prices) for purpose, known in estimators.items()]
+    )
+
+
+def _line(build: Build, purpose: Purpose, known: Estimator, model: str, prices: Prices) -> Line:
+    assumed, tally = build.config.assumptions, build.tallies[purpose]
+    measured = tally.done >= assumed.measured_from
+    calls, prompt_tokens = float(known.calls), float(known.prompt_tokens)
+    basis: list[str] = []
+    things = tally.things
+    if purpose == "rewriting" and (later := _later(build, assumed, basis)):
+        things += round(later)
+        calls += later
+        prompt_tokens += later * _rewriting_prompt(build)
+    per_reply = assumed.reply_tokens[purpose]
+    again = assumed.asked_again
+    if measured:
+        per_reply = round(known.reply_tokens / known.replies)
+        again = max(0.0, known.replies / (tally.done + tally.failed) - 1)
+    basis.append(
+        f"{again:.0%} asked again, {per_reply} tokens a reply: {'measured' if measured else 'assumed'}"
+    )
+    prompt_tokens += again * (prompt_tokens + calls * per_reply)
+    calls *= 1 + again
+    reply_tokens = calls * per_reply
+    price = prices.of(model)
+    return Line(
+        purpose=purpose,
+        model=model,
+        things=things,
+        there=tally.done + tally.failed,
+        calls=round(calls),
+        prompt_tokens=round(prompt_tokens),
+        reply_tokens=round(reply_tokens),
+        dollars=None if price is None else price.dollars(round(prompt_tokens), round(reply_tokens)),
+        basis="; ".join(basis) if calls else "",
+    )
+
+
+def _later(build: Build, assumed: Assumptions, basis: list[str]) -> float:
+    """Tasks that will be derived from those whose rubric is not there yet."""
+    waiting = build.tallies["rubric"].pending + build.tallies["website"].pending
+    missing = min(waiting, build.tallies["rubric"].things)
+    if not missing:
+        return 0.0
+    parents = [row.came for row in build.books.rows if row.stage == "decomposition"]
+    made = [row.made for row in build.books.rows if row.stage == "decomposition"]
+    measured = sum(parents) >= assumed.measured_from
+    rate = sum(made) / sum(parents) if measured else assumed.derived_per_task
+    basis.append(
+        f"{rate:.2f} tasks derived from each of {missing:,}: {'measured' if measured else 'assumed'}"
+    )
+    return missing * rate
+
+
+def _rewriting_prompt(build: Build) -> float:
+    """Tokens of a request to rewrite, on average."""
+    some = build.imported.tasks[:: max(1, len(build.imported.tasks) // 200)]
+    instruction = sum(count_text(task.instruction) for task in some) / max(1, len(some))
+    return count_text(prompts.REWRITING) + instruction + _FACTS_TOKENS

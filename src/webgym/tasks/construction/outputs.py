@@ -1,0 +1,147 @@
+"""What a build leaves in its folder, the same bytes for the same replies.
+
+    manifest.json               config, sources, and where every task went
+    train.jsonl, test.jsonl     the set; also as train.parquet, test.parquet
+    failed.jsonl                tasks that a model could not be brought to do, with reasons and its replies
+    skipped.jsonl               records that gave no task, and why
+    dropped.jsonl               tasks that were left out on purpose, and why
+    remarks.jsonl               rules that rubrics seem to break though they were taken
+    statistics.json, figures/   SYSTEM.md 1.6
+    replies.sqlite              what was paid for (only here unless the cache is elsewhere)
+
+The manifest comes last: a folder that has it has the rest.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from datetime import date
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+
+from webgym.core.errors import TaskFileError
+from webgym.core.task import LEVELS, Task
+from webgym.tasks import write_tasks
+from webgym.tasks.construction.books import BooksDoNotBalance
+from webgym.tasks.construction.pipeline import Build
+from webgym.tasks.construction.progress import Stages
+from webgym.tasks.files import whole_file
+from webgym.tasks.statistics import describe
+from webgym.tasks.validate import validate
+
+MANIFEST: Final = "manifest.json"
+FAILED: Final = "failed.jsonl"
+_FORMAT: Final = 1
+
+
+def write_build(build: Build, out: Path, today: date, stages: Stages) -> list[Path]:
+    """Prove that the set leaks nothing, and write all files of a build.
+
+    Raises:
+        BooksDoNotBalance: the set contradicts itself.
+        TaskFileError: the folder cannot be written.
+    """
+    report = validate(build.tasks)
+    if not report.ok:
+        raise BooksDoNotBalance(f"the set would contradict itself: {report.offenders[0]}")
+    written: list[Path] = []
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / MANIFEST).unlink(missing_ok=True)  # an earlier build's, whose files are now replaced
+        with stages.stage("write", len(build.tasks)) as advance:
+            for split in ("train", "test"):
+                part = [task for task in build.tasks if task.split == split]
+                for ending in ("jsonl", "parquet"):
+                    written.append(out / f"{split}.{ending}")
+                    write_tasks(written[-1], part)
+                advance(len(part))
+        for name, rows in _lists(build).items():
+            written.append(out / name)
+            _write(written[-1], _rows(rows))
+        with stages.stage("statistics", len(build.tasks)) as advance:
+            statistics = describe(build.tasks)
+            written.append(out / "statistics.json")
+            _write(written[-1], _indented(statistics))
+            if build.config.figures:
+                from webgym.tasks.figures import draw_figures  # matplotlib: seconds that others need not wait
+
+                written += draw_figures(statistics, out / "figures")
+            advance(len(build.tasks))
+        written.append(out / MANIFEST)
+        _write(written[-1], _indented(manifest(build, today)))
+    except OSError as error:
+        raise TaskFileError(f"cannot write to {out}: {error.strerror or error}") from error
+    return written
+
+
+def write_failures(build: Build, out: Path) -> Path:
+    """Write what a model could not be brought to do, of a build that comes to nothing.
+
+    Raises:
+        TaskFileError: the folder cannot be written.
+    """
+    try:
+        _write(out / FAILED, _rows(build.failures))
+    except OSError as error:
+        raise TaskFileError(f"cannot write to {out}: {error.strerror or error}") from error
+    return out / FAILED
+
+
+def _lists(build: Build) -> dict[str, Iterable[msgspec.Struct | dict[str, Any]]]:
+    skipped = [{"source": source, **msgspec.structs.asdict(each)} for source, each in build.imported.skipped]
+    return {
+        FAILED: build.failures,
+        "skipped.jsonl": skipped,
+        "dropped.jsonl": build.dropped,
+        "remarks.jsonl": build.remarks,
+    }
+
+
+def manifest(build: Build, today: date) -> dict[str, Any]:
+    """What was built from what, and where every task went; nothing that changes from run to run."""
+    config = build.config.model_dump(
+        mode="json", exclude={"budget", "assumptions", "today", "endpoint_failures", "figures"}
+    )
+    stages: dict[str, dict[str, Any]] = {}
+    for row in build.books.rows:
+        entry = {"came": row.came, "made": row.made, "lost": row.lost, "left": row.left}
+        stages.setdefault(row.stage, {})[row.source] = entry
+    return {
+        "format": _FORMAT,
+        "today": today.isoformat(),
+        "config": config,
+        "sources": {each.name: msgspec.to_builtins(each) for each in build.imported.reports},
+        "stages": stages,
+        "asked": {purpose: msgspec.to_builtins(tally) for purpose, tally in build.tallies.items()},
+        "remarks": dict(sorted(Counter(each.rule for each in build.remarks).items())),
+        "capped_parents": len(build.capped),
+        "tasks": _counts(build.tasks),
+    }
+
+
+def _counts(tasks: Sequence[Task]) -> dict[str, Any]:
+    return {
+        split: {
+            "tasks": len(part),
+            "derived": sum(task.parent_id is not None for task in part),
+            "levels": {level: sum(task.level == level for task in part) for level in LEVELS},
+        }
+        for split in ("train", "test")
+        for part in [[task for task in tasks if task.split == split]]
+    }
+
+
+def _write(path: Path, data: bytes) -> None:
+    with whole_file(path) as file:
+        file.write(data)
+
+
+def _rows(rows: Iterable[Any]) -> bytes:
+    return b"".join(msgspec.json.encode(row) + b"\n" for row in rows)
+
+
+def _indented(value: Any) -> bytes:
+    return msgspec.json.format(msgspec.json.encode(value), indent=2) + b"\n"

@@ -1,0 +1,199 @@
+"""Are the offline web's tasks what they claim to be? Solvable, and by nothing less than a solution.
+
+``webgym sites check`` plays every solution in real browsers and asks here what to make of it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import msgspec
+from pydantic import SecretStr
+
+from webgym.agent.config import AgentConfig
+from webgym.core.action import Mode
+from webgym.core.errors import JudgeError
+from webgym.core.outcome import Ending, Outcome
+from webgym.core.task import Task
+from webgym.core.text import fold, says
+from webgym.core.trajectory import Episode, Trajectory
+from webgym.core.truth import Evidence, Truth
+from webgym.judge import Judge, OfflineJudge
+from webgym.offline import OfflineWeb
+from webgym.offline.app import SitesConfig, serving
+from webgym.offline.proofs import repeating_pages, typed_proofs
+from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.store import RunReader
+from webgym.runs import PolicyChoice, RunConfig, Secrets, ServerChoice, Show, TaskChoice, Tell, collect
+from webgym.server import BrowserConfig
+from webgym.tasks import write_tasks
+
+
+def unexpected(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
+    """A line for every task whose solution did not end as its truth expects, and why."""
+    seen: set[str] = set()
+    for trajectory in trajectories:
+        episode = trajectory.episode
+        task = tasks[episode.task_id]
+        assert task.truth is not None
+        seen.add(task.id)
+        if trajectory.outcome != task.truth.expects:
+            expected = f"expected {task.truth.expects}, came to {trajectory.outcome}"
+            yield f"{task.id}: {expected} after {len(episode.steps)} steps: {_why(trajectory)}"
+    for task_id in tasks.keys() - seen:
+        yield f"{task_id}: was not attempted"
+
+
+def typed(web: OfflineWeb, tasks: Iterable[Task]) -> Iterator[str]:
+    """A line for all that an agent could prove by typing it, on these tasks' websites."""
+    hosts: dict[str, None] = {}
+    for task in tasks:
+        assert task.truth is not None
+        hosts[task.truth.host] = None
+        yield from typed_proofs(task)
+    for host in hosts:
+        site = web.website(host)
+        assert site is not None
+        yield from repeating_pages(site)
+
+
+def cut_off(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
+    """A line for all evidence that a page holds and cuts off, wherever one scrolls. Needs ``record_cuts``."""
+    for trajectory in trajectories:
+        task = tasks[trajectory.episode.task_id]
+        assert task.truth is not None
+        lines = {
+            f'{task.id}: "{text}" is cut off on {url}, which shows "{shown}"'
+            for fact in task.truth.facts
+            for evidence in fact.evidence
+            for url, text, shown in _cuts(task.truth, evidence, trajectory.episode)
+        }
+        yield from sorted(lines)
+
+
+def _cuts(truth: Truth, evidence: Evidence, episode: Episode) -> Iterator[tuple[str, str, str]]:
+    """Page, text, and the line that holds it but does not show it; nor does anything else."""
+    pages: dict[str, tuple[list[str], set[tuple[str, str]]]] = {}
+    for seen in episode.observations:
+        address = urlsplit(seen.url)
+        path = f"{address.path}?{address.query}" if address.query else address.path
+        if address.hostname == truth.host and re.match(evidence.path, path):
+            visible, cuts = pages.setdefault(path, ([], set()))
+            visible.append(fold(seen.text or ""))
+            cuts.update(seen.cuts)
+    for path, (visible, cuts) in pages.items():
+        for text in evidence.texts:
+            if not any(says(look, text) for look in visible):
+                for whole, shown in cuts:
+                    if says(fold(whole), text) and not says(fold(shown), text):
+                        yield path, text, shown
+
+
+def _why(trajectory: Trajectory) -> str:
+    episode, verdict = trajectory.episode, trajectory.verdict
+    failure = episode.failure or trajectory.judge_failure
+    if failure is not None:
+        return failure.message
+    if verdict is None:
+        return "it was not judged"
+    found = [verdict.reference, verdict.response, *(fact.judgement for fact in verdict.facts)]
+    reasons = [judgement.reason for judgement in found if judgement is not None and judgement.passed is False]
+    return f"{'; '.join(reasons)} (answer: {episode.answer!r})"
+
+
+def spoilt(task: Task, solved: Episode) -> Iterator[tuple[str, Episode]]:
+    """A solved episode, spoilt in every way that must cost it its success.
+
+    Yields:
+        What was spoilt, and the episode that is left.
+    """
+    change = msgspec.structs.replace
+    assert task.truth is not None
+    if task.truth.answer.required:
+        yield "a wrong answer", change(solved, answer="It is the other one, 987654321.")
+        yield "an answer that gives up", change(solved, answer="I could not find it.")
+        if task.truth.answer.forbidden:
+            wrong = f"{solved.answer} Or {task.truth.answer.forbidden[0]}."
+            yield "an answer that names another candidate too", change(solved, answer=wrong)
+    yield "no answer", change(solved, answer=None, ending=Ending.BUDGET_SPENT)
+    yield "a right answer at first sight", change(solved, steps=solved.steps[:1], final=None)
+    yield "a right answer without a look", change(solved, steps=(), final=None)
+    nothing = change(solved, steps=(), final=None, answer=None, ending=Ending.BUDGET_SPENT, final_state={})
+    yield "an empty trajectory", nothing
+    if any(fact.state for fact in task.truth.facts):
+        yield "nothing done on the server", change(solved, final_state={})
+
+
+async def pushovers(
+    tasks: Mapping[str, Task], trajectories: Iterable[Trajectory], judge: Judge
+) -> AsyncIterator[str]:
+    """A line for every spoilt solution that the judge lets pass."""
+    for trajectory in trajectories:
+        if trajectory.outcome is not Outcome.SUCCESS:
+            continue
+        task = tasks[trajectory.episode.task_id]
+        for what, episode in spoilt(task, trajectory.episode):
+            try:
+                verdict = await judge.judge(task, episode, _no_picture)
+            except JudgeError:
+                continue
+            if verdict.reward == 1:
+                yield f"{task.id}: {what} passes"
+
+
+async def check_in_browsers(
+    web: OfflineWeb,
+    tasks: Sequence[Task],
+    folder: Path,
+    *,
+    mode: Mode = "coordinates",
+    sessions: int = 4,
+    latency: float = 0.0,
+    show: Show | None = None,
+    tell: Tell | None = None,
+) -> list[str]:
+    """Play every task's solution in real browsers.
+
+    Args:
+        web: the websites; they are served here.
+        tasks: on them.
+        folder: of the run that is made.
+        mode: of the agent.
+        sessions: browser sessions at the same time.
+        latency: scale of the simulated latency.
+        show, tell: as for :func:`webgym.runs.collect`.
+
+    Returns:
+        A line for every task that its solution does not solve, that shows evidence cut off, or that something
+        less than the solution solves.
+    """
+    file = folder.with_name(f"{folder.name}-tasks.jsonl")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_tasks(file, tasks)
+    async with serving(SitesConfig(latency=latency), web) as sites:
+        config = RunConfig(
+            retries=0,
+            tasks=TaskChoice(file=file, split="all"),
+            policy=PolicyChoice(name="scripted", mistakes=0.0),
+            agent=AgentConfig(mode=mode),
+            attempt=AttemptConfig(record_cuts=True, viewport=web.collection.viewport),
+            server=ServerChoice(sites_url=sites.url),
+            browser=BrowserConfig().allowing(*sites.allowed_hosts),
+            collector=CollectorConfig(sessions=sessions, straggler_share=1.0),
+        )
+        secrets = Secrets(sites_token=SecretStr(sites.token))
+        await collect(config, folder, secrets=secrets, show=show, tell=tell)
+    reader = RunReader(folder)
+    return [
+        *unexpected(reader.tasks, reader.trajectories()),
+        *cut_off(reader.tasks, reader.trajectories()),
+        *[line async for line in pushovers(reader.tasks, reader.trajectories(), OfflineJudge())],
+    ]
+
+
+async def _no_picture(name: str) -> bytes:
+    raise JudgeError(f"the picture {name} is not at hand")

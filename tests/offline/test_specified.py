@@ -1,0 +1,288 @@
+"""Websites from a specification: files that do not fit, pages and forms, tasks, and a sample in Chromium."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from webgym.core.errors import SitesError
+from webgym.core.task import Task
+from webgym.core.text import fold, says
+from webgym.core.truth import Click, Give
+from webgym.offline import OfflineWeb
+from webgym.offline.data import load_beside
+from webgym.offline.engine.spec import Spec, spec_of
+from webgym.offline.engine.specified import SpecifiedWebsite
+from webgym.offline.families import SPECIFIED
+from webgym.offline.families.bank import Bank
+from webgym.offline.families.clinic import Clinic
+from webgym.offline.families.lettings import Lettings
+from webgym.offline.families.shop import Shop
+from webgym.offline.look import look
+from webgym.offline.website import Visit, slug
+from webgym.testing import check_family
+from webgym.validation import typed
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "own_website"
+SEEDS = range(3)
+
+
+def made(family: Any, seed: int = 0) -> Any:
+    brand, label = family.christen("Fernhill", seed)
+    return family(seed=seed, brand=brand, label=label, look=look(seed))
+
+
+def tasks_of(family: type, websites: int) -> list[Task]:
+    web = OfflineWeb(families=(family,), per_family=max(websites, 2))
+    hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"][:websites]
+    return [task for host in hosts for task in web.tasks_of(host)]
+
+
+@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+def test_tasks_are_well_posed(family: type[SpecifiedWebsite]) -> None:
+    tasks = tasks_of(family, len(SEEDS))
+    assert len(tasks) >= 30 * len(SEEDS)
+    for what in ("id", "instruction"):
+        assert len({getattr(task, what) for task in tasks}) == len(tasks), what
+    levels = Counter(task.level for task in tasks)
+    assert 0.5 < levels["easy"] / len(tasks) < 0.85
+    assert levels["medium"]
+    assert levels["hard"]
+    for task in tasks:
+        assert task.truth is not None
+        given = task.truth.moves[-1]
+        assert isinstance(given, Give)
+        for options in task.truth.answer.required:
+            assert any(says(fold(given.text), fold(option)) for option in options), task.id
+        assert not any(says(fold(given.text), fold(wrong)) for wrong in task.truth.answer.forbidden), task.id
+
+
+@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+def test_nothing_is_proven_by_what_is_typed(family: type[SpecifiedWebsite]) -> None:
+    web = OfflineWeb(families=(family,), per_family=2)
+    host = next(iter(web.specs))
+    assert list(typed(web, web.tasks_of(host))) == []
+
+
+def test_every_sector_has_its_words() -> None:
+    """A website's brand, names and choices are of one sector."""
+    site = made(Shop, 3)
+    (sector,) = (each for each in Shop.whole.variants.values() if each.suffixes == site.spec.suffixes)
+    assert set(site.items.options["category"]) == set(sector.options["category"])
+    assert {site.spec_for(seed).suffixes for seed in range(200)} == {
+        each.suffixes for each in Shop.whole.variants.values()
+    }
+    for record in site.items.records:
+        category = record.fields["category"].text
+        assert sector.follows is not None
+        assert record.name.endswith(sector.follows["category"][category])
+
+
+@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+@pytest.mark.parametrize("seed", SEEDS)
+def test_filters_and_orders_hold(family: type[SpecifiedWebsite], seed: int) -> None:
+    site = made(family, seed)
+    for facet in site.finder.facets:
+        for value, text in facet.options:
+            found = site.find(**{facet.name: value})
+            assert all(record.fields[facet.name].text == text for record in found)
+    for value, _ in site.finder.sort.options[1:]:
+        of, _, way = value.rpartition("-")
+        ranks = [record.rank(of) for record in site.find(sort=value)]
+        assert ranks == sorted(ranks, reverse=way == "down")
+
+
+@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+def test_no_two_things_have_one_name(family: type[SpecifiedWebsite]) -> None:
+    for seed in range(12):
+        site = made(family, seed)
+        for sheet in (site.items, *site.groups.values()):
+            names = [slug(record.name) for record in sheet.records]
+            assert len(set(names)) == len(names), site.brand
+
+
+def test_a_form_is_refused_with_its_values_kept_and_then_taken(visitor: Any) -> None:
+    site = made(Clinic)
+    guest, record = visitor(site), site.items.records[0]
+    address = site.address("appointment", slug(record.name))
+    inputs = site.spec.forms["appointment"].inputs
+    good = {of: (site.choices(given) or ["Ada Novak"])[0] for of, given in inputs.items()}
+    for of in inputs:
+        wrong = {**good, of: ""}
+        answer = guest.ask(address, wrong)
+        assert answer.status == 422
+        body = answer.body.decode()
+        assert "Please correct the errors below." in body
+        assert all(value in body for value in wrong.values())
+        assert site.report(guest.state)["sent"] == {}
+    assert guest.ask(address, {**good, "time": "03:17"}).status == 422  # not offered
+    assert guest.ask(f"{address}/done").status == 404  # nothing was sent
+    url, text = guest.follow(address, good)
+    assert url == f"{address}/done"
+    assert site.report(guest.state)["sent"] == {"appointment": {record.name: good}}
+    assert fold(site.reference("appointment", record.name, good)) in text
+    assert guest.ask(site.address("appointment", "nobody")).status == 404
+    assert guest.ask(site.address("letter", slug(record.name))).status == 404  # it is about no doctor
+
+
+def test_what_is_saved_can_be_forgotten(visitor: Any) -> None:
+    site = made(Bank)
+    guest, (one, two) = visitor(site), site.items.records[:2]
+    for record in (one, two, one):
+        guest.follow(site.path("/~saved"), {"item": slug(record.name)})
+    assert site.report(guest.state)["saved"] == {one.name: True, two.name: True}
+    guest.follow(site.path("/~saved"), {"item": slug(one.name), "forget": "1"})
+    assert site.report(guest.state)["saved"] == {two.name: True}
+    assert guest.ask(site.path("/~saved"), {"item": "nothing"}).status == 404
+
+
+def test_a_cart_adds_up_and_takes_no_odd_numbers(visitor: Any) -> None:
+    site = made(Shop)
+    guest, (one, two), cart = visitor(site), site.items.records[:2], site.path("/~cart")
+    guest.follow(cart, {"item": slug(one.name), "count": "2"})
+    _, text = guest.follow(cart, {"item": slug(two.name), "count": "3"})
+    assert fold(site.money(2 * site.price(one) + 3 * site.price(two))) in text
+    assert site.report(guest.state)["cart"] == {one.name: 2, two.name: 3}
+    for form in (
+        {"item": slug(one.name), "count": "-1"},
+        {"item": slug(one.name), "count": "7"},
+        {"count": "1"},
+    ):
+        assert guest.ask(cart, form).status == 404
+    guest.follow(cart, {"item": slug(one.name), "count": "0"})
+    assert site.report(guest.state)["cart"] == {two.name: 3}
+    assert visitor(made(Clinic)).ask(made(Clinic).path("/~cart")).status == 404  # a clinic has none
+
+
+def test_an_account_opens_for_its_user_alone(visitor: Any) -> None:
+    site = made(Bank)
+    guest, place = visitor(site), site.path("/~account")
+    balance = site.member.records[0].fields["balance"].text
+    for user, password in ((site.user, "guess-111"), ("nobody", site.password), ("", "")):
+        assert guest.ask(place, {"user": user, "password": password}).status == 422
+        assert balance not in guest.ask(place).body.decode()
+    assert site.report(guest.state)["signed in"] is None
+    _, text = guest.follow(place, {"user": site.user, "password": site.password})
+    assert fold(balance) in text
+    assert site.report(guest.state)["signed in"] == site.user
+
+
+def test_items_lead_to_groups(visitor: Any) -> None:
+    site = made(Shop)
+    guest, record = visitor(site), site.items.records[0]
+    ((group, owner),) = site.owners(record)
+    assert site.group_href(group, owner) in guest.links(site.href(record))
+    assert site.group_href(group, owner) in guest.links(site.directory(group))
+    assert guest.ask(site.group_href(group, owner)).status == 200
+    for nowhere in (f"{site.directory(group)}/nobody", site.path("/~more/{group}", group="nothing")):
+        assert guest.ask(nowhere).status == 404
+
+
+def test_a_task_has_one_cart_and_one_sign_in_at_most() -> None:
+    for task in tasks_of(Shop, 20):
+        asks = [text for *_, text in task.rubric.facts() if "cart comes" in text or "is signed in" in text]
+        assert len(asks) == len(set(asks)), task.id
+
+
+def test_the_search_suggests_names(visitor: Any) -> None:
+    site = made(Lettings)
+    name = site.items.records[0].name
+    said = visitor(site).ask(f"/suggest?q={name[:6].replace(' ', '+')}").body.decode()
+    assert name in said
+    assert site.href(site.items.records[0]) in said
+
+
+def test_the_same_seed_gives_the_same_pages(visitor: Any) -> None:
+    for family in SPECIFIED:
+        one, two = made(family), made(family)
+        for url in ("/", one.finder.path, one.href(one.items.records[0]), "/suggest?q=a"):
+            visit = Visit("GET", url.partition("?")[0], {}, {}, {}, {})
+            assert one.handle(visit) == two.handle(visit)
+
+
+# --- files that do not fit ----------------------------------------------------------------------------------
+
+
+def beside(folder: Path, text: str) -> str:
+    """A module with this specification beside it."""
+    (folder / "spec.toml").write_text(text)
+    (folder / "own_family.py").write_text("")
+    return _module(folder / "own_family.py").__name__
+
+
+def _module(path: Path) -> ModuleType:
+    found = spec_from_file_location(path.stem, path)
+    assert found is not None
+    assert found.loader is not None
+    module = module_from_spec(found)
+    sys.modules[path.stem] = module
+    found.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("low = 12", "low = 120", "price for an hour: low must be less than high"),
+        ('having = "are of the type {value}"', 'having = "are small"', "having must have {value} alone"),
+        ("count = [30, 40]", 'count = [1, 2]\nnaming = { kind = "list", first = ["a", "a"] }', '"a" twice'),
+        ("card = true\nleast", "least", "an order needs card, least and most"),
+        ('most = "highest"', "", "least and most belong together"),
+        ('section = "price"', 'section = "prices"', 'fields.hour: there is no section "prices"'),
+        ('said = "for {value}"', 'said = "for a while"', '"for a while" must have {value} alone'),
+        ('ask = "rent the boat {item}"', 'ask = "rent {boat}"', "may have {item} alone"),
+        ('kind = "day"', 'kind = "email"', "inputs that are typed into come last"),
+        ('noun = "number of seats"', 'nouns = "seats"', "nouns"),
+        ('kind = "money"', 'kind = "gold"', "gold"),
+    ],
+)
+def test_a_specification_that_does_not_fit_is_refused_by_file_and_key(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    text = (EXAMPLE / "spec.toml").read_text()
+    assert old in text
+    with pytest.raises(SitesError) as refused:
+        load_beside(beside(tmp_path, text.replace(old, new, 1)), "spec.toml", Spec)
+    assert str(tmp_path / "spec.toml") in refused.value.message
+    assert message in refused.value.message
+
+
+def test_two_kinds_of_pages_do_not_share_a_word(tmp_path: Path) -> None:
+    name = beside(tmp_path, (EXAMPLE / "spec.toml").read_text().replace('"b"]', '"cart"]'))
+    with pytest.raises(SitesError, match='"cart" is the word for two kinds of pages'):
+        spec_of(name)
+
+
+def test_a_family_without_a_specification_says_where_it_should_be(tmp_path: Path) -> None:
+    name = beside(tmp_path, "")
+    (tmp_path / "spec.toml").unlink()
+    with pytest.raises(SitesError, match=r"there is no .*spec\.toml"):
+        load_beside(name, "spec.toml", Spec)
+
+
+# --- in Chromium --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(180)
+async def test_the_example_of_the_documentation_is_a_sound_family(monkeypatch: pytest.MonkeyPatch) -> None:
+    family = _module(EXAMPLE / "boats.py").Boats
+    assert await check_family(family, websites=1, tasks_per_website=3) == []
+    # A website that holds nothing of what it is sent is found out.
+    monkeypatch.setattr(family, "report", lambda *_: {"sent": {}, "saved": {}})
+    faults = await check_family(family, websites=1, tasks_per_website=3)
+    assert any("expected success" in fault for fault in faults)
+
+
+def test_days_are_chosen_in_a_calendar_on_some_websites() -> None:
+    ways = set()
+    for task in tasks_of(Clinic, 8):
+        assert task.truth is not None
+        ways.add(any(isinstance(move, Click) and move.name == "Next month" for move in task.truth.moves))
+    assert ways == {True, False}

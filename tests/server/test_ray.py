@@ -143,7 +143,7 @@ def marked(commands: Commands, pattern: str) -> list[psutil.Process]:
     return found
 
 
-OURS = r"webgym\.server\.child|chrom"
+OURS = r"webgym\.server\.subprocess_worker|chrom"
 
 
 async def losses(sessions: list[Session]) -> list[WebGymError | None]:

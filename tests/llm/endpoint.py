@@ -68,6 +68,7 @@ class Endpoint:
         return {
             "id": "chatcmpl-1",
             "object": "chat.completion",
+            "created": 1700000000,
             "model": "tiny-1",
             "choices": [
                 {

@@ -1,0 +1,227 @@
+"""verifiers (tested with verifiers 0.4.0): taskset, environment and harness of its v1.
+
+verifiers finds an environment by the name of a module that can be imported without dots, so a project that
+uses this has a module of its own, such as ``webgym_tasks.py``::
+
+    from webgym.integrations.verifiers import WebGymEnv, WebGymHarness, WebGymTaskset
+
+    __all__ = ["WebGymEnv", "WebGymHarness", "WebGymTaskset"]
+
+which ``PYTHONPATH=. vf-eval webgym-tasks --model …`` evaluates. The model is asked with the messages of a
+run: its prompt, and its window of history. verifiers' trace has a branch wherever that window moves on; all
+of them have the episode's reward. An episode without a reward ends with an error, which verifiers keeps
+apart from rewards.
+"""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Iterator
+from typing import Any, Final, Literal
+
+import verifiers.v1 as vf
+from openai import AsyncOpenAI
+from pydantic import Field
+
+from webgym import EnvironmentPool, RunConfig, UsageError, WebGymError, task_rows
+
+__all__ = ["WebGymEnv", "WebGymHarness", "WebGymTaskset"]
+
+REWARD: Final = "webgym"
+"""Name of the reward, and of the entry in the trace's ``info``."""
+
+
+class NoReward(WebGymError):
+    """The website blocked the agent, or environment, policy or judge failed, or verifiers ended the episode:
+    no success, and no failure."""
+
+    code = "no_reward"
+
+
+class WebGymTasksetConfig(vf.TasksetConfig):
+    """Which tasks.
+
+    Attributes:
+        tasks: their name, as for :func:`webgym.make`.
+        split: of the tasks.
+        count: how many, drawn as for a run.
+        settings: of a run (:class:`webgym.RunConfig`), such as ``{"judge": {…}}``.
+    """
+
+    tasks: str = "offline-v1"
+    split: Literal["train", "test", "all"] = "test"
+    count: int | Literal["all"] = 20
+    settings: dict[str, Any] = Field(default_factory=dict)
+
+    def run_config(self) -> RunConfig:
+        """The settings, checked."""
+        return RunConfig.model_validate(self.settings)
+
+
+class WebGymTask(vf.Task[vf.TaskData]):
+    """A task by its id. The environment opens the conversation, and its judge gives the reward."""
+
+    @property
+    def key(self) -> str:
+        """The id of the task: it stays, wherever the task is in the set."""
+        return str(self.data.id)
+
+
+class WebGymTaskset(vf.Taskset[WebGymTask, WebGymTasksetConfig]):
+    """Tasks of WebGym; no rubric, no answer."""
+
+    def load(self) -> Iterator[WebGymTask]:
+        """The tasks, in the order in which a run draws them."""
+        config = self.config
+        rows = task_rows(config.tasks, split=config.split, count=config.count, config=config.run_config())
+        for row in rows:
+            data = vf.TaskData(id=row["task_id"], name=row["website"], description=row["instruction"])
+            yield WebGymTask(data, config.task)
+
+
+class WebGymHarness(vf.Harness[vf.HarnessConfig]):
+    """Asks the model exactly what the environment says, once per turn, in this process: what was said before
+    is in the request as far as WebGym's window of history reaches."""
+
+    SUPPORTS_RESUME = True
+    EXECUTES_CODE = False
+    NEEDS_CONTAINER = False
+
+    async def launch(self, *given: Any, **named: Any) -> vf.ProgramResult:
+        """Never called: the environment opens the conversation.
+
+        Raises:
+            UsageError: the task has a prompt.
+        """
+        raise UsageError("the harness plays WebGym's tasks alone", hint="leave its environment as it is")
+
+    async def resume(
+        self,
+        ctx: vf.ModelContext,
+        trace: vf.Trace,
+        runtime: vf.Runtime,
+        endpoint: str,
+        secret: str,
+        mcp_urls: dict[str, str],
+        data: vf.TaskData,
+        messages: vf.Messages,
+        tool_interception_url: str | None = None,
+    ) -> vf.ProgramResult:
+        """Ask the model; verifiers records request and reply on their way.
+
+        Args:
+            ctx: the model's name.
+            trace: not looked at.
+            runtime: not looked at: nothing runs in it.
+            endpoint: of verifiers, in front of the model's.
+            secret: for the endpoint.
+            mcp_urls: not looked at.
+            data: not looked at.
+            messages: the whole request.
+            tool_interception_url: not looked at.
+
+        Raises:
+            openai.OpenAIError: the model gave no reply.
+        """
+        asked: Any = [message.model_dump(exclude_none=True) for message in messages]
+        async with AsyncOpenAI(base_url=endpoint, api_key=secret, timeout=None) as client:
+            await client.chat.completions.create(model=ctx.model, messages=asked)
+        return vf.ProgramResult(0, "", "")
+
+
+class WebGymEnvConfig(vf.EnvConfig):
+    """How they are played.
+
+    Attributes:
+        player: the model; its harness stays as it is, and nothing of it runs in a sandbox.
+        browsers: episodes at the same time; further ones wait.
+    """
+
+    player: vf.AgentConfig = vf.AgentConfig(runtime=vf.SubprocessConfig())
+    browsers: int = Field(8, ge=1)
+
+
+class WebGymEnv(vf.Env[WebGymEnvConfig]):
+    """Episodes in browsers that all of an evaluation's episodes share."""
+
+    _pool: EnvironmentPool | None = None
+
+    async def start(self) -> None:
+        """Make the pool of browsers; they start with the first episode."""
+        taskset = self.config.taskset
+        assert isinstance(taskset, WebGymTasksetConfig)
+        self._pool = EnvironmentPool(
+            taskset.tasks, size=self.config.browsers, split=taskset.split, config=taskset.run_config()
+        )
+
+    async def stop(self) -> None:
+        """Stop the browsers."""
+        pool, self._pool = self._pool, None
+        if pool is not None:
+            await pool.close()
+
+    async def setup(self, agents: Any) -> None:
+        """Check the harness.
+
+        Args:
+            agents: of the episode: ``player``.
+
+        Raises:
+            UsageError: it is another one, which would send more than the window of history.
+        """
+        if not isinstance(agents.player.harness, WebGymHarness):
+            raise UsageError(
+                "WebGym's tasks are played with its own harness", hint="leave player.harness out"
+            )
+
+    async def run(self, task: vf.Task, agents: Any) -> None:
+        """Play an episode, and record its reward at the end.
+
+        Args:
+            task: of :class:`WebGymTaskset`.
+            agents: of the episode: ``player``.
+
+        Raises:
+            NoReward: the episode has none.
+            WebGymError: no browser, or no start page, was to be had.
+        """
+        assert self._pool is not None
+        reward = math.nan
+        async with self._pool.environment() as env, agents.player.interaction(task) as interaction:
+            _, info = await env.reset(options={"task_id": task.data.id})
+            while not info["is_over"]:
+                segment = await interaction.turn(_messages(info))
+                if segment.terminated:
+                    error = interaction.trace.last_error
+                    why = error.message if error else interaction.trace.stop_condition
+                    raise NoReward(f"verifiers ended the episode after {info['step']} steps: {why}")
+                _, reward, _, _, info = await env.step(segment.last_reply)
+            if math.isnan(reward):
+                failure = info["failure"]
+                why = f": {failure['message']}" if failure else ""
+                raise NoReward(f"the episode ended as {info['outcome']}{why}")
+        trace = interaction.trace
+        answer = info["trajectory"].episode.answer
+        trace.info[REWARD] = {"outcome": str(info["outcome"]), "answer": answer}
+        trace.record_metric("steps", info["step"])
+        trace.record_reward(REWARD, reward)
+
+
+def _messages(info: dict[str, Any]) -> vf.Messages:
+    return [_message(message, info["images"]) for message in info["messages"]]
+
+
+def _message(message: Any, images: dict[str, bytes]) -> vf.Message:
+    if message.role == "assistant":  # its content is text alone
+        return vf.AssistantMessage(content="".join(part.text for part in message.content))
+    content = [_part(part, images) for part in message.content]
+    return vf.SystemMessage(content=content) if message.role == "system" else vf.UserMessage(content=content)
+
+
+def _part(part: Any, images: dict[str, bytes]) -> vf.ContentPart:
+    text = getattr(part, "text", None)
+    if text is not None:
+        return vf.TextContentPart(text=text)
+    url = f"data:image/png;base64,{base64.b64encode(images[part.screenshot]).decode()}"
+    return vf.ImageUrlContentPart(image_url=vf.ImageUrlSource(url=url))

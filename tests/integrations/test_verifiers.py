@@ -1,0 +1,121 @@
+"""verifiers evaluates our agent against an endpoint, and counts what has no reward as an error."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import pytest
+from tests.integrations.engine import reply_text, stand_in_pool
+from tests.llm import endpoint
+
+import webgym
+from webgym.core.action import Answer, Scroll
+
+pytest.importorskip("verifiers.v1", reason="verifiers is not installed")
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of its imports
+    from verifiers.v1 import Episode
+
+    from webgym.integrations import verifiers as integration
+
+pytestmark = pytest.mark.filterwarnings("ignore")  # its own
+
+EXAMPLES = Path(__file__).parents[2] / "examples" / "integrations"
+SCROLL = reply_text(Scroll("down"))
+
+
+def said(text: str) -> dict[str, Any]:
+    return {"message": {"role": "assistant", "content": text}}
+
+
+async def run(
+    folder: Path, replies: list[str], count: int, behaviour: str = "scripted", **more: Any
+) -> tuple[list[Episode], list[dict[str, Any]], Any]:
+    """The example, one episode after another; its episodes, and what the endpoint was asked."""
+    given = stand_in_pool(folder, 1, **more)
+    stand_ins = {key: given[key] for key in ("browsers", "judge", "config")}
+
+    def made(name: str, *, size: int, split: str, config: Any) -> Any:
+        assert (size, split, type(config)) == (1, "all", webgym.RunConfig)
+        return webgym.EnvironmentPool(name, size=size, split="all", **stand_ins)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(integration, "EnvironmentPool", made)
+        patch.syspath_prepend(EXAMPLES)
+        sys.modules.pop("verifiers_tasks", None)
+        example = importlib.import_module("verifiers_tasks")
+        async with endpoint.serve() as served:
+            served.replies = [said(text) for text in replies]
+            episodes = await example.main(
+                served.url(behaviour),
+                "tiny-1",
+                str(folder / "out"),
+                1,
+                tasks=given["name"],
+                split="all",
+                count=count,
+            )
+    return episodes, served.requests, given["browsers"]
+
+
+async def test_an_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    replies = [SCROLL, reply_text(Answer("right")), SCROLL, reply_text(Answer("wrong"))]
+    episodes, requests, browsers = await run(tmp_path, replies, 2)
+    assert [episode.errors for episode in episodes] == [[], []]
+    assert [episode.ok for episode in episodes] == [True, True]
+    traces = [episode.traces[0] for episode in episodes]
+    assert [trace.reward for trace in traces] == [1.0, 0.0]
+    assert [trace.info["webgym"]["outcome"] for trace in traces] == ["success", "failure"]
+    assert [trace.info["webgym"]["answer"] for trace in traces] == ["right", "wrong"]
+    assert [len(each["messages"]) for each in requests] == [2, 4, 2, 4]
+    assert [[len(each.messages) for each in trace.branches] for trace in traces] == [[5], [5]]
+    assert {trace.metrics["steps"] for trace in traces} == {2}
+    assert "2 of 2 episodes have a reward: success rate 0.50" in capsys.readouterr().out
+    assert not browsers.open_now
+    # What the model is asked is what a run asks, pictures included.
+    assert len(requests) == 4
+    parts = requests[0]["messages"][-1]["content"]
+    pictures = [part["image_url"]["url"] for part in parts if part["type"] == "image_url"]
+    assert len(pictures) == 1
+    assert pictures[0].startswith("data:image/png;base64,")
+    (record,) = (tmp_path / "out").glob("*/traces.jsonl")
+    written = [json.loads(line) for line in record.read_text().splitlines()]
+    assert [each["traces"][0]["rewards"]["webgym"]["score"] for each in written] == [1.0, 0.0]
+    assert {each["task"]["key"] for each in written} <= {f"check-{number}" for number in range(12)}
+
+
+@pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])
+async def test_a_fault_is_an_error(
+    tmp_path: Path, fault: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    episodes, _, browsers = await run(tmp_path, [SCROLL, reply_text(Answer("right"))], 1, **fault)
+    assert_no_reward(episodes[0], "NoReward")
+    assert "0 of 1 episodes have a reward: no success rate" in capsys.readouterr().out
+    assert not browsers.open_now
+
+
+async def test_a_model_that_fails_is_an_error(tmp_path: Path) -> None:
+    episodes, _, browsers = await run(tmp_path, [], 1, behaviour="400")
+    assert_no_reward(episodes[0], "ProviderError")
+    assert not browsers.open_now
+
+
+async def test_replies_without_actions_are_an_error(tmp_path: Path) -> None:
+    episodes, requests, _ = await run(tmp_path, ["I would click there."] * 4, 1)
+    assert_no_reward(episodes[0], "NoReward")
+    assert len(requests) == 4
+
+
+def assert_no_reward(episode: Episode, first_error: str) -> None:
+    assert not episode.ok
+    assert episode.errors
+    (trace,) = episode.traces
+    assert not trace.ok
+    assert not trace.rewards
+    assert trace.errors[0].type == first_error

@@ -24,7 +24,7 @@ class Guesser(webgym.BasePolicy):
         """One attempt. A policy that remembers returns an object of its own for each."""
         return self
 
-    async def reply(self, turn: webgym.Turn) -> webgym.Reply:
+    async def reply(self, turn: webgym.PolicyInput) -> webgym.Reply:
         """One turn. A model would be asked with ``turn.messages`` and ``turn.images`` here."""
         action = webgym.Scroll("down") if turn.index < 2 else webgym.Answer(turn.observation.title)
         text = webgym.render_reply(action, turn.prompt_format, description="Look around, then guess.")

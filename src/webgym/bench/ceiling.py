@@ -44,9 +44,9 @@ class Ceiling(msgspec.Struct, frozen=True):
     rounds: dict[str, list[Paced]]
 
     def ratios(self, name: str) -> list[float]:
-        """Server over this contender, round by round."""
+        """Server over this contender, round by round; of rounds in which the contender made a step."""
         pairs = zip(self.rounds[SERVER], self.rounds[name], strict=True)
-        return [ours.rate / theirs.rate for ours, theirs in pairs]
+        return [ours.rate / theirs.rate for ours, theirs in pairs if theirs.rate]
 
 
 class _Contender:

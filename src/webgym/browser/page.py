@@ -135,6 +135,7 @@ class Page:
         self.returned: Returned | None = None
         """Where this action has gone back to."""
         self._told_failure = ""
+        self._is_asked = False
         self._told_unopened = ""
         """Where this action wanted to lead, and was said not to."""
         self._leaving_for = ""
@@ -330,6 +331,7 @@ class Page:
         if not url.lower().startswith(_SCHEMES):
             raise NavigationFailed(_not_opened(url))
         self._leaving_for = ""
+        self._is_asked = True
         loop = asyncio.get_running_loop()
         hold_up = loop.call_later(self.config.execute_seconds, self._end_hold_up)
         try:
@@ -345,6 +347,7 @@ class Page:
             raise NavigationFailed(f"{said}: {error.message}") from error
         finally:
             hold_up.cancel()
+            self._is_asked = False
         if navigated.is_download or navigated.error_text == "net::ERR_ABORTED":
             return  # a download has its own notice; an aborted navigation leaves the page as it is
         if navigated.error_text:
@@ -414,7 +417,8 @@ class Page:
         self.status = self._statuses.get(frame.loader_id)
         self.loader = frame.loader_id
         self.is_substitute = bool(frame.unreachable_url) or frame.url == BLANK
-        if frame.unreachable_url and frame.loader_id != self._told_failure:
+        # The error page of a navigation that was asked for may come before its reply is looked at.
+        if frame.unreachable_url and not self._is_asked and frame.loader_id != self._told_failure:
             said = self._failures.get(frame.loader_id, "it could not be opened")
             why, _ = self._why(self.url, said)
             self.note("navigation_failed", f"{self.url[:_SAID_LENGTH]}: {why}")

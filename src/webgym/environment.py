@@ -72,6 +72,7 @@ Info: TypeAlias = dict[str, Any]
 COLLECTIONS: Final[dict[str, CollectionName]] = {
     "offline-v1": "large",
     "offline-small-v1": "small",
+    "offline-cross-v1": "cross",
 }
 """Names of the task sets that come with WebGym. A name always has the same websites and tasks."""
 

@@ -680,9 +680,9 @@ async def _sites(
 def _check_served(tasks: Sequence[Task], hosts: set[str]) -> None:
     """Refuse tasks whose websites are not served: every attempt would be the environment's failure."""
     for task in tasks:
-        if task.truth is not None and task.truth.host not in hosts:
+        if task.truth is not None and (missing := sorted(task.truth.hosts - hosts)):
             raise ConfigError(
-                f"the task {task.id} is on {task.truth.host}, which is not served",
+                f"the task {task.id} is on {missing[0]}, which is not served",
                 hint="sites.collection, seed and per_family must be what the tasks were made with",
             )
 

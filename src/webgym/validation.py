@@ -53,7 +53,7 @@ def typed(web: OfflineWeb, tasks: Iterable[Task]) -> Iterator[str]:
     hosts: dict[str, None] = {}
     for task in tasks:
         assert task.truth is not None
-        hosts[task.truth.host] = None
+        hosts |= dict.fromkeys(sorted(task.truth.hosts))
         yield from typed_proofs(task)
     for host in hosts:
         site = web.website(host)
@@ -81,7 +81,7 @@ def _cuts(truth: Truth, evidence: Evidence, episode: Episode) -> Iterator[tuple[
     for seen in episode.observations:
         address = urlsplit(seen.url)
         path = f"{address.path}?{address.query}" if address.query else address.path
-        if address.hostname == truth.host and re.match(evidence.path, path):
+        if address.hostname == (evidence.host or truth.host) and re.match(evidence.path, path):
             visible, cuts = pages.setdefault(path, ([], set()))
             visible.append(fold(seen.text or ""))
             cuts.update(seen.cuts)

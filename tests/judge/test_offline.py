@@ -95,6 +95,21 @@ async def test_a_wrong_answer_fails(answer: str) -> None:
     assert (await judged(episode(FRONT, PRODUCT, answer=answer))).reward == 0
 
 
+async def test_evidence_of_another_website_counts_there_alone() -> None:
+    assert TASK.truth is not None
+    other = f"other.{HOST}"
+    change = msgspec.structs.replace
+    facts = tuple(
+        change(fact, evidence=tuple(change(view, host=other) for view in fact.evidence))
+        for fact in TASK.truth.facts
+    )
+    task = change(TASK, truth=change(TASK.truth, facts=facts))
+    there = change(PRODUCT, url=PRODUCT.url.replace(HOST, other))
+    assert (await judged(episode(FRONT, PRODUCT), task)).reward == 0
+    assert (await judged(episode(FRONT, there), task)).reward == 1
+    assert (await judged(episode(FRONT, there))).reward == 0
+
+
 async def test_a_right_answer_without_the_evidence_fails() -> None:
     verdict = await judged(episode(FRONT))
     assert verdict.reward == 0

@@ -25,6 +25,7 @@ from webgym.agent.elements import (
     find_named,
     is_home,
     path_of,
+    same_host,
     shows_all,
     target_of,
     usable,
@@ -223,7 +224,7 @@ class Solver:
             case Remember() | Done():
                 return True
             case Home():
-                return is_home(observation.url, self._website)
+                return is_home(observation.url, self._front())
             case See(texts=texts):
                 return shows_all(observation, texts)
             case Fill(field=field, text=text):
@@ -272,7 +273,7 @@ class Solver:
     def _find(self, move: Move, observation: Observation) -> Element | None:
         match move:
             case Home():
-                return find_home(observation, self._website)
+                return find_home(observation, self._front())
             case Click():
                 return find_click(observation, move)
             case Fill(field=field):
@@ -285,9 +286,16 @@ class Solver:
 
     # --- carrying out a move ----------------------------------------------------------------------
 
+    def _front(self) -> str:
+        """Front page of the website that the solution is on at this move."""
+        homes = [move.url for move in self._moves[: self._at + 1] if isinstance(move, Home)]
+        return (homes and homes[-1]) or self._website
+
     def _work(self, move: Move, observation: Observation, mode: Mode) -> Act:
         if isinstance(move, Back):
             return self._carry_out(observation, GoBack(), "Go back to the previous page")
+        if isinstance(move, Home) and not same_host(observation.url, self._front()):
+            return self._carry_out(observation, Navigate(self._front()), f"Open {self._front()}")
         element = self._find(move, observation)
         if element is None:
             return self._search(move, observation, mode)
@@ -323,7 +331,7 @@ class Solver:
             return Act(Wait(LOADING_WAIT_SECONDS), "Wait in case the page is not complete yet")
         if observation.status in _REFUSED and not self._asked_again:
             self._asked_again = True
-            return Act(Navigate(self._website), "Open the front page again: the website refused this page")
+            return Act(Navigate(self._front()), "Open the front page again: the website refused this page")
         return self._without(move, observation, mode)
 
     def _sweep_on(self, move: Move, observation: Observation) -> Direction | None:
@@ -361,8 +369,8 @@ class Solver:
 def in_words(move: Move) -> str:
     """The move as a subtask."""
     match move:
-        case Home():
-            return "go to the front page"
+        case Home(url=url):
+            return f"go to {url}" if url else "go to the front page"
         case Click(name=name, role=role, path=path):
             what = f'"{name}"' if name is not None else f"the link to {path}" if path else f"the {role}"
             return f"click {what}"

@@ -21,7 +21,9 @@ def serve(
     host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
     port: int = typer.Option(8123, "--port", min=0, max=65535, help="Port; 0 takes a free one."),
     seed: int | None = typer.Option(None, "--seed", help="Of every website.", show_default="7"),
-    collection: str = typer.Option("large", "--collection", help="large or small websites."),
+    collection: str = typer.Option(
+        "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
+    ),
     per_family: int | None = typer.Option(
         None, "--per-family", min=1, help="Websites per family.", show_default="50 large, 72 small"
     ),
@@ -72,7 +74,9 @@ def serve(
 def list_sites(
     family: str | None = typer.Option(None, "--family", help="Only of this family.", show_default=False),
     seed: int | None = typer.Option(None, "--seed", help="Of every website.", show_default="7"),
-    collection: str = typer.Option("large", "--collection", help="large or small websites."),
+    collection: str = typer.Option(
+        "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
+    ),
 ) -> None:
     """List the websites: address, family, split and behaviour."""
     from webgym.offline import OfflineWeb
@@ -107,7 +111,9 @@ def check(
     marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
     quick: bool = typer.Option(False, "--quick", help="Without browsers: only what needs none."),
     seed: int = typer.Option(0, "--seed", help="Of the sample."),
-    collection: str = typer.Option("large", "--collection", help="large or small websites."),
+    collection: str = typer.Option(
+        "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
+    ),
 ) -> None:
     """Prove in real browsers that tasks are solvable, and by nothing less than a solution.
 

@@ -13,8 +13,16 @@ import msgspec
 # --- moves: a solution in words that a closed loop can follow -------------------------------------
 
 
-class Home(msgspec.Struct, frozen=True, tag_field="do", tag="home"):
-    """Be on the website's front page; nothing to do when already there."""
+class Home(
+    msgspec.Struct, frozen=True, tag_field="do", tag="home", omit_defaults=True, repr_omit_defaults=True
+):
+    """Be on a website's front page; nothing to do when already there.
+
+    Attributes:
+        url: of the front page; ``""`` is the task's own website.
+    """
+
+    url: str = ""
 
 
 class Click(msgspec.Struct, frozen=True, tag_field="do", tag="click", omit_defaults=True):
@@ -88,16 +96,18 @@ Move: TypeAlias = Home | Click | Fill | Choose | See | Back | Remember | Done | 
 # --- what counts as proof ---------------------------------------------------------------------------
 
 
-class Evidence(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A view that confirms a fact: on this website, all texts visible in one and the same observation.
+class Evidence(msgspec.Struct, frozen=True, omit_defaults=True, repr_omit_defaults=True):
+    """A view that confirms a fact: on one website, all texts visible in one and the same observation.
 
     Attributes:
         texts: compared with case and white space folded, as whole words.
         path: regular expression that the URL's path and query must match from its start; ``""`` takes any.
+        host: hostname of the website; ``""`` is the truth's own.
     """
 
     texts: tuple[str, ...]
     path: str = ""
+    host: str = ""
 
 
 class StateCheck(msgspec.Struct, frozen=True):
@@ -145,7 +155,8 @@ class Truth(msgspec.Struct, frozen=True, omit_defaults=True):
     """Everything hidden about a task.
 
     Attributes:
-        host: the website's hostname; evidence counts on it alone.
+        host: hostname of the website whose server's state is checked; evidence that names no other website
+            counts on this one alone.
         facts: one entry for every fact of the rubric.
         answer: what the answer must say.
         moves: a solution, from the start page to the answer.
@@ -158,3 +169,9 @@ class Truth(msgspec.Struct, frozen=True, omit_defaults=True):
     answer: AnswerTruth
     moves: tuple[Move, ...]
     expects: Literal["success", "blocked", "environment_error", "judge_error"] = "success"
+
+    @property
+    def hosts(self) -> frozenset[str]:
+        """Hostnames of all websites that the task is about."""
+        views = [evidence for fact in self.facts for evidence in fact.evidence]
+        return frozenset({self.host, *(view.host for view in views if view.host)})

@@ -34,7 +34,11 @@ from webgym import (
     random_action,
 )
 
-IDS: Final = {"WebGym/Offline-v1": "offline-v1", "WebGym/OfflineSmall-v1": "offline-small-v1"}
+IDS: Final = {
+    "WebGym/Offline-v1": "offline-v1",
+    "WebGym/OfflineSmall-v1": "offline-small-v1",
+    "WebGym/OfflineCross-v1": "offline-cross-v1",
+}
 """Environments by their Gymnasium ids. The same id always has the same websites and tasks."""
 
 Observation: TypeAlias = dict[str, Any]

@@ -29,9 +29,10 @@ COUNTED_NOT_READ = 10
 
 @dataclass(frozen=True)
 class _View:
-    """One look at the task's website, ready to be searched."""
+    """One look at a website of the task, ready to be searched."""
 
     index: int
+    host: str
     path: str
     text: str
 
@@ -104,7 +105,7 @@ class OfflineJudge:
         steps: tuple[int, ...] = ()
         reasons = []
         if known.evidence:
-            steps = _shown(known, views)
+            steps = _shown(known, truth.host, views)
             if not steps:
                 wanted = " or ".join(_words(evidence) for evidence in known.evidence[:3])
                 return Judgement(False, f"no screenshot shows {wanted}")
@@ -121,7 +122,7 @@ class OfflineJudge:
 
 
 def _views(truth: Truth, episode: Episode) -> list[_View]:
-    views = []
+    views, hosts = [], truth.hosts
     for index, seen in enumerate(episode.observations):
         if seen.text is None:
             raise JudgeError(
@@ -129,19 +130,22 @@ def _views(truth: Truth, episode: Episode) -> list[_View]:
             )
         address = urlsplit(seen.url)
         is_there = seen.status is None or seen.status < 400  # an error page may repeat what was asked for
-        if (address.hostname or "") == truth.host and is_there:
+        host = address.hostname or ""
+        if host in hosts and is_there:
             path = f"{address.path}?{address.query}" if address.query else address.path
-            views.append(_View(index, path, fold(seen.text)))
+            views.append(_View(index, host, path, fold(seen.text)))
     return views
 
 
-def _shown(fact: FactTruth, views: list[_View]) -> tuple[int, ...]:
-    """Indices of the views that confirm the fact."""
+def _shown(fact: FactTruth, host: str, views: list[_View]) -> tuple[int, ...]:
+    """Indices of the views that confirm the fact; evidence counts on ``host`` unless it names another."""
     return tuple(
         view.index
         for view in views
         if any(
-            re.match(evidence.path, view.path) and all(says(view.text, text) for text in evidence.texts)
+            view.host == (evidence.host or host)
+            and re.match(evidence.path, view.path)
+            and all(says(view.text, text) for text in evidence.texts)
             for evidence in fact.evidence
         )
     )

@@ -10,6 +10,8 @@ from typing import Literal, TypeAlias
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
 from webgym.offline import names, small
+from webgym.offline.engine import cross_site
+from webgym.offline.engine.specified import SpecifiedWebsite
 from webgym.offline.families import FAMILIES
 from webgym.offline.look import look
 from webgym.offline.parts import SENTENCES, Place, Wording, write
@@ -17,9 +19,11 @@ from webgym.offline.seeds import number, stream
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Behaviour, Split, Website
 
 DEFAULT_SEED = 7
+_OTHERS = 2
+"""Websites of other families that a website has cross-site tasks with."""
 MISBEHAVING: tuple[Behaviour, ...] = ("blocks", "down", "slow", "nags", "forgets")
 
-CollectionName: TypeAlias = Literal["large", "small"]
+CollectionName: TypeAlias = Literal["large", "small", "cross"]
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,7 @@ class Collection:
         misbehaving: one more website for each of these, all for testing.
         viewport: the size, CSS pixels, that its pages are made for.
         wording: how its tasks are written out.
+        is_cross_site: whether each of its tasks is about two websites, instead of one.
     """
 
     families: tuple[type[Website], ...]
@@ -41,11 +46,17 @@ class Collection:
     misbehaving: tuple[Behaviour, ...]
     viewport: tuple[int, int]
     wording: Wording
+    is_cross_site: bool = False
 
+
+_SPECIFIED = tuple(family for family in FAMILIES if issubclass(family, SpecifiedWebsite))
 
 COLLECTIONS: dict[CollectionName, Collection] = {
     "large": Collection(FAMILIES, 50, 0.2, MISBEHAVING, (1280, 768), SENTENCES),
     "small": Collection(small.FAMILIES, 72, 1 / 6, (), (192, 128), small.WORDING),
+    "cross": Collection(
+        _SPECIFIED, 50, 0.2, (), (1280, 768), replace(SENTENCES, source="offline-cross"), is_cross_site=True
+    ),
 }
 
 
@@ -57,7 +68,7 @@ def collection_name(name: str) -> CollectionName:
     """
     found = next((known for known in COLLECTIONS if known == name), None)
     if found is None:
-        raise ConfigError(f"there is no collection {name!r}", hint="give large or small")
+        raise ConfigError(f"there is no collection {name!r}", hint=f"give {', '.join(COLLECTIONS)}")
     return found
 
 
@@ -81,7 +92,8 @@ class OfflineWeb:
     Args:
         seed: of everything.
         per_family: well-behaved websites in every family; ``None`` for the collection's own number.
-        collection: ``"large"``, pages as on real websites, or ``"small"``, pages of a few large signs.
+        collection: ``"large"``, pages as on real websites; ``"small"``, pages of a few large signs; or
+            ``"cross"``, large websites with tasks about two of them.
         families: other families than the collection's.
     """
 
@@ -148,7 +160,7 @@ class OfflineWeb:
                 yield from self.tasks_of(host)
 
     def tasks_of(self, host: str) -> Iterator[Task]:
-        """The tasks on one website.
+        """The tasks that begin on one website.
 
         Raises:
             KeyError: there is no such website.
@@ -166,8 +178,29 @@ class OfflineWeb:
             split=split,
             wording=self.collection.wording,
         )
-        for assignment in site.expected_assignments():
-            yield from write(place, assignment)
+        if not self.collection.is_cross_site:
+            for assignment in site.expected_assignments():
+                yield from write(place, assignment)
+            return
+        partners = self._partners(host)
+        for other, assignment in cross_site.assignments(self._specified(host), *partners):
+            brands = f"{site.brand} and {other.brand} ({other.start})"
+            yield from write(replace(place, brand=brands, host=other.host), assignment)
+
+    def _partners(self, host: str) -> tuple[SpecifiedWebsite | None, list[SpecifiedWebsite]]:
+        """A website of the same family, if there is one, and some of others. All are of the same split."""
+        spec = self.specs[host]
+        peers = [each for each, other in self.specs.items() if other.split == spec.split]
+        family = [each for each in peers if self.specs[each].family is spec.family]
+        others = [each for each in peers if each not in family]
+        twin = family[(family.index(host) + 1) % len(family)]
+        chosen = stream(self.seed, "partners", host).sample(others, min(_OTHERS, len(others)))
+        return (None if twin == host else self._specified(twin)), [*map(self._specified, chosen)]
+
+    def _specified(self, host: str) -> SpecifiedWebsite:
+        site = self.website(host)
+        assert isinstance(site, SpecifiedWebsite)
+        return site
 
     def allowed_hosts(self, address: str) -> list[str]:
         """Rules of the egress policy that lead browsers to the server at ``address`` (``host:port``).

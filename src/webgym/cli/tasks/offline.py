@@ -13,7 +13,9 @@ def offline(
         None, "--split", help="train or test; both if not given.", show_default=False
     ),
     seed: int | None = typer.Option(None, "--seed", help="Of the offline web.", show_default="7"),
-    collection: str = typer.Option("large", "--collection", help="large or small websites."),
+    collection: str = typer.Option(
+        "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
+    ),
     per_family: int | None = typer.Option(
         None, "--per-family", min=1, help="Websites per family.", show_default="50 large, 72 small"
     ),

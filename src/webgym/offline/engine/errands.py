@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from datetime import date
 from typing import Any
 
@@ -12,8 +13,9 @@ from webgym.offline.engine.asking import exactly, shown
 from webgym.offline.engine.beside import account, line, member, owner, put, tally, which
 from webgym.offline.engine.composing import Ask, Composer
 from webgym.offline.engine.look_ups import compare, count, difference, either, extreme, facts
-from webgym.offline.engine.saying import days, listed
+from webgym.offline.engine.saying import days, first_up, listed
 from webgym.offline.engine.spec import TYPED, InputSpec
+from webgym.offline.engine.table import Record
 from webgym.offline.engine.ways import Site, go
 from webgym.offline.names import person
 from webgym.offline.parts import Assignment, Fact, Part
@@ -107,36 +109,73 @@ def send(site: Site, rng: random.Random, size: int) -> Part | None:
         return None
     name = rng.choice(fitting)
     form, record = site.spec.forms[name], rng.choice(site.items.records)
+    values = {of: entry(site, given, rng) for of, given in form.inputs.items()}
+    sent = filled(site, name, record, values, values)
+    ask, facts, moves, says = sent.ask, list(sent.facts), list(sent.moves), ""
+    if size > len(values):
+        title, number = site.word(name, "reference"), site.reference(name, sent.about, values)
+        view = shown(sent.place, title, number)
+        facts.append(Fact(f"The number of {sent.what} is given", (view,), answer=(number,)))
+        moves.append(See((title, number)))
+        ask, says = f"{ask}; then give the number of the {form.thing}", f"The number is {number}."
+    return Part(ask, first_up(sent.what), tuple(facts), tuple(moves), says)
+
+
+@dataclass(frozen=True)
+class Filled:
+    """A form that is filled in and sent.
+
+    Attributes:
+        ask: the clause that asks for it.
+        about: name of the item that it is about; ``""`` for none.
+        what: ``"the booking for Millham Rock"``.
+        place: pattern of the address that shows what was sent.
+        facts, moves: of it.
+    """
+
+    ask: str
+    about: str
+    what: str
+    place: str
+    facts: tuple[Fact, ...]
+    moves: tuple[Move, ...]
+
+
+def filled(
+    site: Site, name: str, record: Record, values: Mapping[str, str], called: Mapping[str, str]
+) -> Filled:
+    """A form, filled in and sent.
+
+    Args:
+        site: the website.
+        name: of the form.
+        record: the item that it is about, if it is about one.
+        values: to enter, by input.
+        called: what the task calls each value: the value, or words from which it is found out.
+    """
+    form = site.spec.forms[name]
     key, about = (slug(record.name), record.name) if form.is_about_item else ("", "")
-    values = {of: _entry(site, given, rng) for of, given in form.inputs.items()}
     place = exactly(f"{site.address(name, key)}/done")
     what = f"the {form.thing}{f' for {about}' if about else ''}"
-    everything = StateCheck(("sent", name), {about: values})
+    everything = StateCheck(("sent", name), {about: dict(values)})
     facts = [
         Fact(
-            f"{what[0].upper()}{what[1:]} {form.inputs[of].said.format(value=value)} is sent",
+            f"{first_up(what)} {form.inputs[of].said.format(value=called[of])} is sent",
             (shown(place, site.input_label(name, of), value),),
             (StateCheck(("sent", name, about, of), value), *((everything,) if not nth else ())),
         )
         for nth, (of, value) in enumerate(values.items())
     ]
-    said = listed([form.inputs[of].said.format(value=value) for of, value in values.items()])
-    ask = f"{form.ask.format(item=about)} {said}"
-    heading, says = site.word(name, "done"), ""
+    said = listed([form.inputs[of].said.format(value=value) for of, value in called.items()])
     moves: list[Move] = [*(go(site, record) if about else ()), Click(path=site.address(name, key))]
     for of, given in form.inputs.items():
         moves += _enter(site, name, of, given, values[of])
-    moves += [Click(name=site.word(name, "send"), role="button"), See((heading,))]
+    moves += [Click(name=site.word(name, "send"), role="button"), See((site.word(name, "done"),))]
     moves += [See((site.input_label(name, of), value)) for of, value in values.items()]
-    if size > len(values):
-        title, number = site.word(name, "reference"), site.reference(name, about, values)
-        facts.append(Fact(f"The number of {what} is given", (shown(place, title, number),), answer=(number,)))
-        moves.append(See((title, number)))
-        ask, says = f"{ask}; then give the number of the {form.thing}", f"The number is {number}."
-    return Part(ask, f"{what[0].upper()}{what[1:]}", tuple(facts), tuple(moves), says)
+    return Filled(f"{form.ask.format(item=about)} {said}", about, what, place, tuple(facts), tuple(moves))
 
 
-def _entry(site: Site, given: InputSpec, rng: random.Random) -> str:
+def entry(site: Site, given: InputSpec, rng: random.Random) -> str:
     """What a task enters."""
     match given.kind:
         case "person":

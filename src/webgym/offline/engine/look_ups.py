@@ -6,13 +6,51 @@ Every function makes a part with so many facts, or none if the draw does not giv
 from __future__ import annotations
 
 import random
+from dataclasses import dataclass, replace
 
-from webgym.core.truth import Click, See
+import msgspec
+
+from webgym.core.truth import Click, Home, Move, See
 from webgym.offline.engine.asking import count as counted
-from webgym.offline.engine.asking import exactly, shown
+from webgym.offline.engine.asking import shown
 from webgym.offline.engine.records import written
+from webgym.offline.engine.table import Record
 from webgym.offline.engine.ways import Site, fact, go, look
 from webgym.offline.parts import Fact, Part
+
+
+@dataclass(frozen=True)
+class Subject:
+    """An item that is asked about.
+
+    Attributes:
+        site: its website.
+        record: the item.
+        is_elsewhere: whether the task is about several websites, and has to say which one has the item.
+    """
+
+    site: Site
+    record: Record
+    is_elsewhere: bool = False
+
+    @property
+    def called(self) -> str:
+        """What instructions call it."""
+        return f"{self.record.name} on {self.site.brand}" if self.is_elsewhere else self.record.name
+
+    def fact(self, of: str, *, asked: bool = True) -> Fact:
+        """A field of it was seen."""
+        found = fact(self.site, self.record, of, about=self.called, asked=asked)
+        if not self.is_elsewhere:
+            return found
+        views = (msgspec.structs.replace(each, host=self.site.host) for each in found.evidence)
+        return replace(found, evidence=tuple(views))
+
+    def moves(self, of: str) -> tuple[Move, ...]:
+        """Until a field of it was in view."""
+        there = (Home(self.site.start),) if self.is_elsewhere else ()
+        return (*there, *go(self.site, self.record), *look(self.site, self.record, [of]))
+
 
 # --- single items -----------------------------------------------------------------------------------
 
@@ -68,28 +106,29 @@ def compare(site: Site, rng: random.Random, size: int) -> Part | None:
         rng.random() < 0.5,
     )
     one, two = rng.sample(site.items.records, 2)
-    if one.rank(of) == two.rank(of):
+    return comparison(Subject(site, one), Subject(site, two), of, is_most=is_most)
+
+
+def comparison(one: Subject, two: Subject, of: str, *, is_most: bool) -> Part | None:
+    """Which of two has more or less of something; none if they have as much."""
+    if one.record.rank(of) == two.record.rank(of):
         return None
-    spec = site.items.fields[of]
+    spec = one.site.items.fields[of]
     word = spec.most if is_most else spec.least
-    best, other = sorted((one, two), key=lambda each: each.rank(of), reverse=is_most)
-    view = shown(exactly(site.href(best)), site.items.labels[of], best.fields[of].text)
+    best, other = sorted((one, two), key=lambda each: each.record.rank(of), reverse=is_most)
+    named = Fact(
+        f"The one with the {word} {spec.noun} is named",
+        best.fact(of, asked=False).evidence,
+        answer=(best.record.name,),
+        wrong=(other.record.name,),
+    )
     return Part(
-        f"look up the {spec.noun} of both {one.name} and {two.name}, "
+        f"look up the {spec.noun} of both {one.called} and {two.called}, "
         f"and name only the one with the {word} {spec.noun}",
-        f"{spec.noun}: {one.name} or {two.name}",
-        (
-            fact(site, one, of, asked=False),
-            fact(site, two, of, asked=False),
-            Fact(
-                f"The one with the {word} {spec.noun} is named",
-                (view,),
-                answer=(best.name,),
-                wrong=(other.name,),
-            ),
-        ),
-        (*go(site, one), *look(site, one, [of]), *go(site, two), *look(site, two, [of])),
-        f"It is {best.name}.",
+        f"{spec.noun}: {one.called} or {two.called}",
+        (one.fact(of, asked=False), two.fact(of, asked=False), named),
+        (*one.moves(of), *two.moves(of)),
+        f"It is {best.record.name}.",
     )
 
 
@@ -100,24 +139,26 @@ def difference(site: Site, rng: random.Random, size: int) -> Part | None:
         return None
     of = rng.choice(fields)
     one, two = rng.sample(site.items.records, 2)
-    gap = int(abs(one.rank(of) - two.rank(of)))
-    if gap in (0, one.rank(of), two.rank(of)):
+    return gap(Subject(site, one), Subject(site, two), of)
+
+
+def gap(one: Subject, two: Subject, of: str) -> Part | None:
+    """By how much two differ in something; none if the difference is one of the values."""
+    ranks = one.record.rank(of), two.record.rank(of)
+    between = int(abs(ranks[0] - ranks[1]))
+    if between in (0, *ranks):
         return None
-    spec, value = site.items.fields[of], written(site.items.fields[of], gap, site.currency)
-    views = [
-        shown(exactly(site.href(each)), site.items.labels[of], each.fields[of].text) for each in (one, two)
-    ]
+    spec = one.site.items.fields[of]
+    value = written(spec, between, one.site.currency)
+    facts = one.fact(of), two.fact(of)
+    views = tuple(view for each in facts for view in each.evidence)
+    said = [f"{each.record.name} has {each.record.fields[of].text}" for each in (one, two)]
     return Part(
-        f"report the {spec.noun} of {one.name} and of {two.name}, and the difference",
-        f"{spec.noun} of {one.name} and {two.name}",
-        (
-            fact(site, one, of),
-            fact(site, two, of),
-            Fact(f"The difference in {spec.noun} is worked out", tuple(views), answer=value.options),
-        ),
-        (*go(site, one), *look(site, one, [of]), *go(site, two), *look(site, two, [of])),
-        f"{one.name} has {one.fields[of].text} and {two.name} has {two.fields[of].text}, "
-        f"a difference of {value.text}.",
+        f"report the {spec.noun} of {one.called} and of {two.called}, and the difference",
+        f"{spec.noun} of {one.called} and {two.called}",
+        (*facts, Fact(f"The difference in {spec.noun} is worked out", views, answer=value.options)),
+        (*one.moves(of), *two.moves(of)),
+        f"{said[0]} and {said[1]}, a difference of {value.text}.",
     )
 
 

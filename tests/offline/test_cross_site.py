@@ -1,0 +1,86 @@
+"""Tasks on two websites: both are of one split, and nothing less than both solves them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import msgspec
+import pytest
+
+from webgym.core.task import Task
+from webgym.core.trajectory import Episode
+from webgym.judge import OfflineJudge
+from webgym.offline import OfflineWeb
+from webgym.rollout.store import RunReader
+from webgym.validation import check_in_browsers, typed
+
+KINDS = {"compare", "difference", "carry"}
+
+
+@pytest.fixture(scope="module")
+def web() -> OfflineWeb:
+    return OfflineWeb(collection="cross", per_family=5)
+
+
+@pytest.fixture(scope="module")
+def tasks(web: OfflineWeb) -> list[Task]:
+    return list(web.tasks())
+
+
+def kind_of(task: Task) -> str:
+    return task.id.rpartition("/")[2].partition("-")[0]
+
+
+def test_both_websites_are_of_the_task_s_split(web: OfflineWeb, tasks: list[Task]) -> None:
+    assert {kind_of(task) for task in tasks} == KINDS
+    assert {task.split for task in tasks} == {"train", "test"}
+    for task in tasks:
+        assert task.truth is not None
+        assert len(task.truth.hosts) == 2
+        assert {web.specs[host].split for host in task.truth.hosts} == {task.split}
+        first = urlsplit(task.website).hostname
+        assert first in task.truth.hosts
+        (second,) = task.truth.hosts - {first}
+        assert f"(http://{second}/)" in task.instruction  # nothing else leads there
+
+
+def test_tasks_differ_and_reveal_nothing(web: OfflineWeb, tasks: list[Task]) -> None:
+    for what in (lambda task: task.id, lambda task: task.instruction):
+        assert len({what(task) for task in tasks}) == len(tasks)
+    assert list(typed(web, tasks)) == []
+    for task in tasks:
+        if kind_of(task) == "carry":  # what is to be found out stands in no instruction and in no fact
+            assert task.truth is not None
+            carried = task.truth.facts[0].evidence[0].texts[-1]
+            said = [task.instruction, *(text for _, _, text in task.rubric.facts())]
+            assert not any(carried in each for each in said)
+
+
+def test_a_website_without_partners_has_no_such_tasks() -> None:
+    alone = OfflineWeb(collection="cross", per_family=1)
+    assert {kind_of(task) for task in alone.tasks()} <= {"carry"}
+
+
+def without(host: str, episode: Episode) -> Episode:
+    steps = tuple(step for step in episode.steps if urlsplit(step.observation.url).hostname != host)
+    return msgspec.structs.replace(episode, steps=steps)
+
+
+async def no_picture(name: str) -> bytes:
+    raise LookupError(name)
+
+
+@pytest.mark.browser
+@pytest.mark.timeout(300)
+async def test_one_of_each_kind_is_solvable_and_nothing_less_passes(
+    web: OfflineWeb, tasks: list[Task], tmp_path: Path
+) -> None:
+    played = [next(task for task in tasks if kind_of(task) == kind) for kind in sorted(KINDS)]
+    assert await check_in_browsers(web, played, tmp_path / "run", sessions=3) == []
+    for each in RunReader(tmp_path / "run").trajectories():
+        task = next(task for task in played if task.id == each.episode.task_id)
+        assert task.truth is not None
+        for host in task.truth.hosts:
+            verdict = await OfflineJudge().judge(task, without(host, each.episode), no_picture)
+            assert verdict.reward == 0, host

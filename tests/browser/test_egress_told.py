@@ -111,11 +111,9 @@ async def test_it_is_told_of_the_place_that_a_redirect_leads_to(told: Told) -> N
     told.site.page("<a href='/go?to=http://inside.test/x'>Go</a>", "/linked")
     await told.goto(f"{WEB}/linked")
     await told.tab.step(LeftClick(told.tab.at("Go")))
-    assert told.tab.notices == [
-        (
-            "navigation_failed",
-            "http://inside.test/x: refused by the egress policy: 10.0.0.7 is a private address",
-        )
+    # A slow machine may also say that the page was still loading at the deadline.
+    assert [text for kind, text in told.tab.notices if kind == "navigation_failed"] == [
+        "http://inside.test/x: refused by the egress policy: 10.0.0.7 is a private address"
     ]
 
 

@@ -47,7 +47,7 @@ class SitesConfig(Settings):
     """Which websites: ``large``, as on the real web, or ``small``, pages of a few large signs."""
 
     per_family: int | None = Field(default=None, ge=1)
-    """Websites in every family; ``None`` for the collection's own number (50 large, 72 small)."""
+    """Websites in every family; ``None`` for the collection's own number (50 large and cross, 72 small)."""
 
     host: str = "127.0.0.1"
     """Address to listen on; loopback unless asked otherwise."""

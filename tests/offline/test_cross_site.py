@@ -46,8 +46,7 @@ def test_both_websites_are_of_the_task_s_split(web: OfflineWeb, tasks: list[Task
 
 
 def test_tasks_differ_and_reveal_nothing(web: OfflineWeb, tasks: list[Task]) -> None:
-    for what in (lambda task: task.id, lambda task: task.instruction):
-        assert len({what(task) for task in tasks}) == len(tasks)
+    assert len({task.id for task in tasks}) == len({task.instruction for task in tasks}) == len(tasks)
     assert list(typed(web, tasks)) == []
     for task in tasks:
         if kind_of(task) == "carry":  # what is to be found out stands in no instruction and in no fact

@@ -498,7 +498,7 @@ def make(
 
     Args:
         name: ``offline-v1`` (655 websites as on the real web), ``offline-small-v1`` (360 websites of a few
-            large signs), ``offline-cross-v1`` (tasks over two websites of the large collection), or the path of
+            large signs), ``offline-cross-v1`` (tasks over two of the large collection's websites), or the path of
             a task file.
         split: which tasks; training never sees a test task unless it is asked for by this.
         config: settings, in which the name and the split are set.

@@ -498,8 +498,8 @@ def make(
 
     Args:
         name: ``offline-v1`` (655 websites as on the real web), ``offline-small-v1`` (360 websites of a few
-            large signs), ``offline-cross-v1`` (tasks over two of the large collection's websites), or the path of
-            a task file.
+            large signs), ``offline-cross-v1`` (tasks over two of the large collection's websites), or a task
+            file's path.
         split: which tasks; training never sees a test task unless it is asked for by this.
         config: settings, in which the name and the split are set.
         given: more of :class:`Environment`'s arguments.

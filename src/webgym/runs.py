@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import msgspec
-from pydantic import Field, SecretStr, ValidationError, model_validator
+from pydantic import Field, SecretStr, model_validator
 
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
@@ -67,7 +67,7 @@ from webgym.rollout.trackers import TrackerName, check_installed, tracking
 from webgym.rollout.unjudged import judge_again
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
 from webgym.server.config import Admission, Queues
-from webgym.settings import Settings, first_problem
+from webgym.settings import Settings, validated
 from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.files import unfit
@@ -445,10 +445,7 @@ def read_config(reader: RunReader) -> tuple[RunConfig, str]:
     run_id = str(held.pop("run_id", ""))
     for stamp in ("started", "software", "skipped_records", "set_aside_tasks", "left_out_tasks"):
         held.pop(stamp, None)
-    try:
-        return RunConfig.model_validate(held), run_id
-    except ValidationError as error:
-        raise RunFolderError(f"{reader.path}/config.yaml: {first_problem(error, RunConfig)}") from error
+    return validated(RunConfig, held, f"{reader.path}/config.yaml", failure=RunFolderError), run_id
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from webgym.core.errors import ConfigError
 from webgym.judge.config import STAGES
 from webgym.judge.factory import JudgeChoice
-from webgym.settings import first_problem, read_settings
+from webgym.settings import read_yaml, validated
 
 JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
 """Where a judge's key is looked for first; else where a policy's is."""
@@ -46,7 +44,7 @@ def judge_choice(
         ConfigError: something is missing or malformed.
     """
     held = (
-        read_settings(file, hint="see docs/judge.md")
+        read_yaml(file, hint="see docs/judge.md")
         if file
         else (default or JudgeChoice()).model_dump(mode="json", exclude_none=True)
     )
@@ -78,16 +76,9 @@ def judge_choice(
         held["panel"] = dict(held.get("panel") or {}) | {"samples": samples}
     if without_rubric is not None:
         held["without_rubric"] = without_rubric
-    try:
-        return JudgeChoice.model_validate(held)
-    except ValidationError as error:
-        raise ConfigError(f"{file or 'judge options'}: {first_problem(error, JudgeChoice)}") from error
+    return validated(JudgeChoice, held, str(file or "judge options"))
 
 
 def own_choice(config: Mapping[str, Any]) -> JudgeChoice:
     """The judge that a run was collected with, by its ``config.yaml``; the offline one if it names none."""
-    try:
-        return JudgeChoice.model_validate(config.get("judge") or {})
-    except ValidationError as error:
-        told = first_problem(error, JudgeChoice)
-        raise ConfigError(f"config.yaml: judge: {told}", hint="give --judge") from error
+    return validated(JudgeChoice, config.get("judge") or {}, "config.yaml: judge", hint="give --judge")

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import uvloop
-from pydantic import SecretStr, ValidationError
+from pydantic import SecretStr
 from rich.console import Console
 from rich.text import Text
 
@@ -26,7 +26,7 @@ from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.runs import RunConfig, Secrets
-from webgym.settings import first_problem, merged, read_settings, without_none
+from webgym.settings import merged, read_files, validated, without_none
 
 T = TypeVar("T")
 
@@ -164,18 +164,11 @@ def settings(
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held: dict[str, Any] = {}
-    for path in files:
-        held = merged(held, read_settings(path, hint="see configs/ for examples"))
-    held = merged(held, without_none(overrides))
+    held = merged(read_files(files, hint="see configs/ for examples"), without_none(overrides))
     if any(each is not None for each in policy):
         own = held.get("policy")
         held["policy"] = policy_section(own if isinstance(own, Mapping) else {}, *policy)
-    try:
-        return RunConfig.model_validate(held)
-    except ValidationError as error:
-        told = ", ".join(map(str, files)) or "options"
-        raise ConfigError(f"{told}: {first_problem(error, RunConfig)}") from error
+    return validated(RunConfig, held, ", ".join(map(str, files)) or "options")
 
 
 def show_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManager[None]]:

@@ -118,10 +118,10 @@ def command(
     import sys
 
     import uvloop
-    from pydantic import ValidationError
 
     from webgym.server import GatewayConfig, RayConfig, ServerConfig
     from webgym.server.listening import open_as_many_files_as_may_be
+    from webgym.settings import validated, without_none
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     token = _token_in(token_file) if token_file else os.environ.get(TOKEN)
@@ -143,26 +143,19 @@ def command(
             "cgroup": cgroup,
         },
     }
-    try:
-        config = ServerConfig.model_validate(
-            {key: value for key, value in settings.items() if value is not None}
-        )
-        ports = None if worker_ports is None else worker_ports.split("-")
-        fleet = GatewayConfig.model_validate(
-            {"workers": workers, "worker_host": worker_host, "worker_ports": ports}
-        )
-        cluster = None
-        if ray is not None:
-            cluster = RayConfig(
-                address=ray,
-                slots_per_cpu=slots_per_cpu,
-                slots_per_node=slots,
-                cpus_per_node=ray_cpus,
-                node_resource=ray_resource,
-            )
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ConfigError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    config = validated(ServerConfig, without_none(settings))
+    ports = None if worker_ports is None else worker_ports.split("-")
+    fleet = validated(GatewayConfig, {"workers": workers, "worker_host": worker_host, "worker_ports": ports})
+    cluster = None
+    if ray is not None:
+        nodes = {
+            "address": ray,
+            "slots_per_cpu": slots_per_cpu,
+            "slots_per_node": slots,
+            "cpus_per_node": ray_cpus,
+            "node_resource": ray_resource,
+        }
+        cluster = validated(RayConfig, nodes)
     where = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
     beside = config.model_copy(update={"port": compat_port}) if compat else None
     key = _token_in(compat_key_file) if compat_key_file else None

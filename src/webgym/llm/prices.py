@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Final
 
 import yaml
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from webgym.core.errors import ConfigError
-from webgym.settings import Settings
+from webgym.settings import Settings, validated
 
 _MILLION: Final = 1_000_000
 _ANY: Final = "*"
@@ -69,15 +69,12 @@ class Prices:
         if not isinstance(found, dict) or not all(isinstance(model, str) for model in found):
             hint = "it holds MODEL: {prompt: ..., completion: ...}, in dollars per million tokens"
             raise ConfigError(f"{path} is no table of prices", hint=hint)
-        prices: dict[str, Price] = {}
-        for model, entry in found.items():
-            try:
-                prices[model] = Price.model_validate(entry)
-            except ValidationError as error:
-                first = error.errors()[0]
-                where = ".".join(map(str, first["loc"]))
-                raise ConfigError(f"the price of {model} in {path}: {where}: {first['msg']}") from error
-        return cls(prices)
+        return cls(
+            {
+                model: validated(Price, entry, f"the price of {model} in {path}")
+                for model, entry in found.items()
+            }
+        )
 
     @classmethod
     def parse(cls, text: str) -> Prices:

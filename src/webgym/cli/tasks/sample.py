@@ -92,26 +92,15 @@ def sample(
 
 
 def _config(choice: dict[str, Any], *, seed: int, ratio: str | None, shard: str) -> SamplerConfig:
-    from pydantic import ValidationError
-
     from webgym.core.errors import ConfigError
+    from webgym.settings import validated
     from webgym.tasks.sampling import SamplerConfig, parse_ratio
 
     number, slash, of = shard.partition("/")
     if not (slash and number.isdecimal() and of.isdecimal()):
         raise ConfigError(f"{shard!r} names no shard", hint="give which of how many, from 0, such as 0/4")
-    try:
-        return SamplerConfig(
-            seed=seed,
-            ratio=parse_ratio(ratio) if ratio is not None else None,
-            shard=int(number),
-            shards=int(of),
-            **choice,
-        )
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = f"{first['loc'][0]}: " if first["loc"] else ""
-        raise ConfigError(where + first["msg"].removeprefix("Value error, ")) from error
+    told = {"seed": seed, "ratio": None if ratio is None else parse_ratio(ratio)}
+    return validated(SamplerConfig, {**choice, **told, "shard": int(number), "shards": int(of)})
 
 
 def _checked(website: str) -> str:

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from webgym.core.errors import ConfigError
 from webgym.llm import Budget, ChatConfig, Price, Sampling
-from webgym.settings import Section, Settings, first_problem, merged, read_settings, without_none
+from webgym.settings import Section, Settings, first_problem, merged, read_yaml, without_none
 from webgym.tasks.decompose import Decomposing
 from webgym.tasks.duplicates import DuplicateLimits
 from webgym.tasks.rewriting import WritingLimits
@@ -190,7 +190,7 @@ def read_config(
     Raises:
         ConfigError: the file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held = read_settings(path, hint="see configs/task-set.yaml for an example") if path is not None else {}
+    held = read_yaml(path, hint="see configs/task-set.yaml for an example") if path is not None else {}
     # A source may stand as its path alone, over which no other key of it could be laid.
     told = merged(_with_paths(held), _with_paths(without_none(overrides)))
     try:

@@ -43,7 +43,7 @@ from webgym.core.task import Task
 from webgym.judge import Judge
 from webgym.judge.factory import JudgeChoice, check_judge, open_judge, refuse_unjudgeable
 from webgym.llm.config import ChatConfig
-from webgym.llm.trouble import telling, watched
+from webgym.llm.health import report_problems, watch_clients
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig, serving
 from webgym.offline.client import SitesClient
@@ -458,7 +458,7 @@ class _RunServices:
     agent: Agent
     judge: Judge
     calls: dict[str, CallQueue]
-    trouble: Callable[[], str]
+    problem: Callable[[], str]
     tell: Tell | None
 
 
@@ -471,10 +471,10 @@ async def _run_services(
         choice.name, mistake_rate=choice.mistakes, chat=choice.chat, profile=profile
     )
     async with AsyncExitStack() as stack:
-        trouble = stack.enter_context(watched())
+        problem = stack.enter_context(watch_clients())
         judge = await stack.enter_async_context(open_judge(config.judge))
         agent = await stack.enter_async_context(Agent(policy, config.agent, profile))
-        async with telling(trouble, tell) if tell else nullcontext():
+        async with report_problems(problem, tell) if tell else nullcontext():
             if choice.check and is_ours and choice.name == "openai":
                 await check_policy(agent, config.attempt.viewport)
             if choice.check:
@@ -482,7 +482,7 @@ async def _run_services(
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
         site_state, client = await stack.enter_async_context(places(config, secrets, tasks, tell, calls))
-        yield _RunServices(await _software(client), site_state, client, agent, judge, calls, trouble, tell)
+        yield _RunServices(await _software(client), site_state, client, agent, judge, calls, problem, tell)
 
 
 async def _software(client: Browsers) -> dict[str, Any]:
@@ -572,7 +572,7 @@ async def _collected(
         total=plan.total,
         levels={task.id: task.level for task in tasks},
         note=oracle_note(name) if name in ORACLES else "",
-        trouble=run_services.trouble,
+        problem=run_services.problem,
     )
     judge = run_services.judge
     context = AttemptContext(

@@ -233,7 +233,7 @@ def test_who_waits_for_the_judges_model_is_told_why(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("webgym.llm.trouble._LOOK_SECONDS", 0.01)
+    monkeypatch.setattr("webgym.llm.health._POLL_SECONDS", 0.01)
     judge_model._endpoint.fails_left = 1
     url = judge_model.url.replace("/judge/", "/flaky/")
     chat = f"{{base_url: '{url}', model: judge-1, retry: {{first_seconds: 2}}}}"

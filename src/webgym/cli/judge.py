@@ -114,7 +114,7 @@ def judge_a_run(
     from webgym.cli._run import tell_on
     from webgym.judge.factory import open_judge, refuse_unjudgeable
     from webgym.llm import Ledger, Prices, ReplyCache
-    from webgym.llm.trouble import telling, watched
+    from webgym.llm.health import report_problems, watch_clients
     from webgym.rollout.files import VERDICTS, disk_errors
     from webgym.rollout.rejudge import RejudgeConfig, judge_run, verdicts_of
     from webgym.rollout.rejudge import compare as compare_verdicts
@@ -150,9 +150,9 @@ def judge_a_run(
         async with ReplyCache(folder / REPLIES) as cache:
             ledger = Ledger(cache, prices=known)
             before = msgspec.structs.replace(ledger.totals.all)
-            with watched() as trouble, showing(console) as show:
+            with watch_clients() as problem, showing(console) as show:
                 async with (
-                    telling(trouble, tell_on(console)),
+                    report_problems(problem, tell_on(console)),
                     open_judge(choice, cache=cache, ledger=ledger) as opened,
                 ):
                     state = await judge_run(run, opened, settings, show=show)

@@ -30,12 +30,12 @@ from webgym.llm.completion import (
 )
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
+from webgym.llm.health import register_client
 from webgym.llm.labelled import Labelled
 from webgym.llm.ledger import Ledger
 from webgym.llm.pools import Pools
 from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text, most_tokens
-from webgym.llm.trouble import note_opened
 from webgym.llm.usage import Call
 
 _TRY_AGAIN: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
@@ -124,7 +124,7 @@ class ChatClient:
             timeout=httpx.Timeout(config.read_seconds, connect=config.connect_seconds, pool=None),
             trust_env=not is_loopback(config.base_url),
         )
-        note_opened(self)
+        register_client(self)
         return self
 
     async def __aexit__(self, *exc: object) -> None:
@@ -251,7 +251,7 @@ class ChatClient:
             self._under_way.discard(progress)
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """What holds requests up at this moment, for a person who waits; empty for nothing."""
         requests = tuple(self._under_way)
         refused = [request for request in requests if request.last is not None]

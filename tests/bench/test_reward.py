@@ -15,7 +15,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.text import fold, says
 from webgym.core.truth import Give
 from webgym.judge.factory import JudgeChoice, open_judge
-from webgym.judge.rivals import rival
+from webgym.judge.hedging import other_candidate
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
@@ -42,7 +42,7 @@ class Strict(Reader):
         assert isinstance(last, Give)
         required, answer = task.truth.answer.required, asked.quotes["answer"]
         is_said = all(any(says(fold(answer), option) for option in options) for options in required)
-        return asked.verdict(is_said and not rival(answer, required, (task.instruction, last.text)))
+        return asked.verdict(is_said and not other_candidate(answer, required, (task.instruction, last.text)))
 
 
 @pytest.mark.browser

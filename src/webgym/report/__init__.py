@@ -7,7 +7,7 @@ labelling.py   the page where people label its trajectories
 taskset.py     the pages of a task set; task_content.py, what they show
 serving.py     how both are served
 training.py    the report of a training; curves.py, what it draws
-catalogue.py   the index of a run's trajectories, in SQLite
+run_index.py   the index of a run's trajectories, in SQLite
 content.py     trajectories as the pages need them
 overview.py    the figures and charts of a run, as HTML
 charts.py      inline SVG

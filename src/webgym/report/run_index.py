@@ -88,7 +88,7 @@ class Wanted(NamedTuple):
         return f"{by} {'DESC' if self.down else 'ASC'}, number"
 
 
-class Catalogue:
+class RunIndex:
     """The index of a run. Blocks; one call at a time, from any thread.
 
     Args:

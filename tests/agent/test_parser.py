@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.agent.strategies import JSON_OBJECTS, LINES, actions
 
+from webgym.agent.computer_use import keys_of
 from webgym.agent.config import AgentConfig, PromptFormat
 from webgym.agent.parser import ParsedReply, ParseError, parse_reply
 from webgym.agent.prompts import render_reply, tool_declaration
-from webgym.agent.wire import keys_of
 from webgym.core.action import (
     Action,
     Answer,

@@ -14,7 +14,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from webgym.browser import BrowserConfig
-from webgym.browser.wire import TargetInfo, Wire
+from webgym.browser.cdp_messages import TargetInfo, Wire
 from webgym.core.action import GoBack, LeftClick
 from webgym.core.errors import BrowserCrashed
 

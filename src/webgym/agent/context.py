@@ -17,13 +17,13 @@ import msgspec
 
 from webgym.agent.budget import Cut, fit_request
 from webgym.agent.compact import COMPACT_FORMATS, action_line, memory_line, progress_line
+from webgym.agent.computer_use import to_arguments
 from webgym.agent.config import WITH_MEMORY, AgentConfig
 from webgym.agent.image_sizing import Size
 from webgym.agent.memory import to_json
 from webgym.agent.parser import ParsedReply, ParseError, said_aloud
 from webgym.agent.profile import Profile, Thinking
 from webgym.agent.prompts import system_prompt
-from webgym.agent.wire import to_arguments
 from webgym.core.action import GRID, Action
 from webgym.core.observation import Notice, NoticeKind, Observation
 from webgym.core.task import Task

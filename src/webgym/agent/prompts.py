@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from typing import Any, get_args
 
 from webgym.agent.compact import COMPACT_FORMATS, render_compact
+from webgym.agent.computer_use import TOOL_NAME, keys_of, to_arguments
 from webgym.agent.config import WITH_MEMORY, AgentConfig, PromptFormat
 from webgym.agent.image_sizing import Size
-from webgym.agent.wire import TOOL_NAME, keys_of, to_arguments
 from webgym.core.action import (
     DIRECTIONS,
     GRID,

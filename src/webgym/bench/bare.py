@@ -13,8 +13,8 @@ from pathlib import Path
 
 from webgym.browser import BrowserConfig, Egress, ProfileRoot
 from webgym.browser.cdp import CommandFailed, Session
+from webgym.browser.cdp_messages import BrowserContext, CreatedTarget, Nothing, Screenshot, Wire
 from webgym.browser.process import BrowserProcess, launch_sandboxed
-from webgym.browser.wire import BrowserContext, CreatedTarget, Nothing, Screenshot, Wire
 
 PAUSE_SECONDS = 0.05
 _CALL_SECONDS = 60.0

@@ -8,12 +8,12 @@ from typing import Literal
 
 import msgspec
 
+from webgym.browser.cdp_messages import History, HistoryEntry
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, strokes
 from webgym.browser.page import BLANK, Page, Returned
 from webgym.browser.pointer import Point, click, drag, held, press, scroll
 from webgym.browser.settle import settle
 from webgym.browser.upload import upload
-from webgym.browser.wire import History, HistoryEntry
 from webgym.browser.worlds import DocumentGone
 from webgym.core.action import (
     GRID,

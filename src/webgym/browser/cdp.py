@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 
 import msgspec
 
-from webgym.browser.wire import Nothing
+from webgym.browser.cdp_messages import Nothing
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout
 
 log = logging.getLogger(__name__)

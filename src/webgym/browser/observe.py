@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, TypeVar
 import msgspec
 
 from webgym.browser.cdp import CommandFailed
+from webgym.browser.cdp_messages import Screenshot
 from webgym.browser.page import Page
 from webgym.browser.settle import settle
-from webgym.browser.wire import Screenshot
 from webgym.browser.worlds import DocumentGone
 from webgym.core.errors import BrowserTimeout
 from webgym.core.observation import Element, Notice, Observation
 
 if TYPE_CHECKING:
-    from webgym.browser.early import Early
+    from webgym.browser.early_screenshot import EarlyScreenshot
 
 T = TypeVar("T")
 
@@ -96,7 +96,9 @@ class Seen(msgspec.Struct, frozen=True):
         return (Notice("shortened", named),) if named else ()
 
 
-async def look(page: Page, settled: str, milliseconds: dict[str, float], early: Early | None = None) -> Look:
+async def look(
+    page: Page, settled: str, milliseconds: dict[str, float], early: EarlyScreenshot | None = None
+) -> Look:
     """Look at the page as it is now.
 
     Args:

@@ -14,12 +14,7 @@ from urllib.parse import urldefrag
 import msgspec
 
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
-from webgym.browser.config import BrowserConfig, PageOptions
-from webgym.browser.egress import Egress
-from webgym.browser.popups import Popups
-from webgym.browser.timers import Idlers, Timers
-from webgym.browser.traffic import Traffic
-from webgym.browser.wire import (
+from webgym.browser.cdp_messages import (
     DialogOpening,
     DownloadWillBegin,
     FileChooser,
@@ -34,6 +29,11 @@ from webgym.browser.wire import (
     ResponseReceived,
     ScheduledNavigation,
 )
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress import Egress
+from webgym.browser.popups import Popups
+from webgym.browser.timers import Idlers, Timers
+from webgym.browser.traffic import Traffic
 from webgym.browser.workers import AUTO_ATTACH, Workers
 from webgym.browser.worlds import DocumentGone, Worlds
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed

@@ -12,9 +12,9 @@ from typing import Any, Literal, TypeAlias
 
 import msgspec
 
+from webgym.browser.cdp_messages import Nothing, Wire
 from webgym.browser.chords import chord, keys_of, modifier_bits
 from webgym.browser.page import Page
-from webgym.browser.wire import Nothing, Wire
 from webgym.browser.worlds import DocumentGone
 from webgym.core.action import Modifier, Side
 from webgym.core.errors import ActionFailed

@@ -13,7 +13,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any
 
-from webgym.browser.wire import AttachedToTarget, Request, RequestPaused, WindowOpen
+from webgym.browser.cdp_messages import AttachedToTarget, Request, RequestPaused, WindowOpen
 from webgym.core.errors import BrowserError, NavigationFailed
 
 if TYPE_CHECKING:

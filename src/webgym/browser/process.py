@@ -14,13 +14,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from webgym.browser.cdp import CommandFailed, Connection
+from webgym.browser.cdp_messages import Version
 from webgym.browser.cgroups import Cgroup, new_cgroup
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress import Door
 from webgym.browser.memory import bound
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState, examined, is_to_blame, planned_sandbox, remedy
-from webgym.browser.wire import Version
 from webgym.core.errors import (
     BrowserCrashed,
     BrowserError,

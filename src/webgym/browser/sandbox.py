@@ -16,8 +16,8 @@ from pathlib import Path
 import msgspec
 
 from webgym.browser.cdp import Connection
+from webgym.browser.cdp_messages import Attached, BrowserContext, CreatedTarget, Nothing, TargetCrashed
 from webgym.browser.config import BrowserConfig
-from webgym.browser.wire import Attached, BrowserContext, CreatedTarget, Nothing, TargetCrashed
 from webgym.core.errors import BrowserCrashed, BrowserLaunchFailed
 
 _REFUSED = re.compile(

@@ -16,9 +16,16 @@ from typing import TypeVar
 
 from webgym.browser.actions import is_led_on
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
+from webgym.browser.cdp_messages import (
+    AttachedToTarget,
+    BrowserContext,
+    CreatedTarget,
+    DetachedFromTarget,
+    Nothing,
+)
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
-from webgym.browser.early import Early
+from webgym.browser.early_screenshot import EarlyScreenshot
 from webgym.browser.effect import Trace
 from webgym.browser.egress import Door, Egress
 from webgym.browser.gestures import AnyAction, attempt
@@ -30,13 +37,6 @@ from webgym.browser.sandbox import SandboxState
 from webgym.browser.settle import settle_timed
 from webgym.browser.timers import Timers
 from webgym.browser.upload import lay_out
-from webgym.browser.wire import (
-    AttachedToTarget,
-    BrowserContext,
-    CreatedTarget,
-    DetachedFromTarget,
-    Nothing,
-)
 from webgym.core.action import GoBack, Navigate
 from webgym.core.errors import (
     BrowserCrashed,
@@ -345,7 +345,7 @@ class Slot:
         """
         await self._act(self._living_page(), action)
 
-    async def _act(self, page: Page, action: AnyAction, early: Early | None = None) -> None:
+    async def _act(self, page: Page, action: AnyAction, early: EarlyScreenshot | None = None) -> None:
         self._milliseconds = {}
         self._was_revived = False
         operation = "navigate" if isinstance(action, Navigate) else "execute"
@@ -403,7 +403,7 @@ class Slot:
         """
         return await self._observe(None)
 
-    async def _observe(self, early: Early | None) -> Look:
+    async def _observe(self, early: EarlyScreenshot | None) -> Look:
         page = self._living_page()
         milliseconds, self._milliseconds = self._milliseconds, {}
         try:
@@ -430,7 +430,7 @@ class Slot:
         if action is None:
             return await self.observe()
         page = self._living_page()
-        early = Early(page)
+        early = EarlyScreenshot(page)
         try:
             await self._act(page, action, early)
             if not early.is_good:

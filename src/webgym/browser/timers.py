@@ -17,8 +17,8 @@ from collections.abc import Iterable
 import msgspec
 
 from webgym.browser.cdp import Connection
+from webgym.browser.cdp_messages import Wire
 from webgym.browser.config import BrowserConfig
-from webgym.browser.wire import Wire
 
 log = logging.getLogger(__name__)
 

@@ -11,8 +11,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from webgym.browser.cdp import Session
-from webgym.browser.config import BrowserConfig
-from webgym.browser.wire import (
+from webgym.browser.cdp_messages import (
     FrameEvent,
     FrameNavigated,
     PriorityChanged,
@@ -24,6 +23,7 @@ from webgym.browser.wire import (
     SocketCreated,
     Wire,
 )
+from webgym.browser.config import BrowserConfig
 
 _NEVER_AWAITED = frozenset(
     {"Ping", "WebSocket", "Media", "Prefetch", "Preflight", "CSPViolationReport", "Manifest"}

@@ -12,7 +12,7 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from webgym.browser.cdp import Session
-from webgym.browser.wire import AttachedToTarget, DetachedFromTarget
+from webgym.browser.cdp_messages import AttachedToTarget, DetachedFromTarget
 from webgym.core.errors import BrowserError
 
 if TYPE_CHECKING:

@@ -19,8 +19,7 @@ from typing import TypeVar
 import msgspec
 
 from webgym.browser.cdp import CommandFailed, Session
-from webgym.browser.config import BrowserConfig
-from webgym.browser.wire import (
+from webgym.browser.cdp_messages import (
     Described,
     Evaluated,
     FrameAttached,
@@ -32,6 +31,7 @@ from webgym.browser.wire import (
     Resolved,
     World,
 )
+from webgym.browser.config import BrowserConfig
 from webgym.core.errors import BrowserError, BrowserTimeout
 
 T = TypeVar("T")

@@ -11,11 +11,11 @@ from pathlib import Path
 import msgspec
 from PIL import Image
 
+from webgym.browser.cdp_messages import CreatedTarget
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress import Egress
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
-from webgym.browser.wire import CreatedTarget
 from webgym.core.errors import BrowserError, BrowserTimeout
 
 SIZE = (640, 200)

@@ -25,9 +25,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from webgym.core.text import fold
-from webgym.judge.comparing import Match, equal
 from webgym.judge.config import Way
 from webgym.judge.sentence import QUALIFIERS, REFUSED, TRUTHS, Held, Told
+from webgym.judge.value_comparison import Match, equal
 from webgym.judge.values import Gap, Text, Token, read, tokens
 
 _CLOSING: Final = re.compile(r" ?[.!]$")

@@ -25,7 +25,6 @@ from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge import prompts
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.comparing import Match
 from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.history import action_history
 from webgym.judge.keypoints import page_texts, parts, select, shown
@@ -33,6 +32,7 @@ from webgym.judge.model_client import JudgeModelClient, Question, gather, result
 from webgym.judge.reference import hold_against, is_reference
 from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, shorten
+from webgym.judge.value_comparison import Match
 from webgym.judge.verdicts import Finding
 from webgym.llm.completion import Completes
 from webgym.llm.prices import Prices

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 import msgspec
 
-from webgym.judge.comparing import Match, equal, one_equal, same, units_of
+from webgym.judge.value_comparison import Match, equal, one_equal, same, units_of
 from webgym.judge.values import Text, Token
 
 Spans: TypeAlias = dict[int, int]

@@ -37,7 +37,7 @@ from webgym.browser.egress.socks import (
     read_request,
     reply,
 )
-from webgym.browser.egress.splice import Books, BrowserEnd, ServerEnd
+from webgym.browser.egress.splice import BrowserEnd, Connections, ServerEnd
 
 _LOOPBACK = "127.0.0.1"
 _BACKLOG = 1024
@@ -72,7 +72,7 @@ class Egress:
     def __init__(self, config: EgressConfig | None = None, machine: Machine | None = None) -> None:
         self.config = config or EgressConfig()
         self._dialer = Dialer(self.config, machine or Machine())
-        self._books = Books(self.config)
+        self._connections = Connections(self.config)
         self._main: Door | None = None
         self._doors: set[Door] = set()
         self._failures: OrderedDict[tuple[str, int], NotConnected] = OrderedDict()
@@ -96,7 +96,7 @@ class Egress:
         if main is None:
             return
         await asyncio.gather(*(door.close() for door in tuple(self._doors)))
-        await self._books.empty()
+        await self._connections.empty()
         await self._dialer.close()
 
     async def open_door(self) -> Door:
@@ -123,8 +123,8 @@ class Egress:
     @property
     def load(self) -> EgressLoad:
         """At this moment."""
-        books = self._books
-        return EgressLoad(books.open, dict(books.results), books.sent, books.received)
+        connections = self._connections
+        return EgressLoad(connections.open, dict(connections.results), connections.sent, connections.received)
 
     @property
     def waiting(self) -> int:
@@ -143,7 +143,7 @@ class Egress:
     # --- connections --------------------------------------------------------------------------------
 
     async def connect(self, host: str, port: int, budget: Budget) -> ServerEnd:
-        """A connection to a host, if it may and can be had. The books say how it went.
+        """A connection to a host, if it may and can be had. The connections say how it went.
 
         It counts in the budget from here on, and whoever has it must end that.
 
@@ -158,7 +158,7 @@ class Egress:
             except Spent as error:
                 raise NotConnected("too_many", f"refused: {error}") from None
             is_counted = True
-            server = await self._dialer.dial(host, port, budget, lambda: ServerEnd(self._books, budget))
+            server = await self._dialer.dial(host, port, budget, lambda: ServerEnd(self._connections, budget))
             result = "connected"
             return server
         except NotConnected as failure:
@@ -170,7 +170,7 @@ class Egress:
                 self._failures.popitem(last=False)
             raise
         finally:
-            self._books.results[result] += 1
+            self._connections.results[result] += 1
             if is_counted and result != "connected":
                 budget.leave()
 
@@ -255,7 +255,7 @@ class _Handshake(asyncio.Protocol):
     def __init__(self, door: Door) -> None:
         self._door = door
         self._egress = door._egress
-        self._books = self._egress._books
+        self._connections = self._egress._connections
         self._held = b""
         self._is_greeted = False
         self._task: asyncio.Task[None] | None = None
@@ -263,14 +263,14 @@ class _Handshake(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A browser has come."""
         self._transport = cast(asyncio.Transport, transport)  # uvloop's is none by name
-        self._books.enter(self._transport)
+        self._connections.enter(self._transport)
         seconds = self._egress.config.handshake_seconds
         self._deadline = asyncio.get_running_loop().call_later(seconds, self._transport.abort)
 
     def connection_lost(self, _: Exception | None) -> None:
         """It has gone before it was connected."""
         self._deadline.cancel()
-        self._books.leave(self._transport)
+        self._connections.leave(self._transport)
         if self._task is not None:
             self._task.cancel()
 
@@ -286,7 +286,7 @@ class _Handshake(asyncio.Protocol):
                 self._give_up()
 
     def _give_up(self) -> None:
-        self._books.results["not_socks"] += 1
+        self._connections.results["not_socks"] += 1
         self._transport.abort()
 
     def _go_on(self) -> None:
@@ -325,7 +325,7 @@ class _Handshake(asyncio.Protocol):
             server.transport.abort()
             return
         self._deadline.cancel()
-        browser = BrowserEnd(self._books, budget)
+        browser = BrowserEnd(self._connections, budget)
         browser.connection_made(self._transport)
         self._transport.set_protocol(browser)
         self._transport.write(reply(SUCCEEDED))

@@ -177,7 +177,7 @@ def _tell_build(finished: Finished, place: Place, console: Console) -> None:
 
     build = finished.build
     rows: dict[str, list[Any]] = {}
-    for row in build.books.rows:
+    for row in build.accounting.rows:
         rows.setdefault(row.stage, []).append(row)
     table = Table(box=None, header_style="dim", pad_edge=False)
     table.add_column("stage")

@@ -18,7 +18,7 @@ _FINAL = frozenset({"unchanged", "quiet", "long_poll"})
 """Reasons for the end of a wait after which nothing is to come."""
 
 
-class Early:
+class EarlyScreenshot:
     """The early picture of one step, if there is to be one.
 
     :meth:`begin` after the action and :meth:`end` after the wait; :meth:`drop` in any case.

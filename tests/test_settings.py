@@ -16,7 +16,7 @@ from pydantic import BaseModel
 import webgym
 from webgym.agent.profiles import profile_of
 from webgym.cli import _run
-from webgym.cli._judge import judge_choice
+from webgym.cli._judge_options import judge_choice
 from webgym.core.errors import ConfigError
 from webgym.judge.config import WAYS_BY_SOURCE, JudgeConfig, StageConfig
 from webgym.llm.config import ChatConfig, Sampling

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from webgym.browser.find import find_browser
 from webgym.cli import doctor
-from webgym.cli._trial import SAMPLES, SIZE, Trial, try_browser
+from webgym.cli._launch_check import SAMPLES, SIZE, Trial, try_browser
 from webgym.cli.doctor import Check, DoctorLimits
 from webgym.core.errors import BrowserError
 

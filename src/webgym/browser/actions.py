@@ -9,12 +9,12 @@ from typing import Literal
 import msgspec
 
 from webgym.browser.cdp_messages import History, HistoryEntry
+from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, strokes
 from webgym.browser.page import BLANK, Page, Returned
 from webgym.browser.pointer import Point, click, drag, held, press, scroll
 from webgym.browser.settle import settle
 from webgym.browser.upload import upload
-from webgym.browser.worlds import DocumentGone
 from webgym.core.action import (
     GRID,
     MAX_WAIT_SECONDS,

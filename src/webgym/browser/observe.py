@@ -12,9 +12,9 @@ import msgspec
 
 from webgym.browser.cdp import CommandFailed
 from webgym.browser.cdp_messages import Screenshot
+from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
 from webgym.browser.settle import settle
-from webgym.browser.worlds import DocumentGone
 from webgym.core.errors import BrowserTimeout
 from webgym.core.observation import Element, Notice, Observation
 

@@ -31,11 +31,11 @@ from webgym.browser.cdp_messages import (
 )
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.egress import Egress
+from webgym.browser.isolated_worlds import DocumentGone, Worlds
 from webgym.browser.popups import Popups
 from webgym.browser.timers import Idlers, Timers
 from webgym.browser.traffic import Traffic
 from webgym.browser.workers import AUTO_ATTACH, Workers
-from webgym.browser.worlds import DocumentGone, Worlds
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.observation import Notice, NoticeKind
 

@@ -14,8 +14,8 @@ import msgspec
 
 from webgym.browser.cdp_messages import Nothing, Wire
 from webgym.browser.chords import chord, keys_of, modifier_bits
+from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
-from webgym.browser.worlds import DocumentGone
 from webgym.core.action import Modifier, Side
 from webgym.core.errors import ActionFailed
 

@@ -16,9 +16,9 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
+from webgym.browser.isolated_worlds import DocumentGone, Still
 from webgym.browser.page import Page
 from webgym.browser.timers import Timer
-from webgym.browser.worlds import DocumentGone, Still
 from webgym.core.errors import BrowserTimeout
 
 Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy", "deadline"]

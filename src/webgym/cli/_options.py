@@ -160,7 +160,7 @@ def run_settings(
         ConfigError: something is missing or malformed.
     """
     from webgym.cli import _run
-    from webgym.cli._judge import judge_choice
+    from webgym.cli._judge_options import judge_choice
 
     settings = _run.settings(files or (), overrides, policy)
     if any(judge):

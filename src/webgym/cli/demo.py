@@ -129,7 +129,7 @@ def _learn(
     from rich.console import Console
 
     from webgym.cli._run import secrets
-    from webgym.cli._training import carry_out
+    from webgym.cli._training_output import carry_out
     from webgym.core.errors import ConfigError
 
     try:

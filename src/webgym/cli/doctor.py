@@ -30,7 +30,7 @@ from rich.text import Text
 
 from webgym.browser.find import FoundBrowser, find_browser, run_bounded
 from webgym.browser.sandbox import remedy
-from webgym.cli._trial import Trial, try_browser
+from webgym.cli._launch_check import Trial, try_browser
 from webgym.core.errors import BrowserError, BrowserNotFound
 from webgym.settings import Settings
 

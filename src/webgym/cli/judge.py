@@ -108,8 +108,8 @@ def judge_a_run(
     import msgspec
     from rich.console import Console
 
-    from webgym.cli._judge import judge_choice, own_choice
-    from webgym.cli._judging import print_account, showing, spent_since
+    from webgym.cli._judge_options import judge_choice, own_choice
+    from webgym.cli._judge_output import print_account, showing, spent_since
     from webgym.cli._run import run as run_job
     from webgym.cli._run import tell_on
     from webgym.judge.factory import open_judge, refuse_unjudgeable
@@ -174,7 +174,7 @@ app.command("agreement")(agreement_command)
 
 
 def _print(state: Judging, spent: Cost, console: Console) -> None:
-    from webgym.cli._judging import cost_line, outcomes_line
+    from webgym.cli._judge_output import cost_line, outcomes_line
     from webgym.cli._summary import REASONS, line
 
     console.print(f"judge      {line(state.judge)}", highlight=False, soft_wrap=True, markup=False)

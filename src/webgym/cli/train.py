@@ -36,7 +36,7 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
-    from webgym.cli._training import carry_out
+    from webgym.cli._training_output import carry_out
     from webgym.core.errors import ConfigError, UsageError
 
     try:

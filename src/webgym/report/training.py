@@ -17,7 +17,7 @@ import yaml
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
-from webgym.report import words
+from webgym.report import formatting
 from webgym.report.config import ReportConfig
 from webgym.report.content import page
 from webgym.report.curves import Curves, Line, Point, phase_bars
@@ -117,7 +117,7 @@ class Training:
     def curves(self) -> dict[str, Curves]:
         """All charts with lines, by title."""
 
-        share, number = words.percent, words.number
+        share, number = formatting.percent, formatting.number
         # Not every policy tells its tokens.
         unit = "tokens" if any(row["collect"]["reply_tokens"] for row in self.rows) else "characters"
         shown = {
@@ -275,7 +275,7 @@ def _told(training: Training, title: str, pairs: Sequence[Pair]) -> dict[str, An
             dict.fromkeys(why for _, _, told in training.dropped() for why, n in told.items() if n)
         ),
         "phases": list(dict.fromkeys(phase for _, parts in phases for phase in parts)),
-        "phase_bars": phase_bars(phases, words.duration),
+        "phase_bars": phase_bars(phases, formatting.duration),
         "pairs": pairs,
         "changes": [changes[rank] for rank in range(4)],
     }

@@ -25,7 +25,7 @@ from webgym.core.errors import TaskFileError
 from webgym.core.task import WHOLE_TASK, Rubric, Task
 from webgym.core.text import plain
 from webgym.core.websites import why_no_start
-from webgym.tasks.absent import is_no_fact
+from webgym.tasks.missing_values import is_no_fact
 
 BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 _GZIP: Final = b"\x1f\x8b"

@@ -1,7 +1,7 @@
 """The recipe of the tiny policy's first weights: rehearse, teach, examine. One seed, one command, resumable.
 
     out/pictures/*.png    pages of the training websites, each drawn once
-    out/lessons.msgpack   what the demonstrators did and what could be pointed at
+    out/demonstrations.msgpack   what the demonstrators did and what could be pointed at
     out/checkpoint.pt     the training so far
     out/model/            the model
     out/examination.json  its success on training and on test websites
@@ -41,9 +41,9 @@ from webgym.rollout.plan import Planned
 from webgym.rollout.summary import Tally, digest_of
 from webgym.settings import Settings
 from webgym.tiny.demonstrators import Demonstrators
-from webgym.tiny.lessons import Lesson, Signs, acting, signs_of
 from webgym.tiny.model import make_model
-from webgym.tiny.pretrain import Lessons, PretrainConfig, Tell, pretrain
+from webgym.tiny.pretrain import PretrainConfig, Tell, TrainingSet, pretrain
+from webgym.tiny.training_sequences import Signs, TrainingSequence, acting, signs_of
 
 PROFILE: Final = "tiny"
 """Pictures and sampling of the tiny policy."""
@@ -55,7 +55,7 @@ class RecipeConfig(Settings):
     """How the first weights are made."""
 
     seed: int = 7
-    """Of the websites, the demonstrators, the weights and the lessons."""
+    """Of the websites, the demonstrators, the weights and the training sequences."""
 
     per_family: int | None = Field(default=None, ge=5)
     """Websites of each family; by default all that the collection has."""
@@ -83,10 +83,10 @@ class RecipeConfig(Settings):
 
 
 class _Told(msgspec.Struct):
-    """``lessons.msgpack``."""
+    """``demonstrations.msgpack``."""
 
     settings: dict[str, Any]
-    acting: list[Lesson]
+    acting: list[TrainingSequence]
     signs: list[Signs]
 
 
@@ -106,8 +106,10 @@ async def follow(config: RecipeConfig, out: Path, *, tell: Tell, advance: Advanc
         if not (out / "model").exists():
             assert rehearsal.drawings is not None
             pictures = rehearsal.drawings.pictures()
-            lessons = Lessons(told.acting, told.signs, pictures, loaded.renderer, web.collection.viewport)
-            await asyncio.to_thread(pretrain, lessons, loaded, out, config.pretrain, tell)
+            training_set = TrainingSet(
+                told.acting, told.signs, pictures, loaded.renderer, web.collection.viewport
+            )
+            await asyncio.to_thread(pretrain, training_set, loaded, out, config.pretrain, tell)
         examined = {
             split: await examine(
                 rehearsal,
@@ -131,12 +133,12 @@ def _tasks(web: OfflineWeb, split: str, seed: int) -> list[Task]:
 async def _rehearse(
     config: RecipeConfig, out: Path, rehearsal: Rehearsal, loaded: Loaded, advance: Advance
 ) -> _Told:
-    """The lessons, which a folder may hold already.
+    """The demonstrations, which a folder may hold already.
 
     Raises:
         ConfigError: it holds those of other settings.
     """
-    path = out / "lessons.msgpack"
+    path = out / "demonstrations.msgpack"
     settings = config.model_dump(mode="json", exclude={"pretrain", "examined"})
     if path.exists():
         held = msgspec.msgpack.decode(path.read_bytes())

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 
-from webgym.tasks.absent import is_absent
+from webgym.tasks.missing_values import is_missing_value
 from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
 from webgym.tasks.sources.categories import subdomain
 from webgym.tasks.sources.companions import Beside
@@ -41,7 +41,7 @@ def _draft(fields: Fields, _: Beside) -> Draft:
         hints += (
             f"{name}: {value}"
             for name, wish in wishes.items()
-            if not is_absent(wish)
+            if not is_missing_value(wish)
             for value in texts(wish)
         )
     draft.hints = tuple(hints)

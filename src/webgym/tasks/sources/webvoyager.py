@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from webgym.core.text import fold
-from webgym.tasks.absent import is_absent
+from webgym.tasks.missing_values import is_missing_value
 from webgym.tasks.sources.base import OUTDATED_ANSWER, Draft, Source, Unusable
 from webgym.tasks.sources.categories import UNKNOWN, Place, subdomain
 from webgym.tasks.sources.companions import Beside
@@ -53,7 +53,7 @@ def _answers(data: object) -> dict[str, _Answer]:
     for site, entry in data.items():
         answers = entry.get("answers") if isinstance(entry, dict) else None
         for each in answers if isinstance(answers, list) else []:
-            if not isinstance(each, dict) or is_absent(each.get("ans")):
+            if not isinstance(each, dict) or is_missing_value(each.get("ans")):
                 continue
             try:
                 text = as_text(each["ans"], "ans")

@@ -49,7 +49,6 @@ from webgym.offline.app import SitesConfig, serving
 from webgym.offline.client import SitesClient
 from webgym.offline.web import COLLECTIONS
 from webgym.offline.website import Split
-from webgym.rehearsal import Rehearsal
 from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.collector import Collector, CollectorConfig
@@ -68,6 +67,7 @@ from webgym.rollout.unjudged import judge_again
 from webgym.server import BrowserClient, BrowserConfig, ClientLimits, Cookie, ServerConfig, running_server
 from webgym.server.config import Admission, Queues
 from webgym.settings import Settings, validated
+from webgym.static_browsers import StaticBrowsers
 from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.files import unfit
@@ -154,8 +154,8 @@ class ServerChoice(Settings):
     sites_url: str | None = None
     """Where the offline web is served; without one it is served here, if the tasks are its."""
 
-    rehearsed: bool = False
-    """Without browsers (:mod:`webgym.rehearsal`); for the small websites, and for studies alone."""
+    static: bool = False
+    """No browsers (:mod:`webgym.static_browsers`): for studies on the small websites only."""
 
     pictures: Path = Path("runs/pictures")
     """Folder for the pages that are drawn where there are no browsers."""
@@ -514,15 +514,15 @@ async def places(
     Raises:
         WebGymError: they cannot be started or reached, or do not serve these tasks.
     """
-    if config.server.rehearsed:
+    if config.server.static:
         if config.sites.collection != "small" or config.tasks.file is not None:
             raise ConfigError(
                 "only attempts at the small websites can be made without browsers",
-                hint="set sites.collection to small, or server.rehearsed to false",
+                hint="set sites.collection to small, or server.static to false",
             )
         web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family, collection="small")
-        async with Rehearsal(web, config.server.pictures) as rehearsal:
-            yield rehearsal, rehearsal
+        async with StaticBrowsers(web, config.server.pictures) as browsers:
+            yield browsers, browsers
         return
     async with (
         _sites(config, secrets, tasks) as (site_state, allowed),
@@ -727,7 +727,7 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
         What :func:`collect` needs to use them: ``config.server`` and its secrets. Services that run elsewhere
         already are passed on as they are.
     """
-    if config.server.url is not None or config.server.rehearsed:
+    if config.server.url is not None or config.server.static:
         yield config.server, secrets
         return
     async with AsyncExitStack() as stack:

@@ -95,7 +95,7 @@ def test_tasks_of_blocked_websites_are_not_drawn(tmp_path: Path) -> None:
 async def test_a_run_says_who_is_left_alone_and_until_when(tmp_path: Path) -> None:
     kept = BlocklistConfig(file=tmp_path / "blocked.jsonl")
     config = RunConfig(
-        server=ServerChoice(rehearsed=True),
+        server=ServerChoice(static=True),
         sites=SitesConfig(collection="small", per_family=1),
         tasks=TaskChoice(count=1),
         blocklist=kept,

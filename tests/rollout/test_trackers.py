@@ -84,7 +84,7 @@ def test_tensorboard_shows_every_iteration_once_also_after_a_resume(tmp_path: Pa
 
 async def test_a_run_tells_what_its_metrics_hold_also_after_a_resume(tmp_path: Path) -> None:
     config = RunConfig(
-        server=ServerChoice(rehearsed=True),
+        server=ServerChoice(static=True),
         sites=SitesConfig(collection="small", per_family=1),
         tasks=TaskChoice(count=3),
         trackers=("tensorboard",),
@@ -155,7 +155,7 @@ async def test_a_tracker_that_fails_or_hangs_stops_nothing_and_is_told(
         "wandb gets no more figures until this is resumed with --resume: RuntimeError: 402 not paid"
     ]
     config = RunConfig(
-        server=ServerChoice(rehearsed=True),
+        server=ServerChoice(static=True),
         sites=SitesConfig(collection="small", per_family=1),
         tasks=TaskChoice(count=3),
         trackers=("wandb",),

@@ -25,7 +25,7 @@ def command(
     """Train the tiny policy by every row of the paper's study, and compare: hours, resumable.
 
     Pages are drawn once and attempted without browser sessions, which is many times faster; --help of
-    `webgym train` and the settings say how to make the same with browsers (server.rehearsed: false).
+    `webgym train` and the settings say how to make the same with browsers (server.static: false).
     Writes study.md, study.json and study.png after every training.
     """
     from rich.console import Console

@@ -217,7 +217,7 @@ def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: Pretrain
         smooth[kind] = value if math.isnan(smooth[kind]) else 0.95 * smooth[kind] + 0.05 * value
         if (step + 1) % config.report_steps == 0:
             done = (step + 1 - first) * config.batch
-            tell({"step": step + 1, "lessons_per_second": done / (time.monotonic() - started), **smooth})
+            tell({"step": step + 1, "sequences_per_second": done / (time.monotonic() - started), **smooth})
         if (step + 1) % config.checkpoint_steps == 0 or step + 1 == config.steps:
             _keep(out, model, optimizers, config, step + 1)
     model.eval().to(torch.bfloat16)  # half the size; it is read as float32 again

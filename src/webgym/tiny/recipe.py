@@ -1,4 +1,4 @@
-"""The recipe of the tiny policy's first weights: rehearse, teach, examine. One seed, one command, resumable.
+"""The recipe of the tiny policy: demonstrate, pretrain, evaluate. One seed, one command, resumable.
 
     out/pictures/*.png    pages of the training websites, each drawn once
     out/demonstrations.msgpack   what the demonstrators did and what could be pointed at
@@ -32,7 +32,6 @@ from webgym.inference.model import Loaded
 from webgym.judge import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
-from webgym.rehearsal import Rehearsal, Rehearsals
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.files import write_whole
@@ -40,6 +39,7 @@ from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
 from webgym.rollout.summary import Tally, digest_of
 from webgym.settings import Settings
+from webgym.static_browsers import StaticBrowsers, StaticCollector
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.model import make_model
 from webgym.tiny.pretrain import PretrainConfig, Tell, TrainingSet, pretrain
@@ -101,18 +101,18 @@ async def follow(config: RecipeConfig, out: Path, *, tell: Tell, advance: Advanc
     """
     web = OfflineWeb(config.seed, per_family=config.per_family, collection="small")
     loaded = make_model(small_vocabulary(), config.pretrain.model, seed=config.seed)
-    async with Rehearsal(web, out / "pictures") as rehearsal:
-        told = await _rehearse(config, out, rehearsal, loaded, advance)
+    async with StaticBrowsers(web, out / "pictures") as browsers:
+        told = await _demonstrate(config, out, browsers, loaded, advance)
         if not (out / "model").exists():
-            assert rehearsal.drawings is not None
-            pictures = rehearsal.drawings.pictures()
+            assert browsers.page_images is not None
+            pictures = browsers.page_images.pictures()
             training_set = TrainingSet(
                 told.acting, told.signs, pictures, loaded.renderer, web.collection.viewport
             )
             await asyncio.to_thread(pretrain, training_set, loaded, out, config.pretrain, tell)
         examined = {
             split: await examine(
-                rehearsal,
+                browsers,
                 out / "model",
                 _tasks(web, split, config.seed)[: config.examined],
                 config.attempt,
@@ -130,8 +130,8 @@ def _tasks(web: OfflineWeb, split: str, seed: int) -> list[Task]:
     return tasks
 
 
-async def _rehearse(
-    config: RecipeConfig, out: Path, rehearsal: Rehearsal, loaded: Loaded, advance: Advance
+async def _demonstrate(
+    config: RecipeConfig, out: Path, browsers: StaticBrowsers, loaded: Loaded, advance: Advance
 ) -> _Told:
     """The demonstrations, which a folder may hold already.
 
@@ -145,21 +145,21 @@ async def _rehearse(
         if held.get("settings") != settings:
             raise ConfigError(f"{path} is of other settings", hint="choose another folder")
         return msgspec.convert(held, _Told)
-    tasks = _tasks(rehearsal.web, "train", config.seed)
+    tasks = _tasks(browsers.web, "train", config.seed)
     policy, rng = Demonstrators(), random.Random(config.seed)
     kinds: tuple[PromptFormat, ...] = ("compact", "compact_official")
-    rehearsals = {
-        kind: Rehearsals(rehearsal, agent_of(policy, kind), config.attempt, config.seed) for kind in kinds
+    collectors = {
+        kind: StaticCollector(browsers, agent_of(policy, kind), config.attempt, config.seed) for kind in kinds
     }
     told = _Told(settings, [], [])
     for number in range(config.attempts):
         kind = kinds[rng.random() < config.without_memory]
         sample, place = divmod(number, len(tasks))
-        episode = await rehearsals[kind].make(Planned(tasks[place], sample))
+        episode = await collectors[kind].make(Planned(tasks[place], sample))
         told.acting += acting(episode, loaded.renderer)
         advance("demonstrations", number + 1, config.attempts)
-    viewport = rehearsal.web.collection.viewport
-    told.signs = [signs_of(name, shown, viewport) for name, shown in rehearsal.signs.items()]
+    viewport = browsers.web.collection.viewport
+    told.signs = [signs_of(name, shown, viewport) for name, shown in browsers.signs.items()]
     write_whole(path, msgspec.msgpack.encode(told))
     return told
 
@@ -170,7 +170,7 @@ def agent_of(policy: Policy, prompt_format: PromptFormat = "compact") -> Agent:
 
 
 async def examine(
-    rehearsal: Rehearsal,
+    browsers: StaticBrowsers,
     model: Path,
     tasks: Sequence[Task],
     config: AttemptConfig,
@@ -183,7 +183,7 @@ async def examine(
     """One attempt at each task by a model; see :func:`score`.
 
     Args:
-        rehearsal: where.
+        browsers: where.
         model: its folder.
         tasks: what is attempted.
         config: limits of an attempt.
@@ -194,12 +194,12 @@ async def examine(
     """
     policy = LocalPolicy(LocalConfig(path=str(model), threads=1), choose_profile(PROFILE, model.name))
     agent = agent_of(policy, prompt_format)
-    rehearsals = Rehearsals(rehearsal, agent, config, seed)
+    collectors = StaticCollector(browsers, agent, config, seed)
     places, done = asyncio.Semaphore(together), list[Episode]()
 
     async def attempt(task: Task) -> Episode:
         async with places:
-            episode = await rehearsals.make(Planned(task, 0))
+            episode = await collectors.make(Planned(task, 0))
         done.append(episode)
         advance("examination", len(done), len(tasks))
         return episode

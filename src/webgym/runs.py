@@ -86,12 +86,14 @@ class TaskChoice(Selection):
     """Which tasks. Training tasks, unless ``split`` says otherwise."""
 
     file: Path | None = None
-    """A task file; without one, the tasks of the offline web."""
+    """Task file of any format, or a folder of them; without one, the offline web's tasks."""
 
     count: Annotated[int, Field(ge=1)] | Literal["all"] | None = None
-    """How many, drawn at random without replacement, or ``all``. By default all of a file of up to 100, and
-    20 of a larger one and of the offline web, which has thousands. With a ``ratio``, which needs a count, a
-    task comes again once all of its level have come."""
+    """Number of tasks to draw at random without replacement, or ``all``.
+
+    By default all of a file of up to 100, and 20 of a larger one and of the offline web, which has thousands.
+    With a ``ratio``, which needs a count, a task is drawn again once all of its level have been drawn.
+    """
 
     spread: bool = False
     """Draw from every website, all of a brand's being one, before drawing from one again: small samples
@@ -114,11 +116,11 @@ class PolicyChoice(Settings):
     """Which policy."""
 
     name: str = "scripted"
-    """``scripted`` (an oracle: it plays the known solutions), ``random`` or ``openai``. By default ``openai``
-    where ``chat`` is given, else ``scripted``."""
+    """``scripted`` (an oracle that plays known solutions), ``random`` or ``openai``. By default ``openai`` if
+    an endpoint is given, else ``scripted``."""
 
     mistakes: float = Field(default=0.0, ge=0, le=1)
-    """Of the scripted policy: the share of attempts in which it makes a mistake."""
+    """Scripted policy: share of attempts in which it makes a mistake."""
 
     chat: ChatConfig | None = None
     """Of the openai policy: endpoint and model."""
@@ -146,13 +148,14 @@ class ServerChoice(Settings):
     """Which browsers."""
 
     url: str | None = None
-    """A running browser server; without one, browsers are started here for the time of the run."""
+    """URL of a running browser server; without one, browsers are started here for the run."""
 
     queues: Queues = "per_operation"
     """Of a server that is started here: ``per_operation``, or ``global``, the paper's baseline."""
 
     sites_url: str | None = None
-    """Where the offline web is served; without one it is served here, if the tasks are its."""
+    """URL of a running offline web, whose token is in WEBGYM_SITES_TOKEN; without one it is served here if
+    needed."""
 
     static: bool = False
     """No browsers (:mod:`webgym.static_browsers`): for studies on the small websites only."""
@@ -165,10 +168,10 @@ class RunConfig(Settings):
     """A whole run, resolved; ``config.yaml`` in the run folder holds it. No secrets."""
 
     seed: int = 0
-    """Of the order of tasks and of everything random in the attempts."""
+    """Seed of the order of tasks and of everything random in the attempts."""
 
     samples: int = Field(default=1, ge=1)
-    """Attempts wanted for every task."""
+    """Attempts per task."""
 
     retries: int = Field(default=1, ge=0)
     """How often a sample is attempted again after an error of the environment or the policy."""

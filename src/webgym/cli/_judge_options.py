@@ -10,34 +10,21 @@ from typing import Any
 from webgym.core.errors import ConfigError
 from webgym.judge.config import STAGES
 from webgym.judge.factory import JudgeChoice
-from webgym.settings import read_yaml, validated
+from webgym.settings import merged, read_yaml, validated
 
 JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
 """Where a judge's key is looked for first; else where a policy's is."""
 
 
 def judge_choice(
-    name: str | None,
-    base_url: str | None,
-    model: str | None,
-    *,
-    file: Path | None = None,
-    stage_models: Mapping[str, str | None] | None = None,
-    samples: int | None = None,
-    early_exit: bool | None = None,
-    without_rubric: bool | None = None,
-    default: JudgeChoice | None = None,
+    given: Mapping[str, Any], *, file: Path | None = None, default: JudgeChoice | None = None
 ) -> JudgeChoice:
     """A judge from a file of settings and from options, which override it; an endpoint means a rubric judge.
 
     Args:
-        name: ``offline``, ``rubric`` or ``module:function``.
-        base_url, model: of the rubric judge.
-        file: YAML in the shape of :class:`webgym.judge.factory.JudgeChoice`.
-        stage_models: models of single stages at the same endpoint.
-        samples: of a panel.
-        early_exit: of the rubric judge.
-        without_rubric: judge the task as a whole.
+        given: what options say, in the shape of :class:`webgym.judge.factory.JudgeChoice`. A stage for which
+            only a model is given has the judge's endpoint.
+        file: YAML in the same shape.
         default: what holds where nothing is given.
 
     Raises:
@@ -48,34 +35,25 @@ def judge_choice(
         if file
         else (default or JudgeChoice()).model_dump(mode="json", exclude_none=True)
     )
-    if name or base_url:
-        held["name"] = name or "rubric"
-    if held.get("name") == "rubric":
-        rubric = dict(held.get("rubric") or {})
-        chat = dict(rubric.get("chat") or {})
-        if base_url:
-            chat["base_url"] = base_url
-        if model:
-            chat["model"] = model
-        if "base_url" not in chat or "model" not in chat:
+    rubric = given.get("rubric") or {}
+    has_endpoint = "base_url" in rubric.get("chat", {})
+    name = given.get("name") or ("rubric" if has_endpoint else held.get("name"))
+    if name == "rubric":
+        held["rubric"] = merged(held.get("rubric") or {}, rubric)
+        chat = held["rubric"].setdefault("chat", {})
+        if not {"base_url", "model"} <= chat.keys():
             raise ConfigError(
                 "the rubric judge needs an endpoint and a model", hint="give its base URL and its model"
             )
         if os.environ.get(JUDGE_KEY):
             chat.setdefault("api_key_env", JUDGE_KEY)
-        rubric["chat"] = chat
         for stage in STAGES:
-            if stage_model := (stage_models or {}).get(stage):
-                rubric[stage] = dict(rubric.get(stage) or {}) | {"chat": chat | {"model": stage_model}}
-        if early_exit is not None:
-            rubric["early_exit"] = early_exit
-        held["rubric"] = rubric
-    elif base_url:
-        raise ConfigError(f"the judge {held['name']} has no endpoint", hint="leave the base URL out")
-    if samples is not None:
-        held["panel"] = dict(held.get("panel") or {}) | {"samples": samples}
-    if without_rubric is not None:
-        held["without_rubric"] = without_rubric
+            if stage in rubric:
+                held["rubric"][stage]["chat"] = chat | rubric[stage]["chat"]
+    elif has_endpoint:
+        raise ConfigError(f"the judge {name} has no endpoint", hint="leave the base URL out")
+    others = {key: each for key, each in given.items() if key not in ("name", "rubric")}
+    held = merged(held, others | ({"name": name} if name else {}))
     return validated(JudgeChoice, held, str(file or "judge options"))
 
 

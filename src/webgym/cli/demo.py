@@ -100,11 +100,12 @@ def command(
     console = Console()
     options = {
         "seed": seed,
+        "policy": {"name": policy, "mistakes": mistakes, "chat": {"base_url": base_url, "model": model}},
         "tasks": {"split": "test", "count": tasks, "spread": True},
         "agent": {"profile": profile, "mode": mode_of(marks)},
         "collector": {"sessions": sessions},
     }
-    config = settings((), options, (policy, mistakes, base_url, model))
+    config = settings((), options)
     console.print(
         f"{tasks} tasks on unseen websites, {sessions} browser sessions, {config.policy.name} policy",
         highlight=False,

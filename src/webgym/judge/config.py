@@ -180,7 +180,7 @@ class PanelConfig(Section):
     """Several samples of one judge."""
 
     samples: int = Field(default=1, ge=1)
-    """How many; the majority decides. 1 is no panel."""
+    """Number of samples in a panel, whose majority decides; 1 is no panel."""
 
     temperature: float = Field(default=0.7, ge=0)
     """Of the samples; every one has a seed of its own."""

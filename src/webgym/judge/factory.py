@@ -31,7 +31,8 @@ class JudgeChoice(Settings):
     """Which judge."""
 
     name: str = "offline"
-    """``offline`` (for the offline web's tasks), ``rubric`` (a model), or ``module:function`` (your own)."""
+    """``offline`` (for the offline web's tasks), ``rubric`` (a model; the default if an endpoint is given) or
+    ``module:function`` (your own)."""
 
     rubric: JudgeConfig | None = None
     """Of the rubric judge: models and rules."""
@@ -43,7 +44,7 @@ class JudgeChoice(Settings):
     """Of the rubric judge: several samples by majority."""
 
     without_rubric: bool = False
-    """Judge the task as a whole, for comparison; not for the offline judge, which knows truths by fact."""
+    """Judge the task as a whole, for comparison; not possible with the offline judge."""
 
 
 def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:

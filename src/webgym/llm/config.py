@@ -121,10 +121,11 @@ class ChatConfig(Settings):
     """An endpoint, a model, and how patient to be with them."""
 
     base_url: str
-    """Up to and without ``/chat/completions``, e.g. ``http://127.0.0.1:8000/v1``."""
+    """OpenAI-compatible endpoint, without ``/chat/completions``, e.g. ``http://127.0.0.1:8000/v1``. Its key:
+    WEBGYM_API_KEY."""
 
     model: str = Field(min_length=1)
-    """The model's name at that endpoint."""
+    """Name of the model at that endpoint."""
 
     api_key_env: str = "WEBGYM_API_KEY"
     """Environment variable that holds the key. If it is not set, none is sent. The key itself is never
@@ -134,7 +135,7 @@ class ChatConfig(Settings):
     """Holds for what a request's own sampling does not say."""
 
     concurrency: int = Field(default=32, ge=1)
-    """Most requests in flight at once; the others queue here, outside of every deadline below."""
+    """Most requests in flight at the same time; others wait, which counts towards no deadline."""
 
     adapt: Adapt = Adapt()
     """How many of these are used, by how the endpoint bears it."""

@@ -38,7 +38,7 @@ class RejudgeConfig(Settings):
     """How long one verdict may take before the attempt counts as unjudged."""
 
     limit: int | None = Field(default=None, ge=1)
-    """Judge so many attempts at most; ``None`` judges all."""
+    """Judge at most this many attempts; by default all."""
 
     retry_failures: bool = True
     """Judge those again that this judge had no verdict on."""

@@ -34,8 +34,11 @@ class Selection(Settings):
     """Which tasks, and in which shares."""
 
     split: SplitName = "train"
-    """``train``, ``test``, ``all`` of both, or ``unsplit`` for tasks that do not say. Of a set that tells no
-    split at all, ``train`` and ``test`` take everything, and what was chosen is told as ``unsplit``."""
+    """Split to draw from: ``train``, ``test``, ``all``, or ``unsplit`` for tasks that do not say.
+
+    Of a set that tells no split at all, ``train`` and ``test`` take everything, and the choice is reported as
+    ``unsplit``.
+    """
 
     domains: tuple[str, ...] = ()
     """Domains and subdomains to draw from; all if empty."""

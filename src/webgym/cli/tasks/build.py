@@ -9,38 +9,44 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from webgym.cli._fields import Given, Options, takes
+from webgym.tasks.construction import BuildConfig
+
 if TYPE_CHECKING:
     from rich.console import Console
 
     from webgym.tasks.construction import Estimate, Finished, Noted, Place
 
 
+BUILD = Options(
+    BuildConfig,
+    {
+        "--base-url": "model.base_url",
+        "--model": "model.model",
+        "--concurrency": "model.concurrency",
+        "--test-size": "split.test_tasks",
+        "--plaintext": "plaintext",
+        "--budget": "budget.dollars",
+        "--seed": "seed",
+    },
+)
+
+
+@takes(settings=BUILD)
 def build(
-    out: Path = typer.Option(..., "--out", help="Folder of the build; one that is there is gone on with."),
+    *,
+    out: Path = typer.Option(
+        ..., "--out", help="Folder of the build; an unfinished build in it is continued."
+    ),
     config: Path | None = typer.Option(
         None, "--config", help="YAML file of settings; the options below override it.", show_default=False
     ),
     source: list[str] = typer.Option(
         [], "--source", help="NAME=PATH of a source, as often as needed.", show_default=False
     ),
-    base_url: str | None = typer.Option(
-        None, "--base-url", help="OpenAI-compatible endpoint. Its key: WEBGYM_API_KEY.", show_default=False
-    ),
-    model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
-    concurrency: int | None = typer.Option(
-        None, "--concurrency", min=1, help="Most requests in flight.", show_default="32"
-    ),
+    settings: Given,
     limit: int | None = typer.Option(
         None, "--limit", min=1, help="At most so many tasks of each source.", show_default=False
-    ),
-    test_size: int | None = typer.Option(
-        None, "--test-size", min=0, help="Test tasks, each from a website of its own.", show_default="1167"
-    ),
-    plaintext: list[str] = typer.Option(
-        [],
-        "--plaintext",
-        help="Encrypted source (browsecomp) whose plain text may be sent to the model and written.",
-        show_default=False,
     ),
     price: str | None = typer.Option(
         None,
@@ -48,10 +54,6 @@ def build(
         help="Dollars per million tokens: PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION.",
         show_default=False,
     ),
-    budget: float | None = typer.Option(
-        None, "--budget", min=0, help="Dollars that may be spent; all runs count.", show_default=False
-    ),
-    seed: int | None = typer.Option(None, "--seed", help="Of everything that is drawn.", show_default="0"),
     cache: Path | None = typer.Option(
         None, "--cache", help="File of paid replies.", show_default="OUT/replies.sqlite"
     ),
@@ -75,16 +77,8 @@ def build(
     from webgym.core.errors import UsageError
     from webgym.tasks.construction import Noted, Place, Stages, read_config, run_batch, run_build, run_dry
 
-    overrides: dict[str, Any] = {
-        "sources": _sources(source),
-        "model": {"base_url": base_url, "model": model, "concurrency": concurrency},
-        "split": {"test_tasks": test_size},
-        "plaintext": plaintext or None,
-        "prices": _prices(price),
-        "budget": {"dollars": budget},
-        "seed": seed,
-    }
-    settings = read_config(config, overrides, at_most=limit)
+    overrides = settings | {"sources": _sources(source), "prices": _prices(price)}
+    chosen = read_config(config, overrides, at_most=limit)
     place = Place.of(out, cache)
     console = Console()
     stages = Stages(console)
@@ -92,16 +86,16 @@ def build(
         raise UsageError("--dry-run and --batch do not go together", hint="give one of them")
     if dry_run:
         with stages.shown():
-            found = _run.run(lambda: run_dry(settings, place, stages))
+            found = _run.run(lambda: run_dry(chosen, place, stages))
         _tell_estimate(found, console)
         return
     try:
         with stages.shown():
             if batch is None:
-                done: Finished | Noted = _run.run(lambda: run_build(settings, place, stages))
+                done: Finished | Noted = _run.run(lambda: run_build(chosen, place, stages))
             else:
                 folder = batch
-                done = _run.run(lambda: run_batch(settings, place, folder, stages))
+                done = _run.run(lambda: run_batch(chosen, place, folder, stages))
     except KeyboardInterrupt:
         print(
             "interrupted: what was paid for is kept, and the same command goes on from here", file=sys.stderr

@@ -85,15 +85,15 @@ class BuildConfig(Settings):
     """What may be spent, all runs into the same cache together."""
 
     seed: int = 0
-    """Of every choice that is drawn: tasks of a source, caps, the split."""
+    """Seed of every random choice: tasks of a source, caps, the split."""
 
     today: date | None = None
     """What lies before it is flagged as dated. The day of a build's first run if not given; later runs into
     the same folder keep it."""
 
     plaintext: tuple[str, ...] = ()
-    """Sources that are published encrypted, and may be sent to the model and written all the same
-    (``browsecomp``). Without their names here their tasks are left out before anything is asked."""
+    """Encrypted source (``browsecomp``) whose plain text may be sent to the model and written. The tasks of
+    encrypted sources that are not named are left out."""
 
     writing: WritingLimits = WritingLimits()
     """How often to ask, and what rewritten tasks may look like."""

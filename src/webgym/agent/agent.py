@@ -8,8 +8,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Self
 
-import msgspec
-
 from webgym.agent.config import AgentConfig
 from webgym.agent.context import Now, Round, build_request, picture_names, thinking_of
 from webgym.agent.image_codec import fit
@@ -252,10 +250,8 @@ def _with_effect(rounds: list[Round], observation: Observation) -> list[Round]:
     """The rounds, the last one now knowing whether it changed the screen."""
     if not rounds:
         return []
-    last = rounds[-1]
-    changed = last.step.observation.screenshot != observation.screenshot
-    step = msgspec.structs.replace(last.step, changed=changed)
-    return [*rounds[:-1], Round(step, last.parsed)]
+    *earlier, last = rounds
+    return [*earlier, Round(last.step.followed_by(observation), last.parsed)]
 
 
 def _meaning(parsed: ParsedReply | ParseError) -> dict[str, Any]:

@@ -159,14 +159,14 @@ def _render_compact(
     if config.prompt_format in WITH_MEMORY:
         lines.append(f"memory {memory_line(dict(list(now.memory.items())[cut.entries :]))}".rstrip())
         lines.append(f"progress {progress_line(now.progress)}".rstrip())
-    lines.append(_last_line(past[-1] if past else None, now.observation, screen))
+    lines.append(_last_line(past[-1] if past else None, screen))
     lines += [f"note {kind}" for kind in _compact_notices(now.observation)]
     lines.append(f"step {now.index + 1} of {now.budget}")
     shown_now = (_picture(now.observation, config, profile), TextPart("\n".join(lines)))
     return (*messages, Message("user", shown_now))
 
 
-def _last_line(before: Round | None, observation: Observation, screen: Size) -> str:
+def _last_line(before: Round | None, screen: Size) -> str:
     match before.parsed if before else None:
         case None:
             return "last nothing"
@@ -174,8 +174,8 @@ def _last_line(before: Round | None, observation: Observation, screen: Size) -> 
             return "last unreadable"
         case ParsedReply(action=action):
             assert before is not None
-            changed = before.step.observation.screenshot != observation.screenshot
-            return f"last {action_line(action, screen)} {'changed' if changed else 'unchanged'}"
+            effect = "changed" if before.step.changed else "unchanged"
+            return f"last {action_line(action, screen)} {effect}"
 
 
 def _compact_notices(observation: Observation) -> list[str]:

@@ -106,9 +106,8 @@ def agreement_command(
     """
     from rich.console import Console
 
-    from webgym.cli._paper import latex
     from webgym.judge.agreement import agreement
-    from webgym.tables import markdown
+    from webgym.tables import latex, markdown
 
     if bool(webjudge) == (run is not None):
         raise UsageError("give either a run or --webjudge", hint="see webgym judge agreement --help")
@@ -255,7 +254,7 @@ def _signed(value: float) -> str:
 
 def _parts(estimate: Estimate, write: Callable[[float], str]) -> tuple[str, str]:
     """A value and its interval; a dash for what is undefined."""
-    from webgym.cli._paper import DASH
+    from webgym.tables import DASH
 
     if estimate.value is None:
         return DASH, ""

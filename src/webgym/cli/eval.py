@@ -132,9 +132,8 @@ def _tell(
     import msgspec
 
     from webgym.cli._evaluation import conditions, notes, show, tables
-    from webgym.cli._paper import latex
     from webgym.core.text import plain
-    from webgym.tables import markdown
+    from webgym.tables import latex, markdown
     from webgym.tables import show as show_tables
 
     if as_json:

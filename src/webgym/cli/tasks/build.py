@@ -127,18 +127,25 @@ def _prices(given: str | None) -> dict[str, Any]:
 
 
 def _tell_estimate(found: Estimate, console: Console) -> None:
-    from rich.table import Table
+    from webgym.tables import Table, grid
 
-    table = Table(box=None, header_style="dim", pad_edge=False)
-    table.add_column("stage")
-    for column in ("tasks", "there", "calls", "prompt tokens", "reply tokens", "dollars"):
-        table.add_column(column, justify="right")
-    for line in found.lines:
-        numbers = (line.things, line.there, line.calls, line.prompt_tokens, line.reply_tokens)
-        table.add_row(line.purpose, *(f"{number:,}" for number in numbers), _dollars(line.dollars))
-    sums = (found.calls, found.prompt_tokens, found.reply_tokens)
-    table.add_row("all", "", "", *(f"{number:,}" for number in sums), _dollars(found.dollars), style="bold")
-    console.print(table)
+    columns = ("stage", "tasks", "there", "calls", "prompt tokens", "reply tokens", "dollars")
+    numbers = [
+        (
+            line.purpose,
+            line.things,
+            line.there,
+            line.calls,
+            line.prompt_tokens,
+            line.reply_tokens,
+            line.dollars,
+        )
+        for line in found.lines
+    ]
+    rows = [(*map(str, row[:-1]), _dollars(row[-1])) for row in numbers]
+    sums = map(str, (found.calls, found.prompt_tokens, found.reply_tokens))
+    rows.append(("all", "", "", *sums, _dollars(found.dollars)))
+    console.print(grid(Table("", columns, rows)))
     for line in found.lines:
         if line.basis:
             console.print(
@@ -167,17 +174,13 @@ def _tell_batches(noted: Noted, place: Place, console: Console) -> None:
 
 
 def _tell_build(finished: Finished, place: Place, console: Console) -> None:
-    from rich.table import Table
+    from webgym.tables import Table, grid
 
     build = finished.build
     rows: dict[str, list[Any]] = {}
     for row in build.accounting.rows:
         rows.setdefault(row.stage, []).append(row)
-    table = Table(box=None, header_style="dim", pad_edge=False)
-    table.add_column("stage")
-    for column in ("came", "made", "lost", "left"):
-        table.add_column(column, justify="right")
-    table.add_column("why")
+    cells = []
     for stage, of_stage in rows.items():
         reasons: dict[str, int] = {}
         for row in of_stage:
@@ -185,8 +188,8 @@ def _tell_build(finished: Finished, place: Place, console: Console) -> None:
                 reasons[reason] = reasons.get(reason, 0) + count
         came, made, left = (sum(getattr(row, name) for row in of_stage) for name in ("came", "made", "left"))
         why = ", ".join(f"{reason} {count:,}" for reason, count in reasons.items())
-        table.add_row(stage, f"{came:,}", f"{made:,}", f"{sum(reasons.values()):,}", f"{left:,}", why)
-    console.print(table)
+        cells.append((stage, str(came), str(made), str(sum(reasons.values())), str(left), why))
+    console.print(grid(Table("", ("stage", "in", "created", "removed", "out", "reasons for removal"), cells)))
     spent = finished.ledger.totals.all
     unpriced = f", {spent.unpriced:,} of them without a known price" if spent.unpriced else ""
     console.print(

@@ -46,9 +46,10 @@ def split(
 def _tell(found: Split, out: Path) -> None:
     from collections import Counter
 
-    from webgym.cli.tasks._tables import shown
+    from rich.console import Console
+
     from webgym.core.task import LEVELS
-    from webgym.tasks.statistics import Table
+    from webgym.tables import Table, show
 
     domains = sorted({domain for _, domain in found.test})
     rows = [
@@ -56,7 +57,7 @@ def _tell(found: Split, out: Path) -> None:
         for domain in domains
     ]
     rows.append(("all", *(str(found.of_level(level)) for level in LEVELS), str(found.test.total())))
-    shown([Table("Test tasks", ("domain", *LEVELS, "all"), rows)])
+    show([Table("Test tasks", ("domain", *LEVELS, "all"), rows)], Console())
     train = len(found.tasks) - found.test.total()
     print(f"{train:,} training and {found.test.total():,} test tasks written to {out}")
     for why, count in Counter(each.why for each in found.left_out).items():

@@ -20,7 +20,7 @@ from webgym.cli._judge_options import judge_choice
 from webgym.core.errors import ConfigError
 from webgym.judge.config import WAYS_BY_SOURCE, JudgeConfig, StageConfig
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.runs import resolved
+from webgym.run_config import resolved
 from webgym.settings import Section, merged, without_none
 from webgym.tasks.construction.config import BuildConfig
 

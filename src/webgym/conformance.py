@@ -23,7 +23,7 @@ from webgym.core.verdict import Judgement, Verdict
 from webgym.environment import Environment, OnFault
 from webgym.judge.base import Pictures
 from webgym.rollout.driver import AttemptConfig
-from webgym.runs import PolicyChoice, RunConfig
+from webgym.run_config import PolicyChoice, RunConfig
 from webgym.server import SessionOptions, View
 
 _SIZE: Final = (64, 48)

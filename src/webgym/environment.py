@@ -42,8 +42,10 @@ from webgym.offline.web import CollectionName
 from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
-from webgym.runs import RunConfig, Secrets, choose_tasks, places, resolved
+from webgym.run_config import RunConfig, Secrets, resolved
+from webgym.run_services import places
 from webgym.server import View
+from webgym.task_choice import choose_tasks
 
 Info: TypeAlias = dict[str, Any]
 """What :meth:`Environment.reset` and :meth:`Environment.step` tell beside the view:

@@ -18,7 +18,7 @@ from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
 from webgym.agent.prompts import tool_declaration
 from webgym.core.errors import ConfigError
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.runs import PolicyChoice, RunConfig, resolved
+from webgym.run_config import PolicyChoice, RunConfig, resolved
 
 DOCS = Path(__file__).parents[2] / "docs" / "agent.md"
 

@@ -23,7 +23,8 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.rejudge import judge_run, verdicts_of
 from webgym.rollout.store import RunReader
-from webgym.runs import RunConfig, TaskChoice, collect
+from webgym.run_config import RunConfig, TaskChoice
+from webgym.runs import collect
 from webgym.tables import markdown
 from webgym.tasks import write_tasks
 

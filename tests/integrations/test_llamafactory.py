@@ -16,7 +16,8 @@ import pytest
 
 from webgym.offline.app import SitesConfig
 from webgym.rollout.export import export
-from webgym.runs import RunConfig, ServerChoice, TaskChoice, collect
+from webgym.run_config import RunConfig, ServerChoice, TaskChoice
+from webgym.runs import collect
 
 PYTHON = os.environ.get("WEBGYM_LLAMAFACTORY_PYTHON", "")
 

@@ -11,7 +11,9 @@ from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.websites import host_of
 from webgym.offline.app import SitesConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
-from webgym.runs import RunConfig, ServerChoice, TaskChoice, choose_tasks, collect
+from webgym.run_config import RunConfig, ServerChoice, TaskChoice
+from webgym.runs import collect
+from webgym.task_choice import choose_tasks
 from webgym.tasks import write_tasks
 
 

@@ -14,7 +14,8 @@ import pytest
 from webgym.core.errors import ConfigError
 from webgym.offline.app import SitesConfig
 from webgym.rollout.trackers import FOLDER, numbers_in, tracking
-from webgym.runs import RunConfig, ServerChoice, TaskChoice, collect, resume
+from webgym.run_config import RunConfig, ServerChoice, TaskChoice
+from webgym.runs import collect, resume
 
 
 def row(iteration: int, rate: float | None) -> dict[str, Any]:

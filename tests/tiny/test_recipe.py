@@ -20,7 +20,8 @@ from webgym.offline.web import OfflineWeb
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.rollout.store import RunReader
-from webgym.runs import RunConfig, collect
+from webgym.run_config import RunConfig
+from webgym.runs import collect
 from webgym.static_browsers import StaticBrowsers, StaticCollector
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.recipe import RecipeConfig, agent_of, follow

@@ -26,7 +26,7 @@ from tests.train.test_loop import World
 from webgym.agent.random_policy import RandomPolicy
 from webgym.core.errors import StoreError, StoreFull, TrainingError, WebGymError
 from webgym.rollout import files
-from webgym.runs import Secrets, ServerChoice, resolved
+from webgym.run_config import Secrets, ServerChoice, resolved
 from webgym.tasks import write_tasks
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.learner import Learner

@@ -11,7 +11,7 @@ import typer
 from webgym.cli._fields import Given, Option, Options
 
 if TYPE_CHECKING:
-    from webgym.runs import RunConfig
+    from webgym.run_config import RunConfig
 
 Resume: TypeAlias = Annotated[
     Path | None,
@@ -53,7 +53,7 @@ def run_options(*, split: str, limit: str, **more: str) -> Options:
         split, limit: the defaults that are shown for ``--split`` and ``--limit``.
         more: fields of further options, by the option's name.
     """
-    from webgym.runs import RunConfig
+    from webgym.run_config import RunConfig
 
     key = "its key: WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY"
     return Options(

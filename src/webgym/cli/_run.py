@@ -25,7 +25,7 @@ from webgym.rollout.files import CONFIG
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
-from webgym.runs import RunConfig, Secrets
+from webgym.run_config import RunConfig, Secrets
 from webgym.settings import merged, read_files, validated, without_none
 
 T = TypeVar("T")

@@ -298,7 +298,7 @@ def reward(
     from webgym.bench.reward_hacks import HACKS
     from webgym.offline.app import SitesConfig
     from webgym.rollout.collector import CollectorConfig
-    from webgym.runs import RunConfig
+    from webgym.run_config import RunConfig
     from webgym.tables import markdown, show
 
     _expect_to_write(json)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from webgym.rollout.evaluation import Evaluation
-    from webgym.runs import RunConfig
+    from webgym.run_config import RunConfig
 
 
 RUN = options.run_options(
@@ -69,7 +69,8 @@ def command(
     from webgym.report import write_report
     from webgym.rollout.evaluation import evaluate
     from webgym.rollout.rejudge import RECORDED
-    from webgym.runs import ServerChoice, collect
+    from webgym.run_config import ServerChoice
+    from webgym.runs import collect
     from webgym.runs import resume as go_on
     from webgym.settings import merged
 

@@ -43,7 +43,8 @@ def command(
     from webgym.cli._summary import all_failed, print_retry, print_summary
     from webgym.core.errors import UsageError
     from webgym.report import write_report
-    from webgym.runs import ServerChoice, collect
+    from webgym.run_config import ServerChoice
+    from webgym.runs import collect
     from webgym.runs import resume as go_on
 
     console = Console()

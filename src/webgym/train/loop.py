@@ -36,7 +36,8 @@ from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
 from webgym.rollout.trackers import TrackerName
-from webgym.runs import RunConfig, Secrets, ServerChoice, collect, resume
+from webgym.run_config import RunConfig, Secrets, ServerChoice
+from webgym.runs import collect, resume
 from webgym.settings import Section
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks

@@ -17,8 +17,10 @@ from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.rollout.files import CONFIG
 from webgym.rollout.trackers import tracking
-from webgym.runs import Secrets, all_tasks, resolved, services
+from webgym.run_config import Secrets, resolved
+from webgym.run_services import services
 from webgym.settings import load_settings, validated
+from webgym.task_choice import all_tasks
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import Show, Tell, TrainConfig, Training

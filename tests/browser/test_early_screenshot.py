@@ -27,7 +27,7 @@ def ended(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
 
     async def noted(self: EarlyScreenshot, settled: str) -> None:
         await end(self, settled)
-        found.append(self.is_good)
+        found.append(self.result is not None)
 
     monkeypatch.setattr(EarlyScreenshot, "end", noted)
     return found

@@ -13,7 +13,7 @@ import pytest
 from msgspec.structs import replace
 
 from webgym.core.outcome import Outcome
-from webgym.report.live import LiveRun
+from webgym.report.live_run import LiveRun
 from webgym.report.run_index import INDEX, RunIndex, Wanted
 from webgym.rollout.records import seal
 from webgym.rollout.store import RunReader

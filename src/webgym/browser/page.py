@@ -153,7 +153,7 @@ class Page:
         """What asks for files, while an action waits for that."""
         self.worlds = Worlds(session, target_id, config)
         self.popups = Popups(self)
-        self.workers = Workers(self)
+        self.workers = Workers(session, self.traffic, config)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
         session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_wanted)
         session.on("Page.frameRequestedNavigation", RequestedNavigation, self._on_wanted)

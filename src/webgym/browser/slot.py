@@ -407,7 +407,9 @@ class Slot:
         page = self._living_page()
         milliseconds, self._milliseconds = self._milliseconds, {}
         try:
-            return await self._look_at(page, lambda: look(page, self._settled, milliseconds, early))
+            return await self._look_at(
+                page, lambda: look(page, self._settled, milliseconds, early.result if early else None)
+            )
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
 
@@ -433,7 +435,7 @@ class Slot:
         early = EarlyScreenshot(page)
         try:
             await self._act(page, action, early)
-            if not early.is_good:
+            if early.result is None:
                 await early.drop()
                 if between is not None:
                     await between()

@@ -1,7 +1,7 @@
 """What people look at. Reads the run store and task sets, nothing else.
 
 write.py       report.html, one file that needs no network
-live.py        the same pages over a run that may still be written
+live.py        the same pages over a run that may still be written; live_run.py, the run
 monitor.py     the page of what a collector is doing now
 labelling.py   the page where people label its trajectories
 taskset.py     the pages of a task set; task_content.py, what they show

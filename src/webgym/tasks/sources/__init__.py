@@ -19,9 +19,10 @@ from webgym.tasks.sources import (
     travelplanner,
     webvoyager,
 )
-from webgym.tasks.sources.base import PassedOver, Read, Skipped, Source, SourceTask
+from webgym.tasks.sources.base import Read, Skipped, Source, SourceTask
 from webgym.tasks.sources.hub import HUB
 from webgym.tasks.sources.importing import read_with
+from webgym.tasks.sources.problems import PassedOver
 
 SOURCES: dict[str, Source] = {
     source.name: source

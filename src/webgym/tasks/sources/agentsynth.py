@@ -7,9 +7,10 @@ string is plain words. A final ``stop`` carries the answer that the model gave: 
 from __future__ import annotations
 
 from webgym.tasks.missing_values import is_missing_value
-from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.sources.base import GARBLED, Draft, Source
 from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, as_text, unpacked
+from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("task", "instruction")
 

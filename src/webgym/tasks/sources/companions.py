@@ -8,7 +8,7 @@ from typing import TypeVar
 
 import msgspec
 
-from webgym.tasks.sources.base import PassedOver
+from webgym.tasks.sources.problems import PassedOver
 
 T = TypeVar("T")
 

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from webgym.core.websites import host_of
 from webgym.tasks.missing_values import is_missing_value
-from webgym.tasks.sources.base import Unusable
+from webgym.tasks.sources.problems import Unusable
 
 _DEEPEST_LITERAL = 1_000_000
 """Characters of a Python literal that are looked at; the values we read are far shorter."""

@@ -14,22 +14,12 @@ from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import WebsiteFrom
-from webgym.tasks.sources.base import (
-    BAD_WEBSITE,
-    CHATS,
-    DATED,
-    Draft,
-    PassedOver,
-    Read,
-    Skipped,
-    Source,
-    SourceTask,
-    Unusable,
-)
+from webgym.tasks.sources.base import BAD_WEBSITE, CHATS, DATED, Draft, Read, Skipped, Source, SourceTask
 from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.dates import names_past
 from webgym.tasks.sources.fields import Fields, website_url
 from webgym.tasks.sources.hub import HUB, hub_records
+from webgym.tasks.sources.problems import PassedOver, Unusable
 from webgym.tasks.sources.reading import COMPRESSIONS, REFUSED, SUFFIXES, Found, read_records
 
 _HASH_DIGITS = 12

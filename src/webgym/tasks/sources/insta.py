@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.sources.base import GARBLED, Draft, Source
 from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, texts
+from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("instruction", "task")
 

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 from urllib.parse import urlsplit
 
-from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.sources.base import GARBLED, Draft, Source
 from webgym.tasks.sources.categories import named
 from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, texts
+from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("task", "confirmed_task")
 

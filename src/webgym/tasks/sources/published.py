@@ -5,9 +5,10 @@ from __future__ import annotations
 from webgym.tasks.files import NO_FACTS
 from webgym.tasks.missing_values import is_missing_value
 from webgym.tasks.published import task_of
-from webgym.tasks.sources.base import Draft, Source, Unusable
+from webgym.tasks.sources.base import Draft, Source
 from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields
+from webgym.tasks.sources.problems import Unusable
 
 _NAME = "webgym"
 _INSTRUCTION = ("task_name",)

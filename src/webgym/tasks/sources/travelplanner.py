@@ -11,10 +11,11 @@ import json
 import re
 
 from webgym.tasks.missing_values import is_missing_value
-from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.sources.base import GARBLED, Draft, Source
 from webgym.tasks.sources.categories import subdomain
 from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.fields import Fields, as_text, texts
+from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("query",)
 _CHAT = "messages"

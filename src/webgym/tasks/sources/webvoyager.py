@@ -10,11 +10,12 @@ from typing import NamedTuple
 
 from webgym.core.text import fold
 from webgym.tasks.missing_values import is_missing_value
-from webgym.tasks.sources.base import OUTDATED_ANSWER, Draft, Source, Unusable
+from webgym.tasks.sources.base import OUTDATED_ANSWER, Draft, Source
 from webgym.tasks.sources.categories import UNKNOWN, Place, subdomain
 from webgym.tasks.sources.companions import Beside
 from webgym.tasks.sources.dates import years
 from webgym.tasks.sources.fields import Fields, as_text
+from webgym.tasks.sources.problems import Unusable
 
 ANSWERS = "reference_answer.json"
 

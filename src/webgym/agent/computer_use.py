@@ -54,7 +54,7 @@ ParseProblem: TypeAlias = Literal[
 
 
 class Refused(Exception):
-    """A reply holds no action. Stays inside the room: the parser turns it into a value."""
+    """A reply holds no action. Never leaves this package: the parser turns it into a value."""
 
     def __init__(self, kind: ParseProblem, message: str) -> None:
         super().__init__(message)

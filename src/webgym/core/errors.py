@@ -250,7 +250,7 @@ class SitesError(WebGymError):
 
 
 class LLMError(WebGymError):
-    """A model's endpoint did it. The room that asked makes a policy's or a judge's error of it."""
+    """A model's endpoint did it. The package that asked turns it into a policy's or a judge's error."""
 
     code = "llm_error"
 

@@ -83,7 +83,7 @@ async def ask_for(
 
 
 class Refused(Exception):
-    """A reply cannot be used; the message is for the model. Stays inside the room."""
+    """A reply cannot be used; the message is for the model. Never leaves this package."""
 
 
 def read_value(completion: Completion, type: type[T]) -> T:

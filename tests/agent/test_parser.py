@@ -296,7 +296,7 @@ def test_headings_may_be_decorated(text: str) -> None:
 )
 def test_a_hundred_kilobytes_take_linear_time(filler: str) -> None:
     text = filler * (100_000 // len(filler))
-    started = time.perf_counter()
+    started = time.process_time()
     for whole in (
         text,
         text + call(CLICK),
@@ -304,7 +304,7 @@ def test_a_hundred_kilobytes_take_linear_time(filler: str) -> None:
         f"<tool_call>{text}</tool_call>",
     ):
         read(whole)
-    assert time.perf_counter() - started < 2
+    assert time.process_time() - started < 2
 
 
 # --- the extended space -------------------------------------------------------------------------------

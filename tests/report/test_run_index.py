@@ -168,11 +168,11 @@ def test_a_hundred_thousand_trajectories(run: Path, capsys: pytest.CaptureFixtur
             file.write(seal(replace(held[number % len(held)], episode=episode)))
     told = []
     for what in ("first opening", "second opening"):
-        began = time.perf_counter()
+        began = time.process_time()
         live = LiveRun(run)
         live.refresh()
         live.overview()
-        told.append((what, time.perf_counter() - began))
+        told.append((what, time.process_time() - began))
     asked = {
         "list": Wanted(),
         "filter": Wanted(outcome="failure", level="easy"),
@@ -180,9 +180,9 @@ def test_a_hundred_thousand_trajectories(run: Path, capsys: pytest.CaptureFixtur
         "search, sorted": Wanted(q="cheapest", sort="task", down=True),
     }
     for what, wanted in asked.items():
-        began = time.perf_counter()
+        began = time.process_time()
         live.index.find(wanted, 0, 200)
-        told.append((what, time.perf_counter() - began))
+        told.append((what, time.process_time() - began))
     with capsys.disabled():
         print("".join(f"\n{what}: {seconds:.2f} s" for what, seconds in told))
     assert all(seconds < 20 for what, seconds in told[1:])

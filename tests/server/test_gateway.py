@@ -144,7 +144,7 @@ async def test_through_the_gateway_all_is_the_same(site: Site, relayed: BrowserC
     assert (await session.screenshot()).startswith(b"\x89PNG")
     assert (await session.navigate(site.url("/next"))).title == "Next"
     assert (await session.heartbeat()).ttl_seconds > 0
-    stale = session._grant
+    stale = session.grant
     forged = type(stale)(session.id, "wrong", stale.generation, "", 60)
     with pytest.raises(LeaseLost):
         await relayed.call(STEP, StepReply, StepRequest(), grant=forged)
@@ -208,7 +208,7 @@ async def test_a_client_has_its_limit_over_all_workers(client: BrowserClient) ->
 
 async def test_a_lease_that_runs_out_makes_room(gateway: RunningGateway, client: BrowserClient) -> None:
     session = await client.open(SessionOptions(ttl_seconds=0.3))
-    session._renewal.cancel()  # the client is gone, without goodbye
+    await session.abandon()  # the client is gone, without goodbye
     await until_free(gateway)
     with pytest.raises(LeaseLost):
         await session.metadata()
@@ -298,7 +298,7 @@ async def test_every_call_of_a_session_is_fenced_at_both_doors(
     gateway: RunningGateway, client: BrowserClient
 ) -> None:
     session = await client.open()
-    grant = session._grant
+    grant = session.grant
     right = {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
     forged: list[tuple[str, dict[str, str]]] = [
         (grant.session_id, {}),
@@ -393,7 +393,7 @@ async def test_a_stranger_at_the_workers_address_is_not_taken_for_it(client: Bro
     address = f"http://127.0.0.1:{stranger.sockets[0].getsockname()[1]}"
     session = await client.open()
     async with stranger:
-        grant = msgspec.structs.replace(session._grant, endpoint=address)
+        grant = msgspec.structs.replace(session.grant, endpoint=address)
         assert not (await client._ways.find(grant)).is_straight
     [request] = heard
     assert TOKEN.encode() not in request

@@ -387,7 +387,8 @@ class Session:
 
     def __init__(self, client: BrowserClient, grant: SessionGrant, way: Way) -> None:
         self._client = client
-        self._grant = grant
+        self.grant = grant
+        """What proves to the server that this client holds the session. Contains a secret."""
         self._way = way
         self._pictures: OrderedDict[str, bytes] = OrderedDict()
         self._is_closed = False
@@ -396,8 +397,8 @@ class Session:
 
     @property
     def id(self) -> str:
-        """Of the lease, for tracing a fault."""
-        return self._grant.session_id
+        """The session's id, for tracing a fault."""
+        return self.grant.session_id
 
     @property
     def is_direct(self) -> bool:
@@ -451,6 +452,14 @@ class Session:
         """Renew the lease. Done in the background anyway."""
         return await self._call(HEARTBEAT, Renewed)
 
+    async def abandon(self) -> None:
+        """Stop renewing the session without giving its browser back, as a client that dies would.
+
+        The server takes the browser back when the lease runs out; until then, calls still work and renew it.
+        """
+        self._renewal.cancel()
+        await asyncio.wait({self._renewal})
+
     async def close(self) -> None:
         """Give the browser back. Safe to call twice; never raises what would hide a caller's own error:
         a lease that cannot be given back runs out by itself."""
@@ -458,11 +467,10 @@ class Session:
             return
         self._is_closed = True
         self._client.forget(self)
-        self._renewal.cancel()
-        await asyncio.wait({self._renewal})
+        await self.abandon()
         try:
             seconds = self._client.limits.release_seconds
-            await self._client.call(RELEASE, Closed, grant=self._grant, way=self._way, seconds=seconds)
+            await self._client.call(RELEASE, Closed, grant=self.grant, way=self._way, seconds=seconds)
         except LeaseLost:
             return
         except ServerError as error:
@@ -478,11 +486,11 @@ class Session:
         if self._is_closed:
             raise LeaseLost("the session was closed here", hint="open a new one")
         self._used.set()
-        return await self._client.call(operation, reply, body, grant=self._grant, way=self._way, queue=queue)
+        return await self._client.call(operation, reply, body, grant=self.grant, way=self._way, queue=queue)
 
     async def _keep_alive(self) -> None:
         """Renew the lease whenever no call has done so for a while: a thinking model never loses it."""
-        interval = self._grant.ttl_seconds * self._client.limits.heartbeat_share
+        interval = self.grant.ttl_seconds * self._client.limits.heartbeat_share
         while True:
             self._used.clear()
             try:
@@ -492,7 +500,7 @@ class Session:
             except TimeoutError:
                 pass
             try:
-                await self._client.call(HEARTBEAT, Renewed, grant=self._grant, way=self._way)
+                await self._client.call(HEARTBEAT, Renewed, grant=self.grant, way=self._way)
             except LeaseLost:
                 return  # the next call says so
             except WebGymError as error:

@@ -32,8 +32,8 @@ def show(
 ) -> None:
     """Browse a task set, or print one task whole: its rubric, and what it was derived from.
 
-    In a terminal the list is browsed by keys; into a pipe it is one line per task, tab-separated: id,
-    facts, level, website, domain, instruction.
+    In a terminal the list opens in the pager ($PAGER, else less); `webgym view` browses it in a web browser.
+    Into a pipe it is one line per task, tab-separated: id, facts, level, website, domain, instruction.
     """
     from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.errors import UsageError
@@ -75,14 +75,17 @@ def _one(index: TaskIndex, task_id: str, file: Path) -> None:
 
 
 def _list(index: TaskIndex, places: list[int]) -> None:
-    if sys.stdin.isatty() and sys.stdout.isatty():
-        from webgym.cli.tasks._browser import Browser
-
-        Browser(index, places).run()
-        return
     from webgym.cli.tasks._pages import row_of
 
-    _print("\t".join(row_of(index.tasks[place])) for place in places)
+    rows = (row_of(index.tasks[place]) for place in places)
+    if sys.stdin.isatty() and sys.stdout.isatty():
+        import pydoc
+
+        os.environ.setdefault("LESS", "-S")  # a line per task, however long it is
+        lines = [f"{row[0]:<36}  {row[1]:>2}  {row[2]:<6}  {row[3]:<28}  {row[-1]}" for row in rows]
+        pydoc.pager("\n".join(lines))
+    else:
+        _print(map("\t".join, rows))
 
 
 def _print(lines: Iterable[str]) -> None:

@@ -24,7 +24,7 @@ import uvloop
 from aiodns.error import ARES_ESERVFAIL, DNSError
 
 from webgym.browser import Egress, EgressConfig
-from webgym.browser.egress import Door
+from webgym.browser.egress import ProxyListener
 from webgym.browser.egress.hosts import Address
 from webgym.browser.egress.machine import Machine
 
@@ -73,7 +73,7 @@ async def until(what: Callable[[], object]) -> None:
             await asyncio.sleep(0.005)
 
 
-async def knock(egress: Egress | Door, say: bytes = b"") -> Streams:
+async def knock(egress: Egress | ProxyListener, say: bytes = b"") -> Streams:
     reader, writer = await asyncio.open_connection(HERE, egress.port)
     writer.write(say)
     return reader, writer
@@ -84,7 +84,7 @@ def request(host: str | bytes, port: int, command: int = 1) -> bytes:
     return b"\5\1\0" + bytes((5, command, 0, 3, len(name))) + name + port.to_bytes(2, "big")
 
 
-async def ask(egress: Egress | Door, host: str | bytes, port: int) -> tuple[int, Streams]:
+async def ask(egress: Egress | ProxyListener, host: str | bytes, port: int) -> tuple[int, Streams]:
     """The reply's code, and the connection."""
     streams = await knock(egress, request(host, port))
     said = await asyncio.wait_for(streams[0].readexactly(12), SECONDS)
@@ -575,18 +575,18 @@ def test_many_connections_come_and_go_and_leave_nothing(run: Run) -> None:
 def test_a_page_whose_names_are_never_answered_holds_up_no_other_session(run: Run) -> None:
     async def scene() -> None:
         async with serve(echo) as port, proxy("*", machine=Silent({"here.test": [HERE]})) as egress:
-            door = await egress.open_door()
+            listener = await egress.open_listener()
             asking = [request(f"{nth}.domain-{nth % 50}.slow.test", 80) for nth in range(200)]
-            greedy = [await knock(door, asked) for asked in asking]
+            greedy = [await knock(listener, asked) for asked in asking]
             most = egress.config.session_lookups
             await until(lambda: egress.load.results["too_many"] == len(asking) - most)
             assert egress.waiting == most
-            neighbour = await egress.open_door()
+            neighbour = await egress.open_listener()
             said, one = await ask(neighbour, "here.test", port)
             assert said == 0
-            door.renew()  # the page is gone, and with it all that it waits for
+            listener.renew()  # the page is gone, and with it all that it waits for
             await until(lambda: not egress.waiting)
-            said, other = await ask(door, "here.test", port)
+            said, other = await ask(listener, "here.test", port)
             assert said == 0, "the next session has a whole budget"
             await hang_up(*greedy, one, other)
 
@@ -598,19 +598,19 @@ def test_a_session_has_so_many_connections_names_and_bytes(run: Run) -> None:
         limits = {"session_connections": 3, "session_names": 2, "session_bytes": 100_000}
         names = {f"{name}.test": [HERE] for name in "abc"}
         async with serve(echo) as port, proxy("*", machine=Names(names), **limits) as egress:
-            door = await egress.open_door()
-            first = [await ask(door, name, port) for name in ("a.test", "b.test", "b.test")]
+            listener = await egress.open_listener()
+            first = [await ask(listener, name, port) for name in ("a.test", "b.test", "b.test")]
             assert [said for said, _ in first] == [0, 0, 0]
-            said, fourth = await ask(door, "a.test", port)
+            said, fourth = await ask(listener, "a.test", port)
             assert said == 2, "a fourth at once"
-            door.renew()
-            second = [await ask(door, name, port) for name in ("a.test", "b.test", "c.test", "b.test")]
+            listener.renew()
+            second = [await ask(listener, name, port) for name in ("a.test", "b.test", "c.test", "b.test")]
             assert [said for said, _ in second] == [0, 0, 2, 0], "a third name"
-            door.renew()
-            _, (reader, writer) = await ask(door, "a.test", port)
+            listener.renew()
+            _, (reader, writer) = await ask(listener, "a.test", port)
             writer.write(b"x" * 150_000)
             assert len(await closed((reader, writer))) < 100_000
-            said, after = await ask(door, "a.test", port)
+            said, after = await ask(listener, "a.test", port)
             assert said == 2
             assert egress.load.open == len(first) + len(second) - 1
             await hang_up(fourth, after, *(streams for _, streams in (*first, *second)))

@@ -14,7 +14,7 @@ from msgspec.structs import replace
 
 from webgym.core.outcome import Outcome
 from webgym.report.live_run import LiveRun
-from webgym.report.run_index import INDEX, RunIndex, Wanted
+from webgym.report.run_index import INDEX, RunIndex, TrajectoryQuery
 from webgym.rollout.records import seal
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import summarise
@@ -39,7 +39,7 @@ def _opened(run: Path) -> RunIndex:
 
 
 def _ids(index: RunIndex, **wanted: Any) -> list[int]:
-    _, rows = index.find(Wanted(**wanted), 0, 100)
+    _, rows = index.find(TrajectoryQuery(**wanted), 0, 100)
     return [int(row["id"].split("#")[1].split(".")[0]) for row in rows]
 
 
@@ -55,7 +55,7 @@ def test_search_filters_and_order(run: Path) -> None:
     for down in (False, True):
         found = [steps[sample] for sample in _ids(index, sort="steps", down=down)]
         assert found == sorted(steps.values(), reverse=down)
-    total, rows = index.find(Wanted(sort="outcome"), 2, 3)
+    total, rows = index.find(TrajectoryQuery(sort="outcome"), 2, 3)
     assert (total, len(rows)) == (12, 3)
     assert _ids(index, sort="number; DROP TABLE rows") == list(range(12))
 
@@ -174,10 +174,10 @@ def test_a_hundred_thousand_trajectories(run: Path, capsys: pytest.CaptureFixtur
         live.overview()
         told.append((what, time.process_time() - began))
     asked = {
-        "list": Wanted(),
-        "filter": Wanted(outcome="failure", level="easy"),
-        "search": Wanted(q="salt fernhill"),
-        "search, sorted": Wanted(q="cheapest", sort="task", down=True),
+        "list": TrajectoryQuery(),
+        "filter": TrajectoryQuery(outcome="failure", level="easy"),
+        "search": TrajectoryQuery(q="salt fernhill"),
+        "search, sorted": TrajectoryQuery(q="cheapest", sort="task", down=True),
     }
     for what, wanted in asked.items():
         began = time.process_time()

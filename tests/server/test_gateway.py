@@ -48,8 +48,8 @@ from webgym.server.messages import (
     Watched,
 )
 from webgym.server.operations import METADATA, OPERATIONS, STEP
-from webgym.server.queue import Line
-from webgym.server.routing import Way
+from webgym.server.queue import SlotQueue
+from webgym.server.routing import SessionRoute
 
 from .conftest import LOCAL, TOKEN, Site, quick
 
@@ -180,7 +180,7 @@ async def test_one_line_first_come_first_served(gateway: RunningGateway, client:
 
 
 async def test_the_line_has_an_end() -> None:
-    line = Line({}, 2)
+    line = SlotQueue({}, 2)
     waiting = [asyncio.create_task(line.turn(10)) for _ in range(2)]
     await asyncio.sleep(0)
     with pytest.raises(TooManyWaiting, match="2 callers wait"):
@@ -351,7 +351,7 @@ async def test_a_straight_way_that_is_gone_is_left(site: Site, client: BrowserCl
     session = await client.open()
     with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
         nowhere = f"http://127.0.0.1:{listener.getsockname()[1]}"
-    session._way = Way(nowhere, True)
+    session._route = SessionRoute(nowhere, True)
     assert (await session.navigate(site.url())).title == "Home"
     assert not session.is_direct
 
@@ -359,7 +359,7 @@ async def test_a_straight_way_that_is_gone_is_left(site: Site, client: BrowserCl
 async def test_nothing_is_done_twice_when_the_straight_way_breaks(site: Site, client: BrowserClient) -> None:
     """A way that carries a call there, and never its answer back."""
     session = await client.open()
-    there = session._way.base_url
+    there = session._route.base_url
     await session.navigate(site.url("/counter"))
 
     async def carry(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -372,12 +372,12 @@ async def test_nothing_is_done_twice_when_the_straight_way_breaks(site: Site, cl
     carrier = await asyncio.start_server(carry, "127.0.0.1", 0)
     address = f"http://127.0.0.1:{carrier.sockets[0].getsockname()[1]}"
     async with carrier:
-        session._way = Way(address, True)
+        session._route = SessionRoute(address, True)
         with pytest.raises(ServerUnreachable, match="look before you act again"):
             await session.execute(LeftClick(Target(coordinate=(20, 20))))
         assert not session.is_direct
         assert (await session.metadata()).title == "1"
-        session._way = Way(address, True)
+        session._route = SessionRoute(address, True)
         assert (await session.metadata()).title == "1", "asking again does no harm"
 
 
@@ -394,7 +394,7 @@ async def test_a_stranger_at_the_workers_address_is_not_taken_for_it(client: Bro
     session = await client.open()
     async with stranger:
         grant = msgspec.structs.replace(session.grant, endpoint=address)
-        assert not (await client._ways.find(grant)).is_straight
+        assert not (await client._router.find(grant)).is_straight
     [request] = heard
     assert TOKEN.encode() not in request
 

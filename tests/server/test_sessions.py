@@ -23,7 +23,7 @@ from webgym.server import (
     SessionOptions,
     running_server,
 )
-from webgym.server.admission import Gatekeeper
+from webgym.server.admission import AdmissionController
 from webgym.server.config import Admission
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepReply, StepRequest
 from webgym.server.operations import STEP
@@ -216,7 +216,7 @@ async def test_a_thinking_model_keeps_its_lease(site: Site, client: BrowserClien
 async def test_a_holder_can_ask_how_long_its_call_waits(
     session: Session, server: RunningServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    gate = Gatekeeper(Admission(fewest=1, most=1))
+    gate = AdmissionController(Admission(fewest=1, most=1))
     monkeypatch.setattr(server.service, "gate", gate)
     async with asyncio.timeout(60):
         async with gate.permit("navigate"):
@@ -232,7 +232,7 @@ async def test_what_a_look_waits_and_takes_is_not_its_actions(
     site: Site, client: BrowserClient, server: RunningServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = await client.open()
-    gate = Gatekeeper(Admission(fewest=1, most=1))
+    gate = AdmissionController(Admission(fewest=1, most=1))
     monkeypatch.setattr(server.service, "gate", gate)
     async with asyncio.timeout(60):
         step = asyncio.create_task(session.step(Navigate(site.url())))

@@ -23,7 +23,7 @@ from webgym.core.errors import (
     NotCached,
 )
 from webgym.llm import EndpointRefused
-from webgym.tasks.construction import PURPOSES, BuildConfig, Stages, read_config
+from webgym.tasks.construction import PURPOSES, BuildConfig, StageProgress, read_config
 from webgym.tasks.construction.accounting import CountMismatch, TaskAccounting
 from webgym.tasks.construction.bulk_requests import Done, Failed, Pending, ask_all
 from webgym.tasks.construction.importing import draw
@@ -259,7 +259,7 @@ async def test_failures_in_a_row_end_it_and_replies_between_them_do_not() -> Non
 
 def test_off_a_terminal_there_are_a_few_plain_lines() -> None:
     out = io.StringIO()
-    stages = Stages(Console(file=out, width=200))
+    stages = StageProgress(Console(file=out, width=200))
     with stages.shown():
         with stages.stage("rubrics", 1000) as advance:
             for _ in range(1000):
@@ -273,7 +273,7 @@ def test_off_a_terminal_there_are_a_few_plain_lines() -> None:
 
 def test_on_a_terminal_there_is_a_bar_for_each_stage() -> None:
     out = io.StringIO()
-    stages = Stages(Console(file=out, width=100, force_terminal=True))
+    stages = StageProgress(Console(file=out, width=100, force_terminal=True))
     with stages.shown():
         for name in ("import", "rubrics"):
             with stages.stage(name, 3) as advance:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Self
 
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import Now, Round, build_request, picture_names, thinking_of
+from webgym.agent.context import AttemptPosition, Round, build_request, picture_names, thinking_of
 from webgym.agent.image_codec import fit
 from webgym.agent.memory import merge
 from webgym.agent.parser import ParsedReply, ParseError, parse_reply
@@ -118,7 +118,7 @@ class Dialogue:
         past = _with_effect(self._rounds, observation)
         index = len(past)
         revision = self.revisions.get(index - 1, Revision())
-        now = Now(observation, index, self._budget, self.memory, revision, self.progress)
+        now = AttemptPosition(observation, index, self._budget, self.memory, revision, self.progress)
         request = build_request(self._task, past, now, config, profile)
         sent = profile.picture_size(observation.viewport, config.image_max_side)
         if observation.screenshot not in self._images and sent != observation.viewport:

@@ -42,7 +42,7 @@ class Round(msgspec.Struct, frozen=True):
     parsed: ParsedReply | ParseError
 
 
-class Now(msgspec.Struct, frozen=True):
+class AttemptPosition(msgspec.Struct, frozen=True):
     """Where the attempt stands.
 
     Attributes:
@@ -90,7 +90,7 @@ class Request(msgspec.Struct, frozen=True):
 
 
 def build_request(
-    task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile
+    task: Task, past: Sequence[Round], now: AttemptPosition, config: AgentConfig, profile: Profile
 ) -> Request:
     """The request for the next reply.
 
@@ -118,7 +118,7 @@ def build_request(
 
 
 def _render(
-    task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile, cut: Cut
+    task: Task, past: Sequence[Round], now: AttemptPosition, config: AgentConfig, profile: Profile, cut: Cut
 ) -> tuple[Message, ...]:
     if config.prompt_format in COMPACT_FORMATS:
         return _render_compact(task, past, now, config, profile, cut)
@@ -143,7 +143,7 @@ def _render(
 
 
 def _render_compact(
-    task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile, cut: Cut
+    task: Task, past: Sequence[Round], now: AttemptPosition, config: AgentConfig, profile: Profile, cut: Cut
 ) -> tuple[Message, ...]:
     """As the full formats, but in single words: the picture first, the task in the last message."""
     rounds = min(config.rounds, len(past)) - cut.rounds
@@ -205,7 +205,7 @@ def _user(text: str, picture: ImageRef | None) -> Message:
 
 
 def _opening(
-    task: Task, older: Sequence[Round], now: Now, config: AgentConfig, screen: Size, cut: Cut
+    task: Task, older: Sequence[Round], now: AttemptPosition, config: AgentConfig, screen: Size, cut: Cut
 ) -> str:
     parts = [f"Task: {task.instruction}", f"It starts on: {task.website}"]
     if task.files and config.actions == "extended":

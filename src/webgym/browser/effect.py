@@ -18,7 +18,7 @@ Effect: TypeAlias = Literal["some", "none", "unseen"]
 """``unseen``: there is something whose changes only a picture shows."""
 
 
-class Trace:
+class EffectCheck:
     """Tells the agent of a click or a scroll that has no effect.
 
     An effect is a change of the document that it did not show by itself before, another focus or selection, a

@@ -16,7 +16,7 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from webgym.browser.isolated_worlds import DocumentGone, Still
+from webgym.browser.isolated_worlds import DocumentActivity, DocumentGone
 from webgym.browser.page import Page
 from webgym.browser.timers import Timer
 from webgym.core.errors import BrowserTimeout
@@ -166,7 +166,7 @@ class _Settling:
         if self._known_timers is None or seen.reason == "busy":
             return True
         try:
-            still = await self._page.run("still", reply=Still)
+            still = await self._page.run("still", reply=DocumentActivity)
         except DocumentGone:
             return False
         return still.changes == seen.changes and self._page.traffic.is_idle(self._patience)

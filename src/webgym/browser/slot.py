@@ -21,13 +21,13 @@ from webgym.browser.cdp_messages import (
     BrowserContext,
     CreatedTarget,
     DetachedFromTarget,
-    Nothing,
+    EmptyReply,
 )
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
 from webgym.browser.early_screenshot import EarlyScreenshot
-from webgym.browser.effect import Trace
-from webgym.browser.egress import Door, Egress
+from webgym.browser.effect import EffectCheck
+from webgym.browser.egress import Egress, ProxyListener
 from webgym.browser.gestures import AnyAction, attempt
 from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
@@ -77,7 +77,7 @@ class Slot:
         self._executable = executable
         self._profiles = profiles
         self._egress = egress
-        self._door: Door | None = None
+        self._listener: ProxyListener | None = None
         self._process: BrowserProcess | None = None
         self._context = ""
         self._page: Page | None = None
@@ -184,10 +184,10 @@ class Slot:
             BrowserLaunchFailed: it does not come up.
         """
         await self.stop()
-        self._door = await self._egress.open_door()
+        self._listener = await self._egress.open_listener()
         try:
             self._process, self.sandbox = await launch_sandboxed(
-                self.config, self._executable, self._profiles, self.sandbox, self._door
+                self.config, self._executable, self._profiles, self.sandbox, self._listener
             )
         except BaseException:
             await self.stop()
@@ -201,7 +201,7 @@ class Slot:
         attach = {"autoAttach": True, "waitForDebuggerOnStart": True, "flatten": True, "filter": _PAGES_ONLY}
         try:
             await connection.call(
-                "Target.setAutoAttach", attach, reply=Nothing, seconds=self.config.launch_seconds
+                "Target.setAutoAttach", attach, reply=EmptyReply, seconds=self.config.launch_seconds
             )
         except BaseException:
             await self.stop()
@@ -217,9 +217,9 @@ class Slot:
             await page.close()
         if process is not None:
             await process.kill()
-        door, self._door = self._door, None
-        if door is not None:
-            await door.close()
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            await listener.close()
 
     def _on_attached(self, attached: AttachedToTarget) -> None:
         wanted = self._attached
@@ -276,8 +276,8 @@ class Slot:
         await self.warm()
         assert self._page is not None
         assert self._process is not None
-        assert self._door is not None
-        self._door.renew()
+        assert self._listener is not None
+        self._listener.renew()
         try:
             await self._page.begin(options)
             if options.files:
@@ -329,7 +329,7 @@ class Slot:
             await self._process.connection.call(
                 "Target.disposeBrowserContext",
                 {"browserContextId": self._context},
-                reply=Nothing,
+                reply=EmptyReply,
                 seconds=self.config.close_seconds,
             )
         except (BrowserTimeout, BrowserCrashed, CommandFailed):
@@ -354,7 +354,7 @@ class Slot:
         try:
             if page.is_crashed:
                 await self._bring_back(page)
-            trace = Trace(page, action)
+            trace = EffectCheck(page, action)
             await trace.begin()
             await attempt(page, action)
             self._milliseconds[operation] = (time.perf_counter() - start) * 1000

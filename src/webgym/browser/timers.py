@@ -17,7 +17,7 @@ from collections.abc import Iterable
 import msgspec
 
 from webgym.browser.cdp import Connection
-from webgym.browser.cdp_messages import Wire
+from webgym.browser.cdp_messages import CdpMessage
 from webgym.browser.config import BrowserConfig
 
 log = logging.getLogger(__name__)
@@ -61,7 +61,7 @@ class Timer(msgspec.Struct, frozen=True):
         return msgspec.structs.replace(self, due=self.due + times * self.delay)
 
 
-class _Call(Wire, frozen=True):
+class _Call(CdpMessage, frozen=True):
     url: str = ""
     script_id: str = ""
     line_number: int = 0
@@ -71,7 +71,7 @@ class _Call(Wire, frozen=True):
         return f"{self.url or self.script_id}:{self.line_number}:{self.column_number}"
 
 
-class _Data(Wire, frozen=True):
+class _Data(CdpMessage, frozen=True):
     timer_id: int = 0
     timeout: float = 0.0
     single_shot: bool = True
@@ -99,7 +99,7 @@ class _Collected(msgspec.Struct, frozen=True):
     value: tuple[_Event, ...]
 
 
-class _Complete(Wire, frozen=True):
+class _Complete(CdpMessage, frozen=True):
     data_loss_occurred: bool = False
 
 
@@ -107,7 +107,7 @@ _NAMES = frozenset({"TimerInstall", "TimerRemove", "TimerFire", "CommitLoad"})
 _read_args = msgspec.json.Decoder(_Args).decode
 
 
-class Idlers:
+class IdleTimers:
     """Timers that bring nothing to see, known by the code that sets them and by what was acted on. Neither
     the delay nor the line alone tells a search that waits for the next key from what counts clicks."""
 

@@ -12,6 +12,7 @@ import msgspec
 
 from webgym.browser.cdp import Session
 from webgym.browser.cdp_messages import (
+    CdpMessage,
     FrameEvent,
     FrameNavigated,
     PriorityChanged,
@@ -21,7 +22,6 @@ from webgym.browser.cdp_messages import (
     ResponseReceived,
     ScheduledNavigation,
     SocketCreated,
-    Wire,
 )
 from webgym.browser.config import BrowserConfig
 
@@ -45,7 +45,7 @@ poll."""
 _DIGITS = re.compile(r"\d+")
 
 
-class _DomContent(Wire, frozen=True):
+class _DomContent(CdpMessage, frozen=True):
     pass
 
 

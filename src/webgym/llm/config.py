@@ -100,7 +100,7 @@ class Retry(Settings):
     """No pause of our own is longer."""
 
 
-class Adapt(Settings):
+class AdaptiveConcurrency(Settings):
     """How many requests are in flight, by what the endpoint bears; see :mod:`webgym.llm.adaptive`."""
 
     first: int = Field(default=16, ge=1)
@@ -137,7 +137,7 @@ class ChatConfig(Settings):
     concurrency: int = Field(default=32, ge=1)
     """Most requests in flight at the same time; others wait, which counts towards no deadline."""
 
-    adapt: Adapt = Adapt()
+    adapt: AdaptiveConcurrency = AdaptiveConcurrency()
     """How many of these are used, by how the endpoint bears it."""
 
     connect_seconds: float = Field(default=10.0, gt=0)

@@ -13,7 +13,7 @@ from webgym.llm.client import EndpointRefused
 from webgym.llm.completion import Completes, Completion, first_line
 from webgym.llm.config import Sampling
 from webgym.llm.formats import FORMATS, Format, Formats
-from webgym.llm.labelled import KnowsItsEndpoint
+from webgym.llm.labelled import EndpointClient
 
 T = TypeVar("T")
 Message = Mapping[str, Any]
@@ -134,7 +134,7 @@ class _Asker:
 
     def __init__(self, model: Completes, type: Any, sampling: Sampling | None) -> None:
         self._model = model
-        if isinstance(model, KnowsItsEndpoint):
+        if isinstance(model, EndpointClient):
             self._formats = model.formats
             self._sampling = sampling or model.sampling
         else:

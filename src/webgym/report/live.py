@@ -24,7 +24,7 @@ from webgym.report.content import page
 from webgym.report.labelling import Labelling, unusable
 from webgym.report.live_run import LiveRun
 from webgym.report.monitor import Monitoring
-from webgym.report.run_index import Wanted
+from webgym.report.run_index import TrajectoryQuery
 from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
 from webgym.report.template import Page
 
@@ -66,11 +66,11 @@ class _Pages:
         after, count = asked.get("after", "0"), asked.get("count", "1")
         if not (after.isdecimal() and count.isdecimal() and len(after + count) < 18):
             return PlainTextResponse("after and count: whole numbers", status_code=400, headers=SAFE)
-        texts = {name: asked.get(name, "") for name in Wanted._fields if name != "down"}
-        wanted = Wanted(**texts, down="down" in asked)
+        texts = {name: asked.get(name, "") for name in TrajectoryQuery._fields if name != "down"}
+        wanted = TrajectoryQuery(**texts, down="down" in asked)
         return json_reply(await self.read(self._rows, wanted, int(after), min(int(count), _MOST_ROWS)))
 
-    def _rows(self, wanted: Wanted, after: int, count: int) -> dict[str, Any]:
+    def _rows(self, wanted: TrajectoryQuery, after: int, count: int) -> dict[str, Any]:
         if not len(self._run.index):
             self._run.refresh()
         total, rows = self._run.index.find(wanted, after, count)

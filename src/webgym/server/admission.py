@@ -84,9 +84,9 @@ class _Queue:
 
 
 class Permit:
-    """The right to run, which a call of :meth:`Gatekeeper.permit` holds."""
+    """The right to run, which a call of :meth:`AdmissionController.permit` holds."""
 
-    def __init__(self, gate: Gatekeeper) -> None:
+    def __init__(self, gate: AdmissionController) -> None:
         self._waited = 0.0
         self._waits_since: float | None = None
         self._gate = gate
@@ -133,7 +133,7 @@ class Permit:
             self._gate.release(*held)
 
 
-class Gatekeeper:
+class AdmissionController:
     """Gives out run permits.
 
     Args:

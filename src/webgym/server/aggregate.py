@@ -11,13 +11,13 @@ from prometheus_client.registry import Collector
 
 from webgym.server.fleet import Fleet
 from webgym.server.metrics import CallMetrics
-from webgym.server.queue import Line
+from webgym.server.queue import SlotQueue
 
 _SAMPLE = re.compile(rb"([a-zA-Z_:][a-zA-Z0-9_:]*)(\{)?")
 
 
 class _Load(Collector):
-    def __init__(self, fleet: Fleet, line: Line) -> None:
+    def __init__(self, fleet: Fleet, line: SlotQueue) -> None:
         self._fleet, self._line = fleet, line
 
     def collect(self) -> Iterable[Metric]:
@@ -36,7 +36,7 @@ class _Load(Collector):
 class GatewayMetrics(CallMetrics):
     """Of one gateway."""
 
-    def __init__(self, fleet: Fleet, line: Line) -> None:
+    def __init__(self, fleet: Fleet, line: SlotQueue) -> None:
         super().__init__(_Load(fleet, line), "webgym_gateway")
 
 

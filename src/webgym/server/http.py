@@ -59,7 +59,7 @@ class _TooLarge(ProtocolError):
     """A request body over the limit."""
 
 
-class Front:
+class HttpFrontend:
     """One server's side of HTTP.
 
     Args:

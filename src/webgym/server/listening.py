@@ -107,7 +107,7 @@ def is_wildcard(host: str) -> bool:
         return not host
 
 
-class Quiet(uvicorn.Server):
+class QuietServer(uvicorn.Server):
     """A server whose signals are its owner's business."""
 
     @contextmanager
@@ -226,7 +226,7 @@ async def serving(app: ASGIApp, listener: socket.socket, config: ServerConfig) -
         "timeout_keep_alive": config.keep_alive_seconds,
         "timeout_graceful_shutdown": config.shutdown_seconds,
     }
-    server = Quiet(uvicorn.Config(app, **settings))
+    server = QuietServer(uvicorn.Config(app, **settings))
     task = asyncio.create_task(server.serve(sockets=[listener]))
     try:
         yield

@@ -10,7 +10,7 @@ from webgym.core.errors import NoCapacity, TooManyWaiting
 from webgym.server.fleet import Worker
 
 
-class Line:
+class SlotQueue:
     """Callers who wait for a worker with a free slot.
 
     Nobody polls: :meth:`serve` is called when a worker said something, and knows from that and from its own

@@ -7,10 +7,10 @@ template opens the thinking itself.
 
 from __future__ import annotations
 
-from webgym.agent.image_sizing import Multiples
+from webgym.agent.image_sizing import MultipleOf
 from webgym.agent.profile import PAPER_SAMPLING, Profile
 
-_PICTURES = Multiples(factor=32, min_pixels=65536, max_pixels=16777216)
+_PICTURES = MultipleOf(factor=32, min_pixels=65536, max_pixels=16777216)
 
 PROFILES = (
     Profile(

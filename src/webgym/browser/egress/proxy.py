@@ -1,4 +1,4 @@
-"""The proxy: SOCKS5 on loopback, one per worker process, with a door of its own for every browser.
+"""The proxy: SOCKS5 on loopback, one per worker process, with a listener of its own for every browser.
 
 A browser asks for a name; whether and where that may be connected to is decided here, and the connection
 is made to the very address that was checked. What another lookup would say a moment later never matters.
@@ -73,8 +73,8 @@ class Egress:
         self.config = config or EgressConfig()
         self._dialer = Dialer(self.config, machine or Machine())
         self._connections = Connections(self.config)
-        self._main: Door | None = None
-        self._doors: set[Door] = set()
+        self._main: ProxyListener | None = None
+        self._listeners: set[ProxyListener] = set()
         self._failures: OrderedDict[tuple[str, int], NotConnected] = OrderedDict()
 
     # --- life ---------------------------------------------------------------------------------------
@@ -87,29 +87,29 @@ class Egress:
         await self.stop()
 
     async def start(self) -> None:
-        """Listen, at the door for those who have none of their own."""
-        self._main = await self.open_door()
+        """Listen, at the listener for those who have none of their own."""
+        self._main = await self.open_listener()
 
     async def stop(self) -> None:
         """End every connection. Safe to call twice, and before :meth:`start`."""
         main, self._main = self._main, None
         if main is None:
             return
-        await asyncio.gather(*(door.close() for door in tuple(self._doors)))
+        await asyncio.gather(*(listener.close() for listener in tuple(self._listeners)))
         await self._connections.empty()
         await self._dialer.close()
 
-    async def open_door(self) -> Door:
+    async def open_listener(self) -> ProxyListener:
         """A way in with a budget of its own."""
-        door = Door(self)
-        await door._open()
-        self._doors.add(door)
-        self._dialer.own_ports.add(door.port)
-        return door
+        listener = ProxyListener(self)
+        await listener._open()
+        self._listeners.add(listener)
+        self._dialer.own_ports.add(listener.port)
+        return listener
 
     @property
-    def main(self) -> Door:
-        """The door for those who have none of their own."""
+    def main(self) -> ProxyListener:
+        """The listener for those who have none of their own."""
         assert self._main is not None, "the proxy was not started"
         return self._main
 
@@ -129,7 +129,7 @@ class Egress:
     @property
     def waiting(self) -> int:
         """Connections that are being made."""
-        return sum(len(door._tasks) for door in self._doors)
+        return sum(len(listener._tasks) for listener in self._listeners)
 
     def failure(self, url: str) -> NotConnected | None:
         """Why the last connection to a URL's host and port that failed did so, if it is still known."""
@@ -175,10 +175,10 @@ class Egress:
                 budget.leave()
 
 
-class Door:
+class ProxyListener:
     """A browser's own way to the proxy, and the budget of the session that it serves.
 
-    Made by :meth:`Egress.open_door`.
+    Made by :meth:`Egress.open_listener`.
     """
 
     def __init__(self, egress: Egress) -> None:
@@ -201,7 +201,7 @@ class Door:
         self.renew()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._egress._dialer.own_ports.discard(self._port)
-        self._egress._doors.discard(self)
+        self._egress._listeners.discard(self)
 
     def renew(self) -> None:
         """Another session begins, with a whole budget. What the last one still waits for is given up."""
@@ -252,9 +252,9 @@ class _Handshake(asyncio.Protocol):
     _transport: asyncio.Transport
     _deadline: asyncio.TimerHandle
 
-    def __init__(self, door: Door) -> None:
-        self._door = door
-        self._egress = door._egress
+    def __init__(self, listener: ProxyListener) -> None:
+        self._listener = listener
+        self._egress = listener._egress
         self._connections = self._egress._connections
         self._held = b""
         self._is_greeted = False
@@ -307,14 +307,14 @@ class _Handshake(asyncio.Protocol):
         if request.command != CONNECT:  # UDP and listening are not for web pages
             self._answer(reply(NO_COMMAND))
             return
-        self._task = self._door._spawn(self._connect(request))
+        self._task = self._listener._spawn(self._connect(request))
 
     def _answer(self, last_words: bytes) -> None:
         self._transport.write(last_words)
         self._transport.close()
 
     async def _connect(self, request: Request) -> None:
-        budget = self._door.budget
+        budget = self._listener.budget
         try:
             server = await self._egress.connect(request.host, request.port, budget)
         except NotConnected as failure:

@@ -15,7 +15,7 @@ from webgym.tasks.construction import BuildConfig
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from webgym.tasks.construction import Estimate, Finished, Noted, Place
+    from webgym.tasks.construction import BuildPaths, Estimate, FinishedBuild, PendingBatches
 
 
 BUILD = Options(
@@ -75,13 +75,21 @@ def build(
 
     from webgym.cli import EXIT_INTERRUPTED, _run
     from webgym.core.errors import UsageError
-    from webgym.tasks.construction import Noted, Place, Stages, read_config, run_batch, run_build, run_dry
+    from webgym.tasks.construction import (
+        BuildPaths,
+        PendingBatches,
+        StageProgress,
+        read_config,
+        run_batch,
+        run_build,
+        run_dry,
+    )
 
     overrides = settings | {"sources": _sources(source), "prices": _prices(price)}
     chosen = read_config(config, overrides, at_most=limit)
-    place = Place.of(out, cache)
+    place = BuildPaths.of(out, cache)
     console = Console()
-    stages = Stages(console)
+    stages = StageProgress(console)
     if dry_run and batch is not None:
         raise UsageError("--dry-run and --batch do not go together", hint="give one of them")
     if dry_run:
@@ -92,7 +100,7 @@ def build(
     try:
         with stages.shown():
             if batch is None:
-                done: Finished | Noted = _run.run(lambda: run_build(chosen, place, stages))
+                done: FinishedBuild | PendingBatches = _run.run(lambda: run_build(chosen, place, stages))
             else:
                 folder = batch
                 done = _run.run(lambda: run_batch(chosen, place, folder, stages))
@@ -101,7 +109,7 @@ def build(
             "interrupted: what was paid for is kept, and the same command goes on from here", file=sys.stderr
         )
         raise typer.Exit(EXIT_INTERRUPTED) from None
-    if isinstance(done, Noted):
+    if isinstance(done, PendingBatches):
         _tell_batches(done, place, console)
     else:
         _tell_build(done, place, console)
@@ -159,7 +167,7 @@ def _dollars(value: float | None) -> str:
     return "?" if value is None else f"{value:,.2f}"
 
 
-def _tell_batches(noted: Noted, place: Place, console: Console) -> None:
+def _tell_batches(noted: PendingBatches, place: BuildPaths, console: Console) -> None:
     for file in noted.files:
         told = f"{file.path}  {file.requests:,} requests, about {file.prompt_tokens:,} prompt tokens"
         console.print(told, highlight=False, markup=False, soft_wrap=True)
@@ -173,7 +181,7 @@ def _tell_batches(noted: Noted, place: Place, console: Console) -> None:
     )
 
 
-def _tell_build(finished: Finished, place: Place, console: Console) -> None:
+def _tell_build(finished: FinishedBuild, place: BuildPaths, console: Console) -> None:
     from webgym.tables import Table, grid
 
     build = finished.build

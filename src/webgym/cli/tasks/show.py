@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from webgym.tasks.index import TaskIndex, Wanted
+    from webgym.tasks.index import TaskIndex, TaskQuery
 
 
 def show(
@@ -38,7 +38,7 @@ def show(
     from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.errors import UsageError
     from webgym.tasks import read_tasks
-    from webgym.tasks.index import TaskIndex, Wanted
+    from webgym.tasks.index import TaskIndex, TaskQuery
 
     found = read_tasks(file)
     index = TaskIndex(found.tasks)
@@ -48,7 +48,7 @@ def show(
     if task_id is not None:
         _one(index, task_id, file)
         return
-    wanted = Wanted(domain, subdomain, level, website, source, split, flag, text)
+    wanted = TaskQuery(domain, subdomain, level, website, source, split, flag, text)
     places = index.find(wanted)
     if not places:
         raise UsageError(f"no task of {file} fits", hint=_values(index, wanted))
@@ -97,7 +97,7 @@ def _print(lines: Iterable[str]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _values(index: TaskIndex, wanted: Wanted) -> str:
+def _values(index: TaskIndex, wanted: TaskQuery) -> str:
     """What could have been asked for, of the first value that no task has."""
     from webgym.tasks.index import FACETS
 

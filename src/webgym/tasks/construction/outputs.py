@@ -27,7 +27,7 @@ from webgym.core.task import LEVELS, Task
 from webgym.tasks import write_tasks
 from webgym.tasks.construction.accounting import CountMismatch
 from webgym.tasks.construction.pipeline import Build
-from webgym.tasks.construction.progress import Stages
+from webgym.tasks.construction.progress import StageProgress
 from webgym.tasks.files import whole_file
 from webgym.tasks.statistics import describe
 from webgym.tasks.validate import validate
@@ -37,7 +37,7 @@ FAILED: Final = "failed.jsonl"
 _FORMAT: Final = 1
 
 
-def write_build(build: Build, out: Path, today: date, stages: Stages) -> list[Path]:
+def write_build(build: Build, out: Path, today: date, stages: StageProgress) -> list[Path]:
     """Prove that the set leaks nothing, and write all files of a build.
 
     Raises:

@@ -25,7 +25,7 @@ from webgym.tasks.construction.accounting import TaskAccounting
 from webgym.tasks.construction.bulk_requests import Done, Failed, Pending, ask_all
 from webgym.tasks.construction.config import BuildConfig, Purpose, no_model
 from webgym.tasks.construction.importing import Imported, import_tasks
-from webgym.tasks.construction.progress import Stages
+from webgym.tasks.construction.progress import StageProgress
 from webgym.tasks.decompose import Capped, decompose
 from webgym.tasks.duplicates import drop_duplicates
 from webgym.tasks.rules import Finding
@@ -144,7 +144,7 @@ class Pipeline:
         self,
         config: BuildConfig,
         models: Mapping[Purpose, Completes],
-        stages: Stages,
+        stages: StageProgress,
         *,
         today: date,
         workers: int,

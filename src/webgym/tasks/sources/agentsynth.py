@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from webgym.tasks.missing_values import is_missing_value
 from webgym.tasks.sources.base import GARBLED, Draft, Source
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, as_text, unpacked
 from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("task", "instruction")
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
     draft.website = fields.website("website")
     try:

@@ -10,7 +10,7 @@ import msgspec
 
 from webgym.core.task import Rubric, WebsiteFrom
 from webgym.core.websites import site_of
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields
 from webgym.tasks.sources.problems import PassedOver
 
@@ -135,7 +135,7 @@ class Source:
     paper_websites: int
     licence: str
     instruction: tuple[str, ...]
-    draft: Callable[[Fields, Beside], Draft]
+    draft: Callable[[Fields, Companions], Draft]
     marks: tuple[tuple[str, ...], ...] = ()
     timeless: bool = False
     synthetic: bool = False

@@ -13,7 +13,7 @@ from webgym.tasks.sources.problems import PassedOver
 T = TypeVar("T")
 
 
-class Beside:
+class Companions:
     """The companions of a file of tasks, in its folder. Each is read once.
 
     Args:

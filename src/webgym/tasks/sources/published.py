@@ -6,7 +6,7 @@ from webgym.tasks.files import NO_FACTS
 from webgym.tasks.missing_values import is_missing_value
 from webgym.tasks.published import task_of
 from webgym.tasks.sources.base import Draft, Source
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields
 from webgym.tasks.sources.problems import Unusable
 
@@ -18,7 +18,7 @@ _KEPT = ("benchmark_name", "task_id_decomposed_from")
 """Columns that a finished task tells and a source's does not."""
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     instruction = fields.instruction(*_INSTRUCTION)
     given = {name: value for name, value in fields.record.items() if not is_missing_value(value)}
     try:

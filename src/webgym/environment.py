@@ -317,7 +317,7 @@ class Environment:
     def _choose(self, options: Mapping[str, Any]) -> Task:
         tasks = self._opened.tasks
         if unknown := options.keys() - {"task_id"}:
-            raise ConfigError(f"there is no option {sorted(unknown)[0]!r}", hint="options has task_id alone")
+            raise ConfigError(f"unknown option {sorted(unknown)[0]!r}", hint="options has task_id alone")
         task_id = options.get("task_id")
         if task_id is None:
             if not self._waiting:

@@ -67,7 +67,7 @@ def read_yaml(path: Path, hint: str) -> dict[str, Any]:
 
     Args:
         path: of the file.
-        hint: where an example is, for a file that holds no settings.
+        hint: where an example is, for a file that contains no settings.
 
     Raises:
         ConfigError: it cannot be read, or holds something else.
@@ -79,7 +79,7 @@ def read_yaml(path: Path, hint: str) -> dict[str, Any]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(held, dict):
-        raise ConfigError(f"{path} holds no settings", hint=hint)
+        raise ConfigError(f"{path} contains no settings", hint=hint)
     return held
 
 

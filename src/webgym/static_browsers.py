@@ -153,7 +153,7 @@ class StaticBrowsers:
         """
         site = self.web.website(urlsplit(url).hostname or "")
         if site is None:
-            raise NavigationFailed(f"{url} is none of the small websites")
+            raise NavigationFailed(f"{url} is not one of the small websites")
         self._visits[visitor] = StaticBrowser(site, self.web.collection.viewport)
         return self._visits[visitor]
 

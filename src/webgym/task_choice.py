@@ -79,10 +79,10 @@ def given_tasks(tasks: Sequence[Task], config: RunConfig) -> Chosen:
     """
     selected = select(tasks, config.tasks)
     if len(selected.tasks) != len(tasks):
-        raise ConfigError(f"of {len(tasks)} given tasks some must not be attempted: {selected.told()}")
+        raise ConfigError(f"of {len(tasks)} given tasks some cannot be attempted: {selected.told()}")
     for task in tasks:
         if why := unfit(task):
-            raise ConfigError(f"the task {task.id[:80]} must not be attempted: {why}")
+            raise ConfigError(f"the task {task.id[:80]} cannot be attempted: {why}")
     return Chosen(list(tasks), [], [], selected)
 
 

@@ -152,4 +152,4 @@ def _repeated(host: str, tasks: Sequence[Task]) -> Iterator[str]:
 
 
 async def _no_picture(name: str) -> bytes:
-    raise LookupError(f"the picture {name} is not at hand")
+    raise LookupError(f"the picture {name} is not available")

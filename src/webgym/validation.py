@@ -197,4 +197,4 @@ async def check_in_browsers(
 
 
 async def _no_picture(name: str) -> bytes:
-    raise JudgeError(f"the picture {name} is not at hand")
+    raise JudgeError(f"the picture {name} is not available")

@@ -188,7 +188,7 @@ def test_what_was_paid_for_attempts_without_a_verdict_is_told(
         (["--judge", "nowhere.at.all:f"], "cannot load"),
         (["--config", "missing.yaml"], "cannot read missing.yaml"),
         (["--judge", ANY, "--compare", "x"], "no judge of this run is called 'x'"),
-        (["--judge", ANY, "--price", "x"], "no price"),
+        (["--judge", ANY, "--price", "x"], "not a price"),
         (["--judge", "offline"], "the offline judge cannot judge 12 of 12 tasks"),  # they have no truth
     ],
 )

@@ -75,7 +75,7 @@ def test_sources_stand_in_the_order_of_the_paper() -> None:
     ("text", "words"),
     [
         ("sources: [", "is not YAML"),
-        ("- a", "holds no settings"),
+        ("- a", "contains no settings"),
         ("seed: 1", "--source NAME=PATH"),
         ("sources: {deepshopp: a}", "unknown source deepshopp"),
         ("sources: {deepshop: a}\nsede: 1", "sede"),

@@ -197,7 +197,7 @@ def _read_json(text: str) -> Any:
 
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise json.JSONDecodeError(f"{name} is no number", name, 0)
+    raise json.JSONDecodeError(f"{name} is not a number", name, 0)
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -220,7 +220,9 @@ async def type_at(
             return
         case "keys" | "none" | "frame":
             if len(text) > config.typed_keys:
-                raise ActionFailed(f"this is no text field; it takes {config.typed_keys} key presses at most")
+                raise ActionFailed(
+                    f"this is not a text field; it takes {config.typed_keys} key presses at most"
+                )
             await _write(page, text)
         case "text" if text:
             if not replace:

@@ -53,7 +53,7 @@ class Cookie(msgspec.Struct, frozen=True, omit_defaults=True):
     def __post_init__(self) -> None:
         for part, pattern in _COOKIE.items():
             if not pattern.fullmatch(getattr(self, part)):
-                raise ValueError(f"this is no {part} of a cookie: {getattr(self, part)[:_SAID_LENGTH]!r}")
+                raise ValueError(f"invalid {part} of a cookie: {getattr(self, part)[:_SAID_LENGTH]!r}")
         if (
             len((self.name + self.value).encode()) > _COOKIE_BYTES
             or len(quote(self.path)) > _COOKIE_PATH_BYTES

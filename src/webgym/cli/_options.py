@@ -28,7 +28,9 @@ Config: TypeAlias = Annotated[
 TokenFile: TypeAlias = Annotated[
     Path | None,
     typer.Option(
-        "--token-file", help="Holds the server's token; else WEBGYM_TOKEN does.", show_default=False
+        "--token-file",
+        help="File that holds the server's token; by default the token is taken from WEBGYM_TOKEN.",
+        show_default=False,
     ),
 ]
 SkipCorrupt: TypeAlias = Annotated[
@@ -38,7 +40,7 @@ SkipCorrupt: TypeAlias = Annotated[
 RetryErrors: TypeAlias = Annotated[
     bool,
     typer.Option(
-        "--retry-errors", help="Resume: attempt again what ended in errors and exhausted its retries."
+        "--retry-errors", help="Resume: retry samples that ended in errors and have exhausted their retries."
     ),
 ]
 WriteReport: TypeAlias = Annotated[

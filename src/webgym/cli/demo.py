@@ -56,7 +56,7 @@ def command(
     marks: bool | None = typer.Option(
         None, "--marks/--coordinates", help="Interaction mode; else the profile's.", show_default=False
     ),
-    seed: int = typer.Option(1, "--seed", help="Of the tasks drawn and of everything random."),
+    seed: int = typer.Option(1, "--seed", help="Seed of the tasks drawn and of everything random."),
 ) -> None:
     """The main job: attempt tasks on unseen websites, learn from attempts at others, attempt the first again.
 

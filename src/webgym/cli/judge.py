@@ -83,7 +83,7 @@ def judge_a_run(
     ),
     judge: Given,
     rejudge: Given,
-    again: bool = typer.Option(False, "--again", help="Judge what this judge has judged already, too."),
+    again: bool = typer.Option(False, "--again", help="Judge again what this judge has judged before."),
     price: str | None = typer.Option(
         None,
         "--price",
@@ -103,8 +103,8 @@ def judge_a_run(
 ) -> None:
     """Judge every attempt of RUN that this judge has not judged yet, and show outcomes and cost.
 
-    May be stopped at any time and called again: what was judged is kept, by the judge's name, in
-    RUN/verdicts, and nothing is asked or counted twice. The run's own verdicts are not touched.
+    May be stopped at any time and called again: verdicts are kept by the judge's name in RUN/verdicts, and
+    nothing is asked or counted twice. The run's own verdicts do not change.
     """
     import msgspec
     from rich.console import Console

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from webgym.llm.prices import Prices
     from webgym.llm.usage import Totals
 
-app = typer.Typer(no_args_is_help=True, help="Say what models have cost, and read batch results.")
+app = typer.Typer(no_args_is_help=True, help="Report what models have cost, and import batch results.")
 
 
 @app.command()

@@ -11,7 +11,7 @@ def command(
     config: list[Path] = typer.Argument(
         None, help="Settings (YAML); see configs/tiny/recipe.yaml.", show_default=False
     ),
-    out: Path = typer.Option(..., "--out", help="Folder; what is in it is gone on from."),
+    out: Path = typer.Option(..., "--out", help="Folder; an unfinished pretraining in it is continued."),
 ) -> None:
     """Make the tiny policy's first weights: demonstrations on training websites, pretraining, an examination.
 

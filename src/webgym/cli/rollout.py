@@ -33,7 +33,7 @@ def command(
     """Collect trajectories: attempt every task, judge, and keep all of it in a run folder.
 
     Ctrl-C once ends the run when the attempts in flight are done, twice abandons them. A run that was stopped
-    or killed is resumed with --resume RUN: nothing is lost and nothing is made twice.
+    or killed is resumed with --resume RUN: no attempt is lost or made twice.
     """
     import asyncio
 

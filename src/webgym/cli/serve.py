@@ -65,21 +65,24 @@ def command(
     gateway: Given,
     ray: Given,
     token_file: Path | None = typer.Option(
-        None, "--token-file", help="Where the token is; made, for your eyes only, if it is not there."
+        None, "--token-file", help="File that holds the token; created, readable by you only, if missing."
     ),
     compat: bool = typer.Option(
-        False, "--compat", help="Speak the HTTP API of the WebGym authors' server too."
+        False, "--compat", help="Also serve the HTTP API of the WebGym authors' server."
     ),
-    compat_port: int = typer.Option(7000, "--compat-port", min=0, max=65535, help="Port for that."),
+    compat_port: int = typer.Option(7000, "--compat-port", min=0, max=65535, help="Port of that API."),
     compat_key_file: Path | None = typer.Option(
-        None, "--compat-key-file", help="Where its API key is, made like the token.", show_default="the token"
+        None,
+        "--compat-key-file",
+        help="File that holds its API key, created like the token.",
+        show_default="the token",
     ),
 ) -> None:
     """Start a browser server: a gateway and its workers, here or on the nodes of a Ray cluster.
 
     SIGTERM or Ctrl-C stops it and every browser of it.
 
-    The token is taken from --token-file, or from WEBGYM_TOKEN, or made up and printed once.
+    The token is read from --token-file or WEBGYM_TOKEN; without either, a random one is printed once.
     """
     import logging
     import os

@@ -17,7 +17,7 @@ def command(
         help="First weights, a model of webgym pretrain; the package's if not given.",
         show_default=False,
     ),
-    out: Path = typer.Option(..., "--out", help="Folder; trainings that are in it are gone on with."),
+    out: Path = typer.Option(..., "--out", help="Folder; unfinished trainings in it are continued."),
     seeds: int = typer.Option(3, "--seeds", min=1, help="Trainings per row."),
     row: list[str] = typer.Option(None, "--row", help="A row; may be repeated. All if not given."),
     list_rows: bool = typer.Option(False, "--list", help="Name the rows and do nothing."),
@@ -44,7 +44,7 @@ def command(
     study, console = read_study(config or []), Console()
     rows = row or list(study.rows)
     if unknown := [each for each in rows if each not in study.rows]:
-        raise UsageError(f"there is no row {unknown[0]!r}", hint=f"rows: {', '.join(study.rows)}")
+        raise UsageError(f"unknown row {unknown[0]!r}", hint=f"rows: {', '.join(study.rows)}")
     if list_rows:
         for name in rows:
             typer.echo(name)

@@ -22,7 +22,7 @@ def command(
         None, "--resume", help="Folder to resume, as it was started.", show_default=False
     ),
     explain: bool = typer.Option(
-        False, "--explain", help="Say what is trained on and what an update takes, and do nothing."
+        False, "--explain", help="Print what is trained on and what an update takes; train nothing."
     ),
     gpus: str = typer.Option(
         "8xh100", "--gpus", help="For --explain: how many of which, such as 8xh100, 4xa100, 1xh200."

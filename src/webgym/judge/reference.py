@@ -103,7 +103,7 @@ def normalised(reference: str, answer: str, instruction: str = "") -> RuleFindin
 def _stands_alone(wanted: Sequence[Token], given: Sequence[Token]) -> bool:
     """Whether the answer is the number alone: "3 albums" and "3", as the question says of what.
 
-    "3 years" says so itself, and "3 or more" is no number.
+    "3 years" says so itself, and "3 or more" is not a number.
     """
     counted, lone = wanted[0].value, given[0].value if len(given) == 1 else None
     if counted is None or lone is None or not 1 < len(wanted) <= 3:

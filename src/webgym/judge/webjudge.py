@@ -111,7 +111,7 @@ def read_labelled(path: Path, broken: list[BrokenLabel] | None = None) -> Iterat
                     yield _labelled(line)
                 except ValueError as error:
                     if broken is None:
-                        raise UsageError(f"{path} line {number} is no judge record: {error}") from error
+                        raise UsageError(f"{path} line {number} is not a judge record: {error}") from error
                     broken.append(BrokenLabel(f"line {number}", str(error)))
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from error

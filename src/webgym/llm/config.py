@@ -161,7 +161,7 @@ class ChatConfig(Settings):
         try:
             url = httpx.URL(value.strip().rstrip("/"))
         except httpx.InvalidURL as error:
-            raise ValueError(f"{value!r} is no URL") from error
+            raise ValueError(f"{value!r} is not a URL") from error
         if url.scheme not in ("http", "https") or not url.host:
             raise ValueError("the base URL must start with http:// or https:// and name a host")
         if url.userinfo or url.query or url.fragment:

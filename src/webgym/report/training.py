@@ -77,7 +77,7 @@ class Training:
     """A training folder, to be looked at; it may still be going on.
 
     Raises:
-        RunFolderError: it is no training, or its figures cannot be read.
+        RunFolderError: it is not a training, or its figures cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -215,7 +215,7 @@ def write_training_report(
         Path of ``report.html`` in it.
 
     Raises:
-        RunFolderError: the folder is no training.
+        RunFolderError: the folder is not a training.
         StoreFull: there is no space.
     """
     training = Training(path)

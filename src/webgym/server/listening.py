@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 _BACKLOG = 2048
 _PROBES = 3
-_NOT_HTTP = "this is no request in HTTP/1.1"
+_NOT_HTTP = "this is not an HTTP/1.1 request"
 _THROWN_AWAY = 8
 """A body is refused when it is too large, and the answer needs a caller who still listens: what he sends
 meanwhile is thrown away, up to so many times the largest body."""

@@ -275,7 +275,7 @@ def _completed(line: bytes, file: Path, number: int) -> Task:
     """
     said = msgspec.json.decode(line)
     if not isinstance(said, dict):
-        raise ValueError("it is no JSON object")
+        raise ValueError("it is not a JSON object")
     wrong = []
     values = {}
     for name, value in ({"id": f"{file.name.partition('.')[0]}/{number}"} | _DEFAULTS | said).items():

@@ -239,7 +239,7 @@ def _facts(facts: object, flags: list[str]) -> Iterator[str]:
     """The facts that say something; flags where one does not."""
     for fact in facts if isinstance(facts, list | tuple) else [facts]:
         if not (isinstance(fact, str | bool | int | float) or fact is None):
-            raise ValueError("a fact in evaluator_reference is no text")
+            raise ValueError("a fact in evaluator_reference is not text")
         text = fact if isinstance(fact, str) else "" if is_missing_value(fact) else str(fact)
         if not is_no_fact(text):
             yield text

@@ -307,7 +307,7 @@ def parse_ratio(text: str) -> dict[Level, float]:
     try:
         easy, medium, hard = (float(part) for part in text.split(":"))
     except ValueError as error:
-        raise ConfigError(f"{text!r} is no ratio", hint="give easy:medium:hard, such as 2:1:1") from error
+        raise ConfigError(f"{text!r} is not a ratio", hint="give easy:medium:hard, such as 2:1:1") from error
     return {"easy": easy, "medium": medium, "hard": hard}
 
 

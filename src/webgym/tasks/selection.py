@@ -134,7 +134,7 @@ def _without(tasks: Sequence[Task], selection: Selection) -> tuple[str, ...]:
     found = {name for task in tasks for name in (task.domain, task.subdomain)}
     if unknown := {*selection.domains, *selection.without}.difference(DOMAINS, DOMAIN_OF, found):
         hint = f"the domains are {', '.join(DOMAINS)}"
-        raise ConfigError(f"there is no domain {min(unknown)!r}", hint=hint)
+        raise ConfigError(f"unknown domain {min(unknown)!r}", hint=hint)
     return tuple(dict.fromkeys([*selection.without, *drawn_subdomains(selection)]))
 
 

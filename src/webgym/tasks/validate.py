@@ -126,7 +126,7 @@ def _each(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Violation]:
         if not task.instruction or task.instruction.isspace():
             yield Violation("instruction", task.id, site, "it is empty")
         if site == task.website and not _names_a_website(site):
-            yield Violation("website", task.id, site, f"{task.website!r} names no website")
+            yield Violation("website", task.id, site, f"{task.website!r} does not name a website")
         if DOMAIN_OF.get(task.subdomain) != task.domain:
             yield Violation("domain", task.id, site, _what_domain(task))
         if DIFFICULTY_DIFFERS in task.flags:
@@ -145,7 +145,7 @@ def _names_a_website(website: str) -> bool:
 
 def _what_domain(task: Task) -> str:
     if task.domain not in DOMAINS:
-        return f"there is no domain {task.domain!r}"
+        return f"unknown domain {task.domain!r}"
     if task.subdomain not in DOMAIN_OF:
         return f"there is no subdomain {task.subdomain!r}"
     return f"{task.subdomain!r} belongs to {DOMAIN_OF[task.subdomain]!r}, not to {task.domain!r}"
@@ -189,7 +189,7 @@ def _no_part(task: Task, parent: Task) -> str:
     for group in task.rubric.groups:
         whole[group.facts] -= 1
         if whole[group.facts] < 0:
-            return f"its group {group.id} is none of {parent.id}"
+            return f"its group {group.id} is not one of {parent.id}"
     if task.difficulty >= parent.difficulty:
         return f"it is as hard as {parent.id}"
     if not any(group.is_large for group in task.rubric.groups):

@@ -229,4 +229,4 @@ async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str,
 
 
 async def _no_picture(name: str) -> bytes:
-    raise LookupError(f"the picture {name} is not at hand")
+    raise LookupError(f"the picture {name} is not available")

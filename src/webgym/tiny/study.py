@@ -64,7 +64,7 @@ class StudyConfig(Settings):
             UsageError: there is no such row.
         """
         if row not in self.rows:
-            raise UsageError(f"there is no row {row!r}", hint=f"rows: {', '.join(self.rows)}")
+            raise UsageError(f"unknown row {row!r}", hint=f"rows: {', '.join(self.rows)}")
         own = {
             "seed": seed,
             "learn": {"model": str(weights), "update": {"seed": seed}},

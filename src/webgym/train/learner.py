@@ -37,7 +37,7 @@ class Learner:
         """Train on what was drawn, and save the weights of this iteration.
 
         Raises:
-            TrainingError: every step was dropped, or the loss is no number.
+            TrainingError: every step was dropped, or the loss is not a number.
         """
         updater = self._ready(folder)
         objective, config = self._objective, self._config.update

@@ -124,7 +124,7 @@ def read_config(out: Path) -> TrainConfig:
     """The configuration that a training was started with.
 
     Raises:
-        RunFolderError: the folder is no training of this version.
+        RunFolderError: the folder is not a training of this version.
     """
     try:
         held = yaml.safe_load((out / CONFIG).read_text())

@@ -46,7 +46,7 @@ def build(
     ),
     settings: Given,
     limit: int | None = typer.Option(
-        None, "--limit", min=1, help="At most so many tasks of each source.", show_default=False
+        None, "--limit", min=1, help="Most tasks of each source.", show_default=False
     ),
     price: str | None = typer.Option(
         None,
@@ -64,12 +64,12 @@ def build(
         "webgym llm import, and give the command again.",
         show_default=False,
     ),
-    dry_run: bool = typer.Option(False, "--dry-run", help="Say what it would take; ask and write nothing."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Estimate calls and cost; ask and write nothing."),
 ) -> None:
     """Build a task set: import, websites, rubrics, decomposition, duplicates, split, statistics.
 
-    A build that was stopped, by whatever, goes on when the same command is given again: no reply is paid for
-    twice.
+    A build that was stopped for any reason continues when the same command is given again: no reply is
+    paid for twice.
     """
     from rich.console import Console
 

@@ -48,7 +48,7 @@ def _named(given: str) -> tuple[str, str]:
 
     name, separator, where = given.partition("=")
     if not (separator and name and where):
-        raise UsageError(f"--read {given!r} names no source and place", hint="give --read deepshop=PATH")
+        raise UsageError(f"--read {given!r} is not NAME=PLACE", hint="give --read deepshop=PATH")
     return name.strip(), where if where.startswith(HUB) else str(Path(where).expanduser())
 
 

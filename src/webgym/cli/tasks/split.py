@@ -15,7 +15,7 @@ def split(
     files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
     out: Path = typer.Option(..., "--out", help="Folder for a file per split; or one file for both."),
     test: int = typer.Option(1_167, "--test", min=0, help="Test tasks, each from a website of its own."),
-    seed: int = typer.Option(0, "--seed", help="Of the choice."),
+    seed: int = typer.Option(0, "--seed", help="Seed of the choice."),
     largest_website: int = typer.Option(
         100, "--largest-website", min=1, help="Most tasks on a website that is for testing, if that suffices."
     ),

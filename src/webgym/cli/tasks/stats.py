@@ -35,7 +35,7 @@ def stats(
     from webgym.tasks.statistics import describe, tables
 
     if form not in FORMS:
-        raise ConfigError(f"there is no form {form!r}", hint=f"one of {', '.join(FORMS)}")
+        raise ConfigError(f"unknown form {form!r}", hint=f"one of {', '.join(FORMS)}")
     found = describe(with_own_ids(files), _lengths(run))
     if form == "terminal":
         show(tables(found), Console())

@@ -64,5 +64,5 @@ def read_source(name: str, where: str | Path, *, today: date | None = None) -> R
     """
     source = SOURCES.get(name)
     if source is None:
-        raise UsageError(f"there is no source {name!r}", hint=f"the sources are {', '.join(SOURCES)}")
+        raise UsageError(f"unknown source {name!r}", hint=f"the sources are {', '.join(SOURCES)}")
     return read_with(source, where, date.today() if today is None else today, tuple(SOURCES.values()))

@@ -176,7 +176,7 @@ def unpacked(packed: str | bytes, name: str) -> object:
 
 @lru_cache(maxsize=4096)
 def website_url(given: str) -> str | None:
-    """The URL that a bare host or a URL stands for; ``None`` if it names no website.
+    """The URL that a bare host or a URL stands for; ``None`` if it does not name a website.
 
     A bare host is taken to speak https. A URL stays as it is.
     """

@@ -1,4 +1,4 @@
-"""The agent: one policy, one way to ask it, many attempts at once."""
+"""The agent: asks one policy for the actions of many concurrent attempts."""
 
 from __future__ import annotations
 

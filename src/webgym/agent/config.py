@@ -1,4 +1,4 @@
-"""What an agent is told about how to look, talk and remember."""
+"""Settings of the agent: interaction mode, prompt format, context window, memory."""
 
 from __future__ import annotations
 

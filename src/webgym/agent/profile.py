@@ -1,4 +1,4 @@
-"""What one family of models wants: how it looks, where it points, how it thinks, how it is sampled."""
+"""What a family of models needs: image sizes, coordinates, thinking tags, sampling parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The words that a model reads before it acts, and the shape of what it writes (paper §5, appendix E).
+"""The system prompts, and the format of the replies that they ask for (paper §5, appendix E).
 
 Two prompt formats, each in two modes. Wording and examples are ours; the tool's name, screen and
 arguments follow the computer-use convention of Qwen3-VL.

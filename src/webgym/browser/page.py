@@ -1,4 +1,4 @@
-"""The one tab of an episode, and everything that happens to it."""
+"""The tab of an episode: its documents, navigations, dialogs and notices."""
 
 from __future__ import annotations
 

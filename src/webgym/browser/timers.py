@@ -1,4 +1,4 @@
-"""What a page has planned: the timers that it has set and that are not due yet.
+"""A page's pending timers: those that it has set and that are not due yet.
 
 No script of ours can see them without replacing the page's own functions, which pages look for. The
 browser's own trace names every timer that is set, fires or is removed, in all frames and workers, and the
@@ -178,7 +178,7 @@ class Timers:
         await self._end()
 
     async def read(self) -> float | None:
-        """Bring the books up to date. Where that takes too long they stay as they are.
+        """Read the trace and update the known timers. If that takes too long, they stay as they are.
 
         What happens while the trace is read, for some milliseconds, is not seen.
 
@@ -220,7 +220,7 @@ class Timers:
         found = (timer for timer in self._set.values() if timer.root >= since)
         return sorted(found, key=lambda timer: timer.due)
 
-    # --- the books ----------------------------------------------------------------------------------
+    # --- the records --------------------------------------------------------------------------------
 
     def _enter(self, events: list[_Event]) -> None:
         firing: dict[int, tuple[float, float]] = {}

@@ -1,4 +1,4 @@
-"""From what a person chose to a judge that is open."""
+"""Makes judges from settings."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:
 
 
 def _check(choice: JudgeChoice) -> None:
-    """That there is such a judge, with what it needs."""
+    """Check that the judge exists and has what it needs."""
     if choice.name == "offline":
         if choice.without_rubric:
             raise ConfigError("the offline judge cannot judge without rubric", hint="choose another judge")
@@ -97,7 +97,7 @@ def _check(choice: JudgeChoice) -> None:
 
 
 async def check_judge(choice: JudgeChoice) -> None:
-    """Ask every model of a rubric judge for one word, before a run rests on it.
+    """Ask every model of a rubric judge for one word, before a run starts.
 
     Raises:
         JudgeError: an endpoint does not answer, or refuses the key or the model.
@@ -119,7 +119,7 @@ async def check_judge(choice: JudgeChoice) -> None:
 async def open_judge(
     choice: JudgeChoice, *, cache: ReplyCache | None = None, ledger: Ledger | None = None
 ) -> AsyncIterator[Judge]:
-    """The judge that was chosen, with its models open.
+    """Open the chosen judge and the clients of its models.
 
     Args:
         choice: which.

@@ -1,4 +1,4 @@
-"""Screenshots on their way to a judge model."""
+"""Screenshots in requests to a judge model: scaled and encoded."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which screenshots are judged by: chosen for what they show (§3.4), in parts that requests can take."""
+"""Selection of the screenshots that are judged (paper §3.4), in parts that fit into requests."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _question(task: Task, episode: Episode, batch: Sequence[int], config: JudgeC
 
 
 def page_texts(seen: Sequence[Observation], indices: Sequence[int]) -> tuple[str, ...]:
-    """What these screenshots are known to say, for telling echoes from verdicts."""
+    """The known texts of these screenshots, so that echoes of them are not taken for verdicts."""
     return tuple(seen[index].text or "" for index in indices)
 
 

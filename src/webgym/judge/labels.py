@@ -1,4 +1,4 @@
-"""What people say of trajectories: files of labels, in CSV or JSON, and how far people agree.
+"""Human labels of trajectories: files in CSV or JSON, and agreement between annotators.
 
 A file has a row per attempt and annotator with the columns ``attempt_id`` (or ``task_id``, for runs with one
 attempt per task), ``label``, ``annotator`` and ``note``. The last two may be missing. As JSON it is a
@@ -61,7 +61,7 @@ spreadsheets do not show, and read without it."""
 
 
 class HumanLabel(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What one person says of one attempt.
+    """One person's label of one attempt.
 
     Attributes:
         label: the finding.
@@ -86,7 +86,7 @@ class HumanLabel(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class BrokenLabel(msgspec.Struct, frozen=True):
-    """A row that does not count.
+    """A row that cannot be used.
 
     Attributes:
         where: its place in the file (``"line 7"``, ``"record 3"``).
@@ -285,7 +285,7 @@ def _text(value: Any) -> str:
 
 
 def settled(labels: Sequence[Label], humans: Humans = "majority") -> Label | None:
-    """What several people's labels of one attempt come to.
+    """The combined label of one attempt that several people labelled.
 
     Args:
         labels: in the order of the annotators.

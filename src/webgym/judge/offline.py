@@ -1,4 +1,4 @@
-"""The judge of the offline web: it knows each task's truth, and judges what the trajectory shows.
+"""The judge of the offline web: it knows each task's ground truth, and checks what the trajectory shows.
 
 It reads the text that was visible in each screenshot, recorded with it, and the state that the website's
 server held at the end. It never looks at what the policy says it did.

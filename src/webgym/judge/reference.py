@@ -38,7 +38,7 @@ READ_CHARS: Final = 20_000
 
 
 def hold_against(reference: str, answer: str, ways: Sequence[Way], instruction: str = "") -> RuleFinding:
-    """Hold an answer against a reference answer by rules.
+    """Compare an answer with a reference answer by rules.
 
     Args:
         reference: what the source says is right.

@@ -1,4 +1,4 @@
-"""An answer that is a sentence around reference answers: what in it claims something, and what is talk."""
+"""Answers that are sentences around reference answers: which parts are claims, and which are filler."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Spans: TypeAlias = dict[int, int]
 
 
 class RuleFinding(msgspec.Struct, frozen=True):
-    """The finding of a rule, and why."""
+    """The result of a rule, and the reason."""
 
     match: Match
     reason: str

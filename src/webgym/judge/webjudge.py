@@ -1,4 +1,4 @@
-"""Judge replies that others have published with human labels beside them, as pairs for measuring agreement.
+"""Published judge replies with human labels, as data for measuring agreement.
 
 Records of the AgentRewardBench study, judged by WebJudge (SOURCES.md, "Judge labels"): a JSON object per line
 with ``judge_response`` (ends in ``Status: success`` or ``failure``), ``judge_status`` (what the study's own

@@ -1,4 +1,4 @@
-"""A stored run judged again: as often as one likes, each attempt once per judge.
+"""Judging a stored run again, any number of times; each attempt once per judge.
 
 Trajectories stay as they are. Verdicts are kept by the judge's name (:mod:`webgym.rollout.verdicts`); what a
 judge has said is not asked again, so that a judging that was killed goes on where it was.
@@ -56,7 +56,7 @@ class RejudgeConfig(Settings):
 
 @dataclass
 class Judging:
-    """How far a judging has come.
+    """Progress and results of judging a run again.
 
     Attributes:
         judge: its name.

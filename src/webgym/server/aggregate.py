@@ -1,4 +1,4 @@
-"""What many workers say, as one."""
+"""The load and metrics of many workers, combined."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class _Load(Collector):
         self._fleet, self._line = fleet, line
 
     def collect(self) -> Iterable[Metric]:
-        """The load at this moment."""
+        """Collect the load at this moment."""
         yield GaugeMetricFamily(
             "webgym_gateway_workers", "Workers that are up", value=len(self._fleet.workers)
         )
@@ -34,7 +34,7 @@ class _Load(Collector):
 
 
 class GatewayMetrics(CallMetrics):
-    """Of one gateway."""
+    """The metrics of one gateway."""
 
     def __init__(self, fleet: Fleet, line: SlotQueue) -> None:
         super().__init__(_Load(fleet, line), "webgym_gateway")

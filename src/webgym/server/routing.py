@@ -1,7 +1,7 @@
-"""The two ways to a session: straight to the worker that holds it, or through the address that is known.
+"""The two routes to a session: directly to the worker that holds it, or through the gateway.
 
-Pictures are large, so they take the straight route where the network has one. Whether it has is found out
-once per worker; the other route always serves.
+Screenshots are large, so calls go directly to the worker if the network allows it, which is found out once
+per worker. The route through the gateway always works.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from webgym.server.operations import HEALTH
 
 
 class SessionRoute:
-    """Where one session's calls go at present.
+    """Where one session's calls are sent at present.
 
     Attributes:
         base_url: a server's.
-        is_straight: whether that is the worker's own; then there is another route.
+        is_straight: whether that is the worker's own address; then the gateway is the alternative.
     """
 
     def __init__(self, base_url: str, is_straight: bool) -> None:
@@ -31,7 +31,7 @@ class SessionRoute:
 
 
 class SessionRouter:
-    """Finds the route for every session of a client.
+    """Chooses the route of every session of a client.
 
     Args:
         base_url: the address that the client knows.
@@ -56,7 +56,7 @@ class SessionRouter:
         return SessionRoute(self._base_url, False)
 
     async def _is_there(self, endpoint: str, instance: str) -> bool:
-        """Whether this very worker answers there, and not some other server. No token is sent."""
+        """Whether this worker, and not some other server, answers there. No token is sent."""
         try:
             async with asyncio.timeout(self._limits.direct_seconds):
                 asked = self._http.request(HEALTH.method, endpoint + HEALTH.path, allow_redirects=False)
@@ -66,14 +66,14 @@ class SessionRouter:
             return False
 
     async def close(self) -> None:
-        """End what is still being found out."""
+        """Cancel checks that are still running."""
         for task in self._known.values():
             task.cancel()
         await asyncio.gather(*self._known.values(), return_exceptions=True)
 
 
 def may_go_straight(base_url: str, endpoint: str) -> bool:
-    """Whether an endpoint may be the same place seen from here.
+    """Whether an endpoint may be contacted directly.
 
     A loopback address means something else on every machine; and who speaks TLS to the known address must
     not send the token in the clear to another.

@@ -42,7 +42,7 @@ DropReason: TypeAlias = Literal[
 
 
 class UntrainableStep(Exception):
-    """A step cannot be trained on. Stays inside the room: it is counted."""
+    """A step cannot be trained on. Never leaves this package: such steps are counted."""
 
     def __init__(self, reason: DropReason) -> None:
         super().__init__(reason)

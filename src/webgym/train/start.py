@@ -1,4 +1,4 @@
-"""Putting a training together: tasks, browsers, the model that collects and the one that learns."""
+"""Sets up a training: tasks, browsers, the model that collects and the one that learns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every limit of the way out, with its unit and its reason."""
+"""Every limit of the egress proxy, with its unit and its reason."""
 
 from __future__ import annotations
 

@@ -62,7 +62,9 @@ class EgressLoad(msgspec.Struct, frozen=True):
 
 
 class Egress:
-    """The way out of one process's browsers. An async context manager, for the loop it is entered in.
+    """The proxy through which all connections of one process's browsers go.
+
+    An async context manager, bound to the event loop in which it is entered.
 
     Args:
         config: what pages may connect to, and the limits.
@@ -87,7 +89,7 @@ class Egress:
         await self.stop()
 
     async def start(self) -> None:
-        """Listen, at the listener for those who have none of their own."""
+        """Start listening on the main listener, for browsers without one of their own."""
         self._main = await self.open_listener()
 
     async def stop(self) -> None:
@@ -100,7 +102,7 @@ class Egress:
         await self._dialer.close()
 
     async def open_listener(self) -> ProxyListener:
-        """A way in with a budget of its own."""
+        """Open a listener with a budget of its own."""
         listener = ProxyListener(self)
         await listener._open()
         self._listeners.add(listener)
@@ -109,7 +111,7 @@ class Egress:
 
     @property
     def main(self) -> ProxyListener:
-        """The listener for those who have none of their own."""
+        """The listener for browsers without one of their own."""
         assert self._main is not None, "the proxy was not started"
         return self._main
 
@@ -143,7 +145,7 @@ class Egress:
     # --- connections --------------------------------------------------------------------------------
 
     async def connect(self, host: str, port: int, budget: Budget) -> ServerEnd:
-        """A connection to a host, if it may and can be had. The connections say how it went.
+        """A connection to a host, if it may and can be had. The totals record how it went.
 
         It counts in the budget from here on, and whoever has it must end that.
 
@@ -176,7 +178,7 @@ class Egress:
 
 
 class ProxyListener:
-    """A browser's own way to the proxy, and the budget of the session that it serves.
+    """The proxy's listening socket for one browser, with the budget of the session that the browser serves.
 
     Made by :meth:`Egress.open_listener`.
     """
@@ -216,7 +218,7 @@ class ProxyListener:
 
     @property
     def browser_flags(self) -> tuple[str, ...]:
-        """What makes a Chromium go this way, and no other."""
+        """Flags that make Chromium use this proxy and no other route."""
         return (
             f"--proxy-server=socks5://{_LOOPBACK}:{self.port}",
             "--proxy-bypass-list=<-loopback>",  # which Chromium would otherwise connect to by itself

@@ -1,7 +1,7 @@
-"""Two connections made one: what is read at one end is written at the other.
+"""Joins two connections: what is read from one is written to the other.
 
-When an end takes no more, nothing is read at the other, so that never more is kept for a browser that is
-frozen than the write buffer's limit and what the kernel holds.
+While one end cannot be written to, the other is not read from, so the data held for a frozen browser never
+exceeds the limit of the write buffer and what the kernel holds.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _RESET_ON_CLOSE = struct.pack("ii", 1, 0)
 
 
 class Connections:
-    """What the connections of one proxy have in common."""
+    """The open connections of one proxy, and totals over all of them."""
 
     def __init__(self, config: EgressConfig) -> None:
         self.config = config
@@ -33,18 +33,18 @@ class Connections:
         self.received = 0
 
     def enter(self, transport: asyncio.Transport) -> None:
-        """A connection is there."""
+        """Add a connection."""
         self.transports.add(transport)
         self._is_empty.clear()
 
     def leave(self, transport: asyncio.Transport) -> None:
-        """It is gone."""
+        """Remove a connection."""
         self.transports.discard(transport)
         if not self.transports:
             self._is_empty.set()
 
     async def empty(self) -> None:
-        """End every connection, and wait until they are gone."""
+        """Abort every connection and wait until all are closed."""
         for transport in tuple(self.transports):
             transport.abort()
         await self._is_empty.wait()

@@ -43,16 +43,14 @@ def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:
     for index in range(StepBudget().for_task(task)):
         seen = browser.observe()
         act = solver.next(seen, "coordinates")
-        changed = None if isinstance(act.action, Answer) else False
+        step = Step(index, seen, (), Reply(act.description, "scripted"), action=act.action)
         if isinstance(act.action, Answer):
             answer = act.action.text
         else:
             browser.act(act.action)
             final = browser.observe()
-            changed = final.screenshot != seen.screenshot
-        steps.append(
-            Step(index, seen, (), Reply(act.description, "scripted"), action=act.action, changed=changed)
-        )
+            step = step.followed_by(final)
+        steps.append(step)
         if answer is not None:
             break
     return Episode(
@@ -154,4 +152,4 @@ def _repeated(host: str, tasks: Sequence[Task]) -> Iterator[str]:
 
 
 async def _no_picture(name: str) -> bytes:
-    raise LookupError(f"the picture {name} is not at hand")
+    raise LookupError(f"the picture {name} is not available")

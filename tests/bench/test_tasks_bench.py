@@ -83,7 +83,7 @@ def test_one_stage_alone(calls: Calls) -> None:
     assert "400 tasks on 150 websites" in output
     assert "What dominates" not in output
     code, output = calls.run("bench", "tasks", "--only", "lunch")
-    assert (code, "there is no stage 'lunch'" in output) == (2, True)
+    assert (code, "unknown stage 'lunch'" in output) == (2, True)
 
 
 def test_more_websites_than_tasks_make_no_sense(calls: Calls) -> None:

@@ -41,12 +41,8 @@ LATE = """<p id=out>loading</p><script>
 
 async def test_nothing_happened(site: Site, tab: Tab) -> None:
     await tab.goto(site.page("<p>still</p>"))
-    times = []
-    for _ in range(5):
-        await tab.step(NOWHERE)
-        assert reason(tab) == "unchanged"
-        times.append(settle_ms(tab))
-    assert min(times) < 100
+    await tab.step(NOWHERE)
+    assert reason(tab) == "unchanged"
 
 
 async def test_late_data_is_waited_for(site: Site, tab: Tab) -> None:

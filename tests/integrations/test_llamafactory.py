@@ -16,7 +16,8 @@ import pytest
 
 from webgym.offline.app import SitesConfig
 from webgym.rollout.export import export
-from webgym.runs import RunConfig, ServerChoice, TaskChoice, collect
+from webgym.run_config import RunConfig, ServerChoice, TaskChoice
+from webgym.runs import collect
 
 PYTHON = os.environ.get("WEBGYM_LLAMAFACTORY_PYTHON", "")
 
@@ -24,7 +25,7 @@ PYTHON = os.environ.get("WEBGYM_LLAMAFACTORY_PYTHON", "")
 @pytest.mark.skipif(not PYTHON, reason="WEBGYM_LLAMAFACTORY_PYTHON names no Python with llamafactory 0.9.5")
 def test_its_loader_reads_every_step(tmp_path: Path) -> None:
     config = RunConfig(
-        server=ServerChoice(rehearsed=True),
+        server=ServerChoice(static=True),
         sites=SitesConfig(collection="small", per_family=1),
         tasks=TaskChoice(count=3),
     )

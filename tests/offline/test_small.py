@@ -32,7 +32,8 @@ from webgym.offline.small.wording import words_of
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.website import Split, Visit, Website
 from webgym.rollout.driver import AttemptConfig
-from webgym.runs import RunConfig, TaskChoice, collect, resolved
+from webgym.run_config import RunConfig, TaskChoice, resolved
+from webgym.runs import collect
 from webgym.tasks import write_tasks
 from webgym.testing import check_family, check_tasks, play
 

@@ -65,7 +65,7 @@ def server(
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     unknown = [part for part in only if part not in PARTS]
     if unknown:
-        raise ConfigError(f"there is no part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+        raise ConfigError(f"unknown part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
     plan = BenchPlan(
         sessions=sessions,
         rounds=rounds,
@@ -132,7 +132,7 @@ def settle(
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     unknown = [one for one in way if one not in WAYS]
     if unknown:
-        raise ConfigError(f"there is no way of waiting {unknown[0]!r}", hint=f"one of {', '.join(WAYS)}")
+        raise ConfigError(f"unknown way of waiting {unknown[0]!r}", hint=f"one of {', '.join(WAYS)}")
     plan, pages, ways = SettleBench(rounds=rounds, seed=seed, slots=slots), chosen(page), way or list(WAYS)
     with Progress(console=Console(stderr=True), transient=True) as progress:
         bar = progress.add_task("observations", total=rounds * len(pages) * len(ways))
@@ -244,7 +244,7 @@ def tasks(
     _expect_to_write(json)
     unknown = [stage for stage in only if stage not in STAGES]
     if unknown:
-        raise ConfigError(f"there is no stage {unknown[0]!r}", hint=f"one of {', '.join(STAGES)}")
+        raise ConfigError(f"unknown stage {unknown[0]!r}", hint=f"one of {', '.join(STAGES)}")
     if websites > tasks:
         raise ConfigError(f"{tasks:,} tasks are on {tasks:,} websites at most", hint="give fewer --websites")
     said = Console(stderr=True)
@@ -298,13 +298,13 @@ def reward(
     from webgym.bench.reward_hacks import HACKS
     from webgym.offline.app import SitesConfig
     from webgym.rollout.collector import CollectorConfig
-    from webgym.runs import RunConfig
+    from webgym.run_config import RunConfig
     from webgym.tables import markdown, show
 
     _expect_to_write(json)
     unknown = [name for name in only if name not in HACKS]
     if unknown:
-        raise ConfigError(f"there is no policy {unknown[0]!r}", hint=f"one of {', '.join(HACKS)}")
+        raise ConfigError(f"unknown policy {unknown[0]!r}", hint=f"one of {', '.join(HACKS)}")
     config = RunConfig(
         seed=seed,
         retries=2,
@@ -388,7 +388,7 @@ def rollout(
 
     unknown = [part for part in only if part not in PARTS]
     if unknown:
-        raise ConfigError(f"there is no part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+        raise ConfigError(f"unknown part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
     _expect_to_write(figure)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     ours = len(os.sched_getaffinity(0))

@@ -54,7 +54,7 @@ ParseProblem: TypeAlias = Literal[
 
 
 class Refused(Exception):
-    """A reply holds no action. Stays inside the room: the parser turns it into a value."""
+    """A reply holds no action. Never leaves this package: the parser turns it into a value."""
 
     def __init__(self, kind: ParseProblem, message: str) -> None:
         super().__init__(message)
@@ -217,7 +217,7 @@ def _point(key: str, point: Any, screen: Size) -> tuple[float, float]:
 
 
 def _number(value: Any) -> float | None:
-    """The finite number that was given, or ``None``. A boolean is no number."""
+    """The finite number that was given, or ``None``. A boolean is not a number."""
     if isinstance(value, str) and _NUMBER.fullmatch(value):
         return float(value)
     if isinstance(value, bool) or not isinstance(value, int | float):

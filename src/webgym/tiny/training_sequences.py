@@ -1,6 +1,6 @@
-"""What the tiny policy is taught from recorded attempts: where signs are, what they say, and what was done.
+"""Training sequences for the tiny policy, made from recorded attempts of demonstrators.
 
-Two kinds of lessons are made of the demonstrators' attempts. *Pointing*: a picture and several questions
+There are two kinds. *Pointing*: a picture and several questions
 about it in one sequence, ``red star = 250 375 , 583 125 = next , jam or home or 7 = home``; without them a
 model this small never learns to see, nor to find what it sees in what it is told. *Acting*: a step's request
 and reply, exactly as the agent asked and the demonstrator answered.
@@ -23,7 +23,7 @@ IGNORED = -100
 """The label of a token that is not learned."""
 
 
-class Lesson(msgspec.Struct, frozen=True):
+class TrainingSequence(msgspec.Struct, frozen=True):
     """A sequence.
 
     Attributes:
@@ -44,7 +44,7 @@ class Signs(msgspec.Struct, frozen=True):
     places: tuple[tuple[str, tuple[int, int]], ...]
 
 
-def acting(episode: Episode, renderer: Renderer) -> Iterator[Lesson]:
+def acting(episode: Episode, renderer: Renderer) -> Iterator[TrainingSequence]:
     """A lesson for every step of an attempt that holds an action.
 
     Args:
@@ -58,7 +58,7 @@ def acting(episode: Episode, renderer: Renderer) -> Iterator[Lesson]:
         reply = renderer.tokenizer(step.reply.text, add_special_tokens=False)["input_ids"]
         target = [*reply, renderer.tokenizer.eos_token_id]
         labels = (IGNORED,) * len(prompt) + tuple(target)
-        yield Lesson(step.observation.screenshot, (*prompt, *target), labels)
+        yield TrainingSequence(step.observation.screenshot, (*prompt, *target), labels)
 
 
 def signs_of(picture: str, shown: Iterable[tuple[str, tuple[int, int]]], viewport: tuple[int, int]) -> Signs:
@@ -80,7 +80,7 @@ def pointing(
     rng: random.Random,
     count: int,
     names: Sequence[str],
-) -> Lesson:
+) -> TrainingSequence:
     """Questions about one screenshot: places of names, names at places, which of several names it shows,
     numbers that stand beside names.
 
@@ -122,7 +122,7 @@ def pointing(
         asked, told = (tokens(side, add_special_tokens=False)["input_ids"] for side in sides)
         ids += [*asked, *told, separator]
         labels += [*[IGNORED] * len(asked), *told, IGNORED]
-    return Lesson(signs.picture, tuple(ids), tuple(labels))
+    return TrainingSequence(signs.picture, tuple(ids), tuple(labels))
 
 
 def _numbers_beside(signs: Signs, viewport: tuple[int, int]) -> list[tuple[str, str]]:

@@ -20,7 +20,7 @@ _LONGEST_NO_FACT: Final = 32
 """Characters, white space around it included: a longer text says something."""
 
 
-def is_absent(value: object) -> bool:
+def is_missing_value(value: object) -> bool:
     """Whether a value says that there is none. What can be somebody's answer ("nothing", "0") does not."""
     if isinstance(value, str):
         is_short = len(value) <= _LONGEST_ABSENT or value.isspace()
@@ -28,7 +28,7 @@ def is_absent(value: object) -> bool:
     if isinstance(value, float):
         return math.isnan(value)
     if isinstance(value, (list, tuple)):
-        return all(map(is_absent, value))
+        return all(map(is_missing_value, value))
     return value is None or value == {}
 
 

@@ -1,9 +1,9 @@
-"""Attempts at small websites without browser slots: the real agent, pages and judge, many times faster.
+"""Attempts at the small websites without browsers: the real agent, pages and judge, many times faster.
 
-A page without scripts needs a browser only to be drawn, and each page needs to be drawn only once. What a
-policy is asked, what it sees and what its actions do are the same as with browsers. What is missing is what
-browsers add: time, failures, whatever a page does by itself. So it is for studies and for pretraining; a
-result that is to be believed is made with browsers.
+A page without scripts needs a browser only to be rendered, and each page needs to be rendered only once. What
+a policy is asked, what it sees and what its actions do are the same as with browsers. What is missing is what
+browsers add: elapsed time, failures, and whatever a page does by itself. Use it for studies and pretraining;
+measure results that matter with real browsers.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from webgym.rollout.progress import Progress
 from webgym.server import Cookie, SessionOptions, View
 
 
-class Drawings:
-    """Pictures of pages by their HTML, the same as a slot's screenshots. Entering starts a Chromium.
+class PageImages:
+    """Screenshots of pages by their HTML, the same as a slot's. Entering the context starts a Chromium.
 
     Args:
-        folder: pictures are kept here, and those that are there are not drawn again.
+        folder: screenshots are stored here; those already there are not rendered again.
         viewport: width and height, pixels.
     """
 
@@ -104,41 +104,41 @@ def _name(png: bytes) -> str:
     return hashlib.sha256(png).hexdigest()
 
 
-class Rehearsal:
-    """In place of a browser server and the served offline web; entering starts what draws.
+class StaticBrowsers:
+    """Stands in for a browser server and for the served offline web.
 
     Args:
         web: the websites, of the small collection.
-        pictures: folder for the drawn pages; ``None`` where the policy looks at elements alone: then nothing
-            is drawn, and pictures are empty.
+        pictures: folder for screenshots; ``None`` if the policy reads only elements: then nothing is rendered
+            and screenshots are empty.
 
     Attributes:
-        signs: what every picture that was looked at shows, with left upper corners, CSS pixels.
+        signs: for every screenshot that was taken, its texts with their upper left corners, CSS pixels.
     """
 
     def __init__(self, web: OfflineWeb, pictures: Path | None) -> None:
         self.web = web
-        self.drawings = None if pictures is None else Drawings(pictures, web.collection.viewport)
+        self.page_images = None if pictures is None else PageImages(pictures, web.collection.viewport)
         self.signs: dict[str, tuple[tuple[str, tuple[int, int]], ...]] = {}
         self._visits: dict[str, StaticBrowser] = {}
 
     async def __aenter__(self) -> Self:
-        if self.drawings is not None:
-            await self.drawings.__aenter__()
+        if self.page_images is not None:
+            await self.page_images.__aenter__()
         return self
 
     async def __aexit__(self, *exc: object) -> None:
-        if self.drawings is not None:
-            await self.drawings.__aexit__(*exc)
+        if self.page_images is not None:
+            await self.page_images.__aexit__(*exc)
 
     def cookies(self, visitor: str) -> tuple[Cookie, ...]:
-        """What tells :meth:`open` who visits."""
+        """The cookie by which :meth:`open` recognises the visitor."""
         return (Cookie("visitor", visitor, domain=".test"),)
 
-    async def open(self, options: SessionOptions | None = None) -> RehearsedSession:
-        """A session; its options but for the visitor are not looked at."""
+    async def open(self, options: SessionOptions | None = None) -> StaticSession:
+        """Open a session. All options except the visitor's cookie are ignored."""
         visitor = options.cookies[0].value if options and options.cookies else uuid.uuid4().hex
-        return RehearsedSession(self, visitor)
+        return StaticSession(self, visitor)
 
     async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
         """What a website's server holds for a visitor whose session is not closed yet."""
@@ -153,7 +153,7 @@ class Rehearsal:
         """
         site = self.web.website(urlsplit(url).hostname or "")
         if site is None:
-            raise NavigationFailed(f"{url} is none of the small websites")
+            raise NavigationFailed(f"{url} is not one of the small websites")
         self._visits[visitor] = StaticBrowser(site, self.web.collection.viewport)
         return self._visits[visitor]
 
@@ -164,20 +164,20 @@ class Rehearsal:
     async def look(self, browser: StaticBrowser) -> View:
         """What a visitor sees."""
         seen, image = browser.observe(), b""
-        if self.drawings is not None:
-            name, image = await self.drawings.of(browser.body)
+        if self.page_images is not None:
+            name, image = await self.page_images.of(browser.body)
             seen = msgspec.structs.replace(seen, screenshot=name)
         if seen.screenshot not in self.signs:
             self.signs[seen.screenshot] = read_page(browser.body).signs
         return View(seen, image)
 
 
-class RehearsedSession:
+class StaticSession:
     """A browser session without a browser."""
 
-    def __init__(self, rehearsal: Rehearsal, visitor: str) -> None:
+    def __init__(self, browsers: StaticBrowsers, visitor: str) -> None:
         self.id = visitor
-        self._rehearsal = rehearsal
+        self._browsers = browsers
         self._browser: StaticBrowser | None = None
 
     async def step(self, action: BrowserAction | None = None) -> View:
@@ -187,38 +187,38 @@ class RehearsedSession:
             NavigationFailed: nothing was opened yet, or there is no such website.
         """
         if isinstance(action, Navigate):
-            self._browser = self._rehearsal.visit(self.id, action.url)
+            self._browser = self._browsers.visit(self.id, action.url)
         elif self._browser is None:
             raise NavigationFailed("nothing is open yet")
         elif action is not None:
             self._browser.act(action)
-        return await self._rehearsal.look(self._browser)
+        return await self._browsers.look(self._browser)
 
     async def close(self) -> None:
         """Forget the visitor."""
-        self._rehearsal.leave(self.id)
+        self._browsers.leave(self.id)
 
 
-class Rehearsals:
-    """Attempts one by one, without a run: nothing of them is kept but the episode.
+class StaticCollector:
+    """Makes single attempts outside a run; only the episode is returned, nothing is stored.
 
     Args:
-        rehearsal: where.
-        agent: decides.
-        config: limits.
-        seed: of the policy's play.
+        browsers: where the attempts take place.
+        agent: decides the actions.
+        config: budgets and limits of an attempt.
+        seed: of the policy's random choices.
     """
 
-    def __init__(self, rehearsal: Rehearsal, agent: Agent, config: AttemptConfig, seed: int = 0) -> None:
-        self._rehearsal = rehearsal
+    def __init__(self, browsers: StaticBrowsers, agent: Agent, config: AttemptConfig, seed: int = 0) -> None:
+        self._browsers = browsers
         self._context = AttemptContext(
-            client=rehearsal,
+            client=browsers,
             agent=agent,
             store=_KeepsNothing(),
             config=config,
             progress=Progress(total=0),
-            site_state=rehearsal,
-            run_id="rehearsal",
+            site_state=browsers,
+            run_id="static",
             seed=seed,
         )
 
@@ -229,7 +229,7 @@ class Rehearsals:
             PolicyError: it did not come to an end of its own, and not because no reply held an action.
         """
         attempt = Attempt(self._context, planned)
-        session = await self._rehearsal.open(attempt.options())
+        session = await self._browsers.open(attempt.options())
         try:
             await attempt.run(session)
         finally:

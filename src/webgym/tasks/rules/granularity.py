@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from itertools import combinations
 from typing import Final
 
-from webgym.tasks.rules.case import Case, Fact, at
 from webgym.tasks.rules.reading import STOP_WORDS, stem
+from webgym.tasks.rules.rule import Case, Fact, at
 
 # --- alternatives -----------------------------------------------------------------------------------------
 

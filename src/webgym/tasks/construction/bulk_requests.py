@@ -1,4 +1,4 @@
-"""Asking a model about very many things: a bounded number at a time, each with a result or a reason."""
+"""Many model requests, a bounded number at a time; each gives a result or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from webgym.llm import EndpointRefused
 T = TypeVar("T")
 R = TypeVar("R")
 
-_NO_SENSE: Final = frozenset({401, 402, 403, 404, 405})
+_PERMANENT_FAILURES: Final = frozenset({401, 402, 403, 404, 405})
 """Statuses that every further request would get as well."""
 
 
@@ -106,7 +106,7 @@ class _Stop:
 
     def failure(self, error: LLMError | CacheError) -> None:
         self._in_a_row += 1
-        no_sense = isinstance(error, EndpointRefused) and error.status in _NO_SENSE
-        for_good = isinstance(error, BudgetSpent | CacheError | LLMUnreachable) or no_sense
+        is_permanent = isinstance(error, EndpointRefused) and error.status in _PERMANENT_FAILURES
+        for_good = isinstance(error, BudgetSpent | CacheError | LLMUnreachable) or is_permanent
         if self.reason is None and (for_good or self._in_a_row >= self._most):
             self.reason = error

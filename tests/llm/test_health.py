@@ -8,7 +8,7 @@ from contextlib import AsyncExitStack
 import pytest
 
 from webgym.llm import ChatClient, ChatConfig
-from webgym.llm.trouble import telling, watched
+from webgym.llm.health import report_problems, watch_clients
 
 from .endpoint import Endpoint
 
@@ -19,7 +19,7 @@ class Troubled(ChatClient):
     told = "the endpoint is busy"
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         return self.told
 
 
@@ -28,23 +28,25 @@ async def test_the_clients_of_a_job_are_watched_and_no_others(endpoint: Endpoint
     async with AsyncExitStack() as stack:
         other = await stack.enter_async_context(Troubled(config))
         other.told = "another job's"
-        with watched() as trouble:
-            assert trouble() == ""
+        with watch_clients() as problem:
+            assert problem() == ""
             judge = Troubled(config)
             await asyncio.create_task(stack.enter_async_context(judge))
             await stack.enter_async_context(Troubled(config))
             await stack.enter_async_context(ChatClient(config))
-            assert trouble() == "the endpoint is busy", "once, whoever waits"
+            assert problem() == "the endpoint is busy", "once, whoever waits"
             judge.told = "the judge is away"
-            assert set(trouble().split("; ")) == {"the endpoint is busy", "the judge is away"}
+            assert set(problem().split("; ")) == {"the endpoint is busy", "the judge is away"}
         await stack.enter_async_context(Troubled(config))
-        assert trouble().count("busy") == 1
+        assert problem().count("busy") == 1
 
 
-async def test_trouble_is_told_as_it_begins_and_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("webgym.llm.trouble._LOOK_SECONDS", 0.001)
-    monkeypatch.setattr("webgym.llm.trouble._REPEAT_SECONDS", 0.001)
+async def test_a_problem_is_reported_once_and_repeated_while_it_lasts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("webgym.llm.health._POLL_SECONDS", 0.001)
+    monkeypatch.setattr("webgym.llm.health._REPEAT_SECONDS", 0.001)
     told = asyncio.Queue[str]()
     sayings = iter(["", "it hangs", "", "it hangs still"])
-    async with asyncio.timeout(10), telling(lambda: next(sayings, ""), told.put_nowait):
+    async with asyncio.timeout(10), report_problems(lambda: next(sayings, ""), told.put_nowait):
         assert [await told.get(), await told.get()] == ["it hangs", "it hangs still"]

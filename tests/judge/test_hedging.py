@@ -9,7 +9,7 @@ import pytest
 from webgym.bench.reward import choose
 from webgym.bench.reward_hacks import candidates
 from webgym.core.truth import Give
-from webgym.judge.rivals import rival
+from webgym.judge.hedging import other_candidate
 from webgym.offline import OfflineWeb
 
 PRICE, TOLD = (("$12.50", "12.50 dollars"),), ("What does the Blue Mug cost?", "It costs $12.50.")
@@ -52,12 +52,12 @@ RIVALS = [
 def test_one_claim_and_remarks_beside_it_are_an_answer(
     required: tuple[tuple[str]], told: tuple[str], answer: str
 ) -> None:
-    assert rival(answer, required, told) == ""
+    assert other_candidate(answer, required, told) == ""
 
 
 @pytest.mark.parametrize(("required", "told", "answer"), RIVALS)
 def test_another_candidate_is_named(required: tuple[tuple[str]], told: tuple[str], answer: str) -> None:
-    assert rival(answer, required, told)
+    assert other_candidate(answer, required, told)
 
 
 def test_over_the_offline_web_lists_have_rivals_and_solutions_have_none() -> None:
@@ -69,7 +69,7 @@ def test_over_the_offline_web_lists_have_rivals_and_solutions_have_none() -> Non
         assert isinstance(last, Give)
         required, told = task.truth.answer.required, (task.instruction, last.text)
         for wrapped in ("{}", "The answer is: {}", "I found it. {} I looked at several pages to be sure."):
-            assert not rival(wrapped.format(last.text), required, told), task.id
+            assert not other_candidate(wrapped.format(last.text), required, told), task.id
         listed = candidates(task, [], random.Random(task.id))
         is_known = any(wrong in listed for wrong in task.truth.answer.forbidden)
-        assert is_known or rival(listed, required, told), (task.id, listed)
+        assert is_known or other_candidate(listed, required, told), (task.id, listed)

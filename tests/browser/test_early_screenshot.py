@@ -6,7 +6,7 @@ import hashlib
 
 import pytest
 
-from webgym.browser.early import Early
+from webgym.browser.early_screenshot import EarlyScreenshot
 from webgym.core.action import LeftClick, Mode, Scroll, Target
 
 from .conftest import Open, Site, Tab
@@ -23,13 +23,13 @@ LONG = "".join(f"<p><a href=#{n}>Line {n}</a> and <button>button {n}</button></p
 def ended(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Of each step that might have an early picture, whether it was used."""
     found: list[bool] = []
-    end = Early.end
+    end = EarlyScreenshot.end
 
-    async def noted(self: Early, settled: str) -> None:
+    async def noted(self: EarlyScreenshot, settled: str) -> None:
         await end(self, settled)
-        found.append(self.is_good)
+        found.append(self.result is not None)
 
-    monkeypatch.setattr(Early, "end", noted)
+    monkeypatch.setattr(EarlyScreenshot, "end", noted)
     return found
 
 

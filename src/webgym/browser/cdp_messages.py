@@ -5,45 +5,45 @@ from __future__ import annotations
 import msgspec
 
 
-class Wire(msgspec.Struct, frozen=True, rename="camel"):
+class CdpMessage(msgspec.Struct, frozen=True, rename="camel"):
     """Base: camelCase on the wire, unknown fields ignored."""
 
 
-class Nothing(Wire, frozen=True):
+class EmptyReply(CdpMessage, frozen=True):
     """A reply that says only that it was done."""
 
 
-class Version(Wire, frozen=True):
+class Version(CdpMessage, frozen=True):
     """``Browser.getVersion``."""
 
     product: str
 
 
-class BrowserContext(Wire, frozen=True):
+class BrowserContext(CdpMessage, frozen=True):
     """``Target.createBrowserContext``."""
 
     browser_context_id: str
 
 
-class CreatedTarget(Wire, frozen=True):
+class CreatedTarget(CdpMessage, frozen=True):
     """``Target.createTarget``."""
 
     target_id: str
 
 
-class Attached(Wire, frozen=True):
+class Attached(CdpMessage, frozen=True):
     """``Target.attachToTarget``."""
 
     session_id: str
 
 
-class TargetCrashed(Wire, frozen=True):
+class TargetCrashed(CdpMessage, frozen=True):
     """``Target.targetCrashed``."""
 
     target_id: str
 
 
-class TargetInfo(Wire, frozen=True):
+class TargetInfo(CdpMessage, frozen=True):
     """A page, worker or frame that can be attached to."""
 
     target_id: str
@@ -53,7 +53,7 @@ class TargetInfo(Wire, frozen=True):
     opener_id: str = ""
 
 
-class AttachedToTarget(Wire, frozen=True):
+class AttachedToTarget(CdpMessage, frozen=True):
     """``Target.attachedToTarget``."""
 
     session_id: str
@@ -61,14 +61,14 @@ class AttachedToTarget(Wire, frozen=True):
     waiting_for_debugger: bool = False
 
 
-class DetachedFromTarget(Wire, frozen=True):
+class DetachedFromTarget(CdpMessage, frozen=True):
     """``Target.detachedFromTarget``."""
 
     session_id: str
     target_id: str = ""
 
 
-class Frame(Wire, frozen=True):
+class Frame(CdpMessage, frozen=True):
     """A frame of the page."""
 
     id: str
@@ -79,47 +79,47 @@ class Frame(Wire, frozen=True):
     unreachable_url: str = ""
 
 
-class FrameAttached(Wire, frozen=True):
+class FrameAttached(CdpMessage, frozen=True):
     """``Page.frameAttached``."""
 
     frame_id: str
     parent_frame_id: str = ""
 
 
-class FrameNavigated(Wire, frozen=True):
+class FrameNavigated(CdpMessage, frozen=True):
     """``Page.frameNavigated``."""
 
     frame: Frame
 
 
-class NavigatedWithinDocument(Wire, frozen=True):
+class NavigatedWithinDocument(CdpMessage, frozen=True):
     """``Page.navigatedWithinDocument``."""
 
     frame_id: str
     url: str
 
 
-class FrameEvent(Wire, frozen=True):
+class FrameEvent(CdpMessage, frozen=True):
     """Events that only name a frame."""
 
     frame_id: str
 
 
-class NavigationStarted(Wire, frozen=True):
+class NavigationStarted(CdpMessage, frozen=True):
     """``Page.frameStartedNavigating``."""
 
     frame_id: str
     loader_id: str
 
 
-class FileChooser(Wire, frozen=True):
+class FileChooser(CdpMessage, frozen=True):
     """``Page.fileChooserOpened``: an ``<input type=file>`` wants files."""
 
     mode: str = "selectSingle"
     backend_node_id: int = 0
 
 
-class ScheduledNavigation(Wire, frozen=True):
+class ScheduledNavigation(CdpMessage, frozen=True):
     """``Page.frameScheduledNavigation``; the delay in seconds."""
 
     frame_id: str
@@ -127,20 +127,20 @@ class ScheduledNavigation(Wire, frozen=True):
     delay: float
 
 
-class RequestedNavigation(Wire, frozen=True):
+class RequestedNavigation(CdpMessage, frozen=True):
     """``Page.frameRequestedNavigation``."""
 
     frame_id: str
     url: str
 
 
-class WindowOpen(Wire, frozen=True):
+class WindowOpen(CdpMessage, frozen=True):
     """``Page.windowOpen``."""
 
     url: str
 
 
-class Navigated(Wire, frozen=True):
+class Navigated(CdpMessage, frozen=True):
     """``Page.navigate``."""
 
     frame_id: str
@@ -149,21 +149,21 @@ class Navigated(Wire, frozen=True):
     is_download: bool = False
 
 
-class HistoryEntry(Wire, frozen=True):
+class HistoryEntry(CdpMessage, frozen=True):
     """One entry of the tab's history."""
 
     id: int
     url: str
 
 
-class History(Wire, frozen=True):
+class History(CdpMessage, frozen=True):
     """``Page.getNavigationHistory``."""
 
     current_index: int
     entries: tuple[HistoryEntry, ...]
 
 
-class DialogOpening(Wire, frozen=True):
+class DialogOpening(CdpMessage, frozen=True):
     """``Page.javascriptDialogOpening``."""
 
     type: str
@@ -171,7 +171,7 @@ class DialogOpening(Wire, frozen=True):
     default_prompt: str = ""
 
 
-class DownloadWillBegin(Wire, frozen=True):
+class DownloadWillBegin(CdpMessage, frozen=True):
     """``Browser.downloadWillBegin``."""
 
     frame_id: str
@@ -179,13 +179,13 @@ class DownloadWillBegin(Wire, frozen=True):
     suggested_filename: str = ""
 
 
-class PostData(Wire, frozen=True):
+class PostData(CdpMessage, frozen=True):
     """A part of a request's body; base64 is decoded on the way in."""
 
     data: bytes = msgspec.field(default=b"", name="bytes")
 
 
-class Request(Wire, frozen=True):
+class Request(CdpMessage, frozen=True):
     """An HTTP request."""
 
     url: str = ""
@@ -195,7 +195,7 @@ class Request(Wire, frozen=True):
     initial_priority: str = ""
 
 
-class RequestWillBeSent(Wire, frozen=True):
+class RequestWillBeSent(CdpMessage, frozen=True):
     """``Network.requestWillBeSent``."""
 
     request_id: str
@@ -206,14 +206,14 @@ class RequestWillBeSent(Wire, frozen=True):
     request: Request = Request()
 
 
-class PriorityChanged(Wire, frozen=True):
+class PriorityChanged(CdpMessage, frozen=True):
     """``Network.resourceChangedPriority``."""
 
     request_id: str
     new_priority: str
 
 
-class Response(Wire, frozen=True):
+class Response(CdpMessage, frozen=True):
     """The head of an HTTP response."""
 
     status: int
@@ -221,7 +221,7 @@ class Response(Wire, frozen=True):
     headers: dict[str, str] = {}
 
 
-class ResponseReceived(Wire, frozen=True):
+class ResponseReceived(CdpMessage, frozen=True):
     """``Network.responseReceived``."""
 
     request_id: str
@@ -231,20 +231,20 @@ class ResponseReceived(Wire, frozen=True):
     frame_id: str = ""
 
 
-class SocketCreated(Wire, frozen=True):
+class SocketCreated(CdpMessage, frozen=True):
     """``Network.webSocketCreated``."""
 
     request_id: str
     url: str
 
 
-class RequestDone(Wire, frozen=True):
+class RequestDone(CdpMessage, frozen=True):
     """``Network.loadingFinished``, and others that only name a request."""
 
     request_id: str
 
 
-class RequestFailed(Wire, frozen=True):
+class RequestFailed(CdpMessage, frozen=True):
     """``Network.loadingFailed``."""
 
     request_id: str
@@ -253,7 +253,7 @@ class RequestFailed(Wire, frozen=True):
     canceled: bool = False
 
 
-class RequestPaused(Wire, frozen=True):
+class RequestPaused(CdpMessage, frozen=True):
     """``Fetch.requestPaused``."""
 
     request_id: str
@@ -261,13 +261,13 @@ class RequestPaused(Wire, frozen=True):
     frame_id: str = ""
 
 
-class World(Wire, frozen=True):
+class World(CdpMessage, frozen=True):
     """``Page.createIsolatedWorld``."""
 
     execution_context_id: int
 
 
-class RemoteObject(Wire, frozen=True):
+class RemoteObject(CdpMessage, frozen=True):
     """A script's result, by value or as a handle."""
 
     type: str = ""
@@ -276,60 +276,60 @@ class RemoteObject(Wire, frozen=True):
     object_id: str = ""
 
 
-class ExceptionDetails(Wire, frozen=True):
+class ExceptionDetails(CdpMessage, frozen=True):
     """Why a script did not end well."""
 
     text: str = ""
     exception: RemoteObject | None = None
 
 
-class Evaluated(Wire, frozen=True):
+class Evaluated(CdpMessage, frozen=True):
     """``Runtime.evaluate``."""
 
     result: RemoteObject
     exception_details: ExceptionDetails | None = None
 
 
-class Property(Wire, frozen=True):
+class Property(CdpMessage, frozen=True):
     """One property of an object that there is a handle for."""
 
     name: str
     value: RemoteObject | None = None
 
 
-class Properties(Wire, frozen=True):
+class Properties(CdpMessage, frozen=True):
     """``Runtime.getProperties``."""
 
     result: tuple[Property, ...] = ()
 
 
-class ShadowRoot(Wire, frozen=True):
+class ShadowRoot(CdpMessage, frozen=True):
     """A shadow root of a described element."""
 
     backend_node_id: int
     shadow_root_type: str = ""
 
 
-class Node(Wire, frozen=True):
+class Node(CdpMessage, frozen=True):
     """A described element; ``frame_id`` of the frame that it holds."""
 
     frame_id: str = ""
     shadow_roots: tuple[ShadowRoot, ...] = ()
 
 
-class Described(Wire, frozen=True):
+class Described(CdpMessage, frozen=True):
     """``DOM.describeNode``."""
 
     node: Node
 
 
-class Resolved(Wire, frozen=True):
+class Resolved(CdpMessage, frozen=True):
     """``DOM.resolveNode``."""
 
     object: RemoteObject
 
 
-class Screenshot(Wire, frozen=True):
+class Screenshot(CdpMessage, frozen=True):
     """``Page.captureScreenshot``; base64 is decoded on the way in."""
 
     data: bytes

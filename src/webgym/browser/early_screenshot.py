@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 
-from webgym.browser.observe import Seen, capture_marked, wanted_of
+from webgym.browser.observe import Early, Seen, capture_marked, wanted_of
 from webgym.browser.page import Page
 from webgym.core.errors import BrowserError
 
@@ -18,7 +18,7 @@ _FINAL = frozenset({"unchanged", "quiet", "long_poll"})
 """Reasons for the end of a wait after which nothing is to come."""
 
 
-class Early:
+class EarlyScreenshot:
     """The early picture of one step, if there is to be one.
 
     :meth:`begin` after the action and :meth:`end` after the wait; :meth:`drop` in any case.
@@ -35,9 +35,11 @@ class Early:
         return self._page.loader, self._page.requests
 
     @property
-    def is_good(self) -> bool:
-        """Whether there is one, and it shows the page as it is."""
-        return self.seen is not None and self._before == self._state()
+    def result(self) -> Early | None:
+        """The screenshot and what it shows, if it was taken and shows the page as it is."""
+        if self.seen is None or self._before != self._state():
+            return None
+        return Early(self.seen, self.picture)
 
     async def begin(self) -> None:
         """The action is done: have the picture asked for, unless something is known to be under way."""

@@ -1,10 +1,10 @@
 """Runs a server that must not outlive whoever started it. A script of the standard library alone.
 
-    python -I guardian.py SECONDS COMMAND...
+    python -I watchdog.py SECONDS COMMAND...
 
 The end of standard input is the starter's end, also when it was killed: the server is asked to end, and is
 killed after so many seconds. When the server ends, by itself or not, every process that it started is killed
-too, also one that left its process group: on Linux the guardian adopts what the server leaves behind. (vLLM's
+too, also one that left its process group: on Linux the watchdog adopts what the server leaves behind. (vLLM's
 engine processes outlive a server that was killed, and keep the GPU's memory.)
 """
 

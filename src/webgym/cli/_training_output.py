@@ -19,7 +19,7 @@ from webgym.core.background import beside
 from webgym.report import write_training_report
 from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, panel
 from webgym.rollout.progress import Progress
-from webgym.runs import Secrets
+from webgym.run_config import Secrets
 from webgym.train.loop import TrainConfig
 from webgym.train.progress import TrainingProgress
 from webgym.train.start import open_training

@@ -56,7 +56,7 @@ _TABLES: Final = ("meta", "shards", "corrupt", "digests", "rows")
 T = TypeVar("T")
 
 
-class Wanted(NamedTuple):
+class TrajectoryQuery(NamedTuple):
     """Which trajectories, and in which order.
 
     Attributes:
@@ -88,7 +88,7 @@ class Wanted(NamedTuple):
         return f"{by} {'DESC' if self.down else 'ASC'}, number"
 
 
-class Catalogue:
+class RunIndex:
     """The index of a run. Blocks; one call at a time, from any thread.
 
     Args:
@@ -149,7 +149,7 @@ class Catalogue:
         """Another one whenever known rows have changed, so that what was made from them is out of date."""
         return self.kept("version", str) or ""
 
-    def find(self, wanted: Wanted, after: int, count: int) -> tuple[int, list[Row]]:
+    def find(self, wanted: TrajectoryQuery, after: int, count: int) -> tuple[int, list[Row]]:
         """How many trajectories fit, and so many of them after the first so many."""
         where, values = wanted.where()
         total = self._one(f"SELECT count(*) FROM rows WHERE {where}", int, *values)  # noqa: S608 - our own words

@@ -1,4 +1,4 @@
-"""Putting a question to a judge model until the reply has a clear verdict."""
+"""Asking a judge model a question, again if needed, until the reply contains a clear verdict."""
 
 from __future__ import annotations
 
@@ -21,49 +21,50 @@ from webgym.llm.prices import Prices
 T = TypeVar("T")
 
 _MOST_REFUSED: Final = 4
-"""Refused replies that one conversation holds at most, in rounds of ``tries``: a request has a size."""
+"""Most unusable replies in one conversation, as a multiple of ``tries``: the request grows with each."""
 
 
-class Shot(msgspec.Struct, frozen=True):
-    """A screenshot in a question: what it is called and which picture it is."""
+class LabelledScreenshot(msgspec.Struct, frozen=True):
+    """A screenshot in a question: the label that the question calls it by, and the image's name."""
 
     label: str
     name: str
 
 
 Write: TypeAlias = Callable[[str], tuple[str, str]]
-"""From the request's code to the system's and the user's text."""
+"""Maps the request's signature code to the texts of the system message and the user message."""
 
 
 class Question(msgspec.Struct, frozen=True):
     """One request to a judge model.
 
     Attributes:
-        stage: which model.
-        words: how the verdicts are called.
-        write: makes the texts once the code is known.
+        stage: decides which model is asked.
+        words: the words that state a verdict in the reply.
+        write: makes the texts from the request's signature code.
         shots: the screenshots, in order.
-        untrusted: everything in the request that somebody else wrote, for telling echoes from verdicts.
+        untrusted: all text in the request that comes from the agent or a website; a verdict that merely
+            repeats it does not count.
     """
 
     stage: Stage
     words: Words
     write: Write
-    shots: tuple[Shot, ...]
+    shots: tuple[LabelledScreenshot, ...]
     untrusted: tuple[str, ...]
 
 
-class Asker:
-    """Asks questions about one episode, and counts what that took.
+class JudgeModelClient:
+    """Asks the judge's models questions about one episode and adds up the cost.
 
     Args:
-        models: by stage.
-        config: of the judge.
-        pictures: the episode's screenshots.
-        prices: what tokens cost, as far as it is known.
+        models: the model of each stage.
+        config: the judge's settings.
+        pictures: returns a screenshot of the episode by its name.
+        prices: dollars per token, for the models whose price is known.
 
     Attributes:
-        cost: so far.
+        cost: of all calls so far.
     """
 
     def __init__(
@@ -123,8 +124,8 @@ class Asker:
                 {"role": "user", "content": content if question.shots else text},
             ]
             why, refused, fresh = "", 0, 0
-            # A reply that was refused before, and comes from the cache, is none of the tries of today: else
-            # an attempt without a verdict would stay so for ever.
+            # An unusable reply that comes from the cache does not count as a try: otherwise an attempt that
+            # once got no verdict could never get one.
             while fresh < self._config.tries and refused < _MOST_REFUSED * self._config.tries:
                 reply = await self._reply(question.stage, messages, is_repeat=refused > 0)
                 found = read(reply)
@@ -153,7 +154,7 @@ class Asker:
         dollars = price.dollars(*tokens, cached_tokens=reply.prompt_tokens_cached) if price else 0.0
         return Cost(1, 0, int(is_repeat), *tokens, dollars)
 
-    async def _images(self, shots: Sequence[Shot]) -> list[dict[str, Any]]:
+    async def _images(self, shots: Sequence[LabelledScreenshot]) -> list[dict[str, Any]]:
         content: list[dict[str, Any]] = []
         for shot in shots:
             if (url := self._urls.get(shot.name)) is None:
@@ -165,11 +166,11 @@ class Asker:
         return content
 
 
-async def together(questions: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
-    """The results of all, in order, asked at the same time. The first failure ends the rest.
+async def gather(questions: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
+    """Ask all questions concurrently; results in their order. The first error cancels the rest.
 
     Raises:
-        JudgeError: of the first that failed, as it is.
+        JudgeError: the first error, not wrapped in an exception group.
     """
     try:
         async with asyncio.TaskGroup() as group:
@@ -179,8 +180,8 @@ async def together(questions: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
     return [task.result() for task in tasks]
 
 
-async def answered(question: Coroutine[Any, Any, T]) -> T | JudgeError:
-    """What came of a question: its result, or why it has none. For questions that others may make idle."""
+async def result_or_error(question: Coroutine[Any, Any, T]) -> T | JudgeError:
+    """A question's result, or its error as a value: for questions whose result may turn out not to matter."""
     try:
         return await question
     except JudgeError as error:
@@ -188,7 +189,7 @@ async def answered(question: Coroutine[Any, Any, T]) -> T | JudgeError:
 
 
 def _again(reply: str, why: str, limit: int) -> list[dict[str, Any]]:
-    """The refused reply, shortened to its end, and what was wrong with it."""
+    """Two messages: the end of the unusable reply, and a request to correct what was wrong with it."""
     said = reply[-limit:] or "(an empty reply)"
     return [
         {"role": "assistant", "content": said},

@@ -1,4 +1,4 @@
-"""Rehearsed attempts: what is drawn is drawn once, and nothing is left behind."""
+"""Attempts without browsers: a page is rendered once, and nothing is left behind."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import psutil
 import pytest
 from playwright.async_api import Error
 
-from webgym import rehearsal
+from webgym import static_browsers
 from webgym.core.action import Navigate
 from webgym.offline.web import OfflineWeb
-from webgym.rehearsal import Drawings, Rehearsal
 from webgym.server import SessionOptions
+from webgym.static_browsers import PageImages, StaticBrowsers
 
 
 @pytest.mark.browser
@@ -28,9 +28,9 @@ async def test_a_page_that_many_ask_for_is_drawn_once(
         drawn.append(path)
         path.write_bytes(data)
 
-    monkeypatch.setattr(rehearsal, "write_whole", counted)
-    async with Drawings(tmp_path, (64, 32)) as drawings:
-        found = await asyncio.gather(*(drawings.of(b"<p>7</p>") for _ in range(4)))
+    monkeypatch.setattr(static_browsers, "write_whole", counted)
+    async with PageImages(tmp_path, (64, 32)) as images:
+        found = await asyncio.gather(*(images.of(b"<p>7</p>") for _ in range(4)))
     assert len(drawn) == 1
     assert len(set(found)) == 1
 
@@ -40,9 +40,9 @@ async def test_a_browser_that_does_not_start_leaves_no_process(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = set(psutil.Process().children(recursive=True))
-    monkeypatch.setattr(rehearsal, "find_browser", lambda: SimpleNamespace(path=str(tmp_path / "none")))
+    monkeypatch.setattr(static_browsers, "find_browser", lambda: SimpleNamespace(path=str(tmp_path / "none")))
     with pytest.raises(Error, match="none"):
-        async with Drawings(tmp_path, (64, 32)):
+        async with PageImages(tmp_path, (64, 32)):
             pass
     assert set(psutil.Process().children(recursive=True)) <= before
 
@@ -50,7 +50,7 @@ async def test_a_browser_that_does_not_start_leaves_no_process(
 async def test_a_visitor_is_known_until_the_session_is_closed() -> None:
     web = OfflineWeb(7, per_family=6, collection="small")
     host = next(iter(web.tasks())).website.split("/")[2]
-    held = Rehearsal(web, None)
+    held = StaticBrowsers(web, None)
     session = await held.open(SessionOptions(cookies=held.cookies("ann")))
     await session.step(Navigate(f"http://{host}/"))
     assert await held.state("ann", host) == await held.state("ann", host) is not None

@@ -11,11 +11,11 @@ from pathlib import Path
 import msgspec
 from PIL import Image
 
+from webgym.browser.cdp_messages import CreatedTarget
 from webgym.browser.config import BrowserConfig
 from webgym.browser.egress import Egress
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
-from webgym.browser.wire import CreatedTarget
 from webgym.core.errors import BrowserError, BrowserTimeout
 
 SIZE = (640, 200)
@@ -49,7 +49,7 @@ _DRAWS = """
 """
 
 
-class Trial(msgspec.Struct, frozen=True):
+class LaunchCheck(msgspec.Struct, frozen=True):
     """How the browser did.
 
     Attributes:
@@ -83,7 +83,7 @@ class _Picture(msgspec.Struct, frozen=True):
     data: bytes
 
 
-async def try_browser(executable: Path, seconds: float) -> Trial:
+async def try_browser(executable: Path, seconds: float) -> LaunchCheck:
     """Start a browser, draw a page, take its picture, and end the browser.
 
     Raises:
@@ -103,7 +103,7 @@ async def try_browser(executable: Path, seconds: float) -> Trial:
                     await process.kill()
     except TimeoutError:
         raise BrowserTimeout(f"the browser drew no page within {seconds:g} s") from None
-    return Trial(
+    return LaunchCheck(
         seconds=time.monotonic() - started,
         size=_examined(picture),
         sandbox=sandbox.on,

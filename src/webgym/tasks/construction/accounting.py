@@ -1,4 +1,4 @@
-"""Where every task of a build went. The books must balance: no task is lost without a reason."""
+"""Counts of tasks through a build: every task that enters a stage leaves it, or is removed for a reason."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ IN: Final = "in"
 OUT: Final = "out"
 
 
-class BooksDoNotBalance(WebGymError):
+class CountMismatch(WebGymError):
     """A stage lost or invented tasks: a fault of ours, never of the input."""
 
 
@@ -37,7 +37,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
     left: int
 
 
-class Books:
+class TaskAccounting:
     """The rows of a build, stage by stage; each is checked when it is entered.
 
     Args:
@@ -66,21 +66,19 @@ class Books:
             lost: numbers by (source, reason).
 
         Raises:
-            BooksDoNotBalance: not all that left the stage before came, or came and was made is lost or left.
+            CountMismatch: not all that left the stage before came, or came and was made is lost or left.
         """
         lost = lost or Counter()
         made = made or Counter()
         if self._left is not None and +came != +self._left:
-            raise BooksDoNotBalance(
-                f"{stage}: {dict(came)} tasks came, but {dict(self._left)} had left before"
-            )
+            raise CountMismatch(f"{stage}: {dict(came)} tasks came, but {dict(self._left)} had left before")
         unknown = {*came, *left, *made, *(source for source, _ in lost)} - set(self._sources)
         if unknown:
-            raise BooksDoNotBalance(f"{stage}: tasks of unknown sources: {', '.join(sorted(unknown))}")
+            raise CountMismatch(f"{stage}: tasks of unknown sources: {', '.join(sorted(unknown))}")
         for source in self._sources:
             reasons = {why: count for (name, why), count in sorted(lost.items()) if name == source and count}
             if came[source] + made[source] != left[source] + sum(reasons.values()):
-                raise BooksDoNotBalance(
+                raise CountMismatch(
                     f"{stage}: of {source}, {came[source]} came and {made[source]} were made, "
                     f"but {left[source]} left and {sum(reasons.values())} were lost"
                 )

@@ -7,16 +7,15 @@ from contextlib import contextmanager
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from rich.table import Table
 from rich.text import Text
 
 from webgym.core.outcome import Outcome
-from webgym.core.text import plain
 from webgym.core.verdict import Cost
 from webgym.llm.ledger import Ledger
 from webgym.llm.usage import Usage
 from webgym.rollout.live import COLORS
 from webgym.rollout.rejudge import Judging
+from webgym.tables import Table, grid
 
 
 @contextmanager
@@ -64,23 +63,18 @@ def cost_line(cost: Cost) -> str:
 
 def print_account(ledger: Ledger, console: Console) -> None:
     """What every stage has cost so far, earlier judgings of this run included."""
-    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0), header_style="dim")
-    table.add_column("stage")
-    table.add_column("model")
-    for name in ("paid", "cached", "prompt tokens", "reply tokens", "dollars"):
-        table.add_column(name, justify="right")
-    for (purpose, model), usage in sorted(ledger.rows.items()):
-        table.add_row(
+    columns = ("stage", "model", "paid", "cached", "prompt tokens", "reply tokens", "dollars")
+    rows = [
+        (
             purpose,
-            Text(plain(model)),
-            f"{usage.calls:,}",
-            f"{usage.hits:,}",
-            f"{usage.prompt_tokens:,}",
-            f"{usage.completion_tokens:,}",
+            model,
+            *map(str, (usage.calls, usage.hits, usage.prompt_tokens, usage.completion_tokens)),
             "not known" if usage.unpriced else f"{usage.dollars:.4f}",
         )
+        for (purpose, model), usage in sorted(ledger.rows.items())
+    ]
     console.print("all that judges were asked about this run:", style="dim", highlight=False)
-    console.print(table)
+    console.print(grid(Table("", columns, rows, names=2)))
 
 
 def spent_since(before: Usage, now: Usage) -> Cost:

@@ -19,8 +19,7 @@ from typing import TypeVar
 import msgspec
 
 from webgym.browser.cdp import CommandFailed, Session
-from webgym.browser.config import BrowserConfig
-from webgym.browser.wire import (
+from webgym.browser.cdp_messages import (
     Described,
     Evaluated,
     FrameAttached,
@@ -32,6 +31,7 @@ from webgym.browser.wire import (
     Resolved,
     World,
 )
+from webgym.browser.config import BrowserConfig
 from webgym.core.errors import BrowserError, BrowserTimeout
 
 T = TypeVar("T")
@@ -79,7 +79,7 @@ class DocumentGone(BrowserError):
     code = "browser_document_gone"
 
 
-class Still(msgspec.Struct, frozen=True):
+class DocumentActivity(msgspec.Struct, frozen=True):
     """How often a document has changed, and how many milliseconds ago it did so last."""
 
     changes: int
@@ -358,11 +358,13 @@ class Worlds:
         quiet = self._config.quiet_seconds
         return max((quiet - still.ago / 1000 for still in stills if still.changes), default=0.0)
 
-    async def _still(self, frame: str) -> Still:
+    async def _still(self, frame: str) -> DocumentActivity:
         try:
-            return await self.run("still", reply=Still, seconds=self._config.execute_seconds, frame=frame)
+            return await self.run(
+                "still", reply=DocumentActivity, seconds=self._config.execute_seconds, frame=frame
+            )
         except (DocumentGone, CommandFailed):
-            return Still(0, 0.0)
+            return DocumentActivity(0, 0.0)
 
     def _entered_in_view(self) -> list[str]:
         return [frame for frame in self._worlds if self._below_main(frame) in self.in_view]

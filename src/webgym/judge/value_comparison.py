@@ -1,4 +1,4 @@
-"""Whether two values, or two texts of words and values, are one."""
+"""Whether two values, or two texts of words and values, mean the same."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from webgym.judge.values import Text, Token, Value
 
 
 class Match(StrEnum):
-    """What a rule says."""
+    """The result of a comparison."""
 
     SAME = "same"
     DIFFERENT = "different"
@@ -20,7 +20,7 @@ class Match(StrEnum):
 
 
 def same(one: Value, other: Value, asked: frozenset[tuple[str, str]] = frozenset()) -> Match:
-    """Whether two values are one; unsure where a spelling has several readings.
+    """Whether two values are equal; unsure where a spelling has several readings.
 
     Args:
         one: what is right.

@@ -15,9 +15,9 @@ import sys
 import threading
 from pathlib import Path
 
+from benchmarks.stand_ins import TOKEN
 from pydantic import SecretStr
 
-from webgym.bench.stand_ins import TOKEN
 from webgym.rollout.files import CONFIG, TRAJECTORIES, Log
 from webgym.runs import RunConfig, Secrets, collect, resume
 

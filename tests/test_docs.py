@@ -14,9 +14,11 @@ from typing import Any
 import pytest
 import typer
 import yaml
+from docs import reference
 
 import webgym
 from webgym import cli
+from webgym.core import errors
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -138,6 +140,16 @@ def test_shell(code: str) -> None:
 def test_every_public_name_is_on_the_page_of_names() -> None:
     told = re.findall(r"^\.\. auto\w+:: webgym\.(\w+)$", (ROOT / "docs" / "api.md").read_text(), re.MULTILINE)
     assert sorted(told) == sorted(set(webgym.__all__) - {"__version__"})
+
+
+def test_pages_made_from_the_code_hold_all_of_it() -> None:
+    commands = "\n".join(reference.commands())
+    assert all(f"### `webgym {verb.name}`" in commands for verb in cli.VERBS)
+    assert "### `webgym tasks show`" in commands
+    assert "| `--out <path>` | Run folder to make. |" in commands
+    rows = dict(re.findall(r"^\| `(\w+)` \| `\w+` \| (\d) ", "\n".join(reference.errors()), re.MULTILINE))
+    assert set(rows) == {name for name, held in vars(errors).items() if isinstance(held, type)}
+    assert (rows["ConfigError"], rows["StoreFull"]) == ("2", "1")
 
 
 def test_what_is_wrong_is_found() -> None:

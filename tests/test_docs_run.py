@@ -169,6 +169,7 @@ GIVEN: dict[str, Callable[[pytest.MonkeyPatch], AbstractAsyncContextManager[Name
     "small-websites.md": small_websites,
     "sources.md": sources,
     "training.md": training,
+    "tutorial.md": readme,
 }
 
 

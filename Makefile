@@ -46,7 +46,7 @@ format: setup ## Rewrite the code in the house's format
 	@$(BIN)/ruff check --fix .
 
 bench: setup ## Run everything in benchmarks/, which prints figures
-	@set -e; for script in benchmarks/*.py; do $(BIN)/python "$$script" $(ARGS); done
+	@set -e; for script in benchmarks/*.py; do PYTHONPATH=. $(BIN)/python "$$script" $(ARGS); done
 
 docs: ## Build the documentation into build/docs, warnings are errors
 	@scripts/setup --docs

@@ -22,10 +22,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from benchmarks.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
 from pydantic import SecretStr
 
 from webgym.agent.config import AgentConfig
-from webgym.bench.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.judge.factory import JudgeChoice
 from webgym.llm.config import ChatConfig

@@ -6,11 +6,11 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from benchmarks.reward.hacks import HACKS, HackingPolicy, candidates, right_answer
+from benchmarks.reward.measure import Hacked, challenge_of, choose, table
 from tests.judge.judge_model import Asked, serve_judge
 from tests.judge.test_both_judges import Reader
 
-from webgym.bench.reward import Hacked, challenge_of, choose, table
-from webgym.bench.reward_hacks import HACKS, HackingPolicy, candidates, right_answer
 from webgym.core.outcome import Outcome
 from webgym.core.text import fold, says
 from webgym.core.truth import Give

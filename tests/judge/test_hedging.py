@@ -5,9 +5,9 @@ from __future__ import annotations
 import random
 
 import pytest
+from benchmarks.reward.hacks import candidates
+from benchmarks.reward.measure import choose
 
-from webgym.bench.reward import choose
-from webgym.bench.reward_hacks import candidates
 from webgym.core.truth import Give
 from webgym.judge.hedging import other_candidate
 from webgym.offline import OfflineWeb

@@ -15,9 +15,9 @@ import sys
 import threading
 from pathlib import Path
 
+from benchmarks.stand_ins import TOKEN
 from pydantic import SecretStr
 
-from webgym.bench.stand_ins import TOKEN
 from webgym.rollout.files import CONFIG, TRAJECTORIES, Log
 from webgym.run_config import RunConfig, Secrets
 from webgym.runs import collect, resume

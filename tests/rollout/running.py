@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from aiohttp import web
+from benchmarks.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
 from pydantic import SecretStr
 from tests.rollout.test_summary import task
 
 from webgym.agent.config import AgentConfig
-from webgym.bench.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
 from webgym.judge.factory import JudgeChoice

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from benchmarks.stand_ins import TOKEN, StandInModel
 from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes, until
 from tests.rollout.stand_in_judge import ADDRESS
 
-from webgym.bench.stand_ins import TOKEN, StandInModel
 from webgym.core.errors import LeaseLost, ServerUnreachable
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.files import TRAJECTORIES, Log

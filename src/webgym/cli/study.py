@@ -17,7 +17,9 @@ def command(
         help="First weights, a model of webgym pretrain; the package's if not given.",
         show_default=False,
     ),
-    out: Path = typer.Option(..., "--out", help="Folder; unfinished trainings in it are continued."),
+    out: Path | None = typer.Option(
+        None, "--out", help="Folder; unfinished trainings in it are continued.", show_default=False
+    ),
     seeds: int = typer.Option(3, "--seeds", min=1, help="Trainings per row."),
     row: list[str] = typer.Option(None, "--row", help="A row; may be repeated. All if not given."),
     list_rows: bool = typer.Option(False, "--list", help="Name the rows and do nothing."),
@@ -49,6 +51,8 @@ def command(
         for name in rows:
             typer.echo(name)
         return
+    if out is None:
+        raise UsageError("there is no folder for the study", hint="--out FOLDER makes one or goes on in it")
     torch.set_num_threads(1)
     first = weights or WEIGHTS
     make_folder(out)

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import re
 
-from webgym.bench.hardweb.apps import APPS
-from webgym.bench.hardweb.page import HardPage
+from benchmarks.settle.hardweb.apps import APPS
+from benchmarks.settle.hardweb.page import HardPage
 
 OTHER_HOST = "advert.test"
 """The name of another site, to be mapped to the server."""

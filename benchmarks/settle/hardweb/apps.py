@@ -2,12 +2,12 @@
 
 The noise is what tells a good wait from one that knows only tidy pages: timers of the usual delays that bring
 nothing, set by the same helpers as those that do; something decorative that turns; a heartbeat whose answer
-nobody reads; a clock. What scripts may use is said in :mod:`~webgym.bench.hardweb.pages`.
+nobody reads; a clock. What scripts may use is said in :mod:`~benchmarks.settle.hardweb.pages`.
 """
 
 from __future__ import annotations
 
-from webgym.bench.hardweb.page import HardPage, Kind
+from benchmarks.settle.hardweb.page import HardPage, Kind
 
 _NOISE = """
 <p id=clock style='position: fixed; right: 8px; top: 0'></p>

@@ -8,8 +8,8 @@ server.py   the server behind them: late, in pieces, in chains, or never
 
 from __future__ import annotations
 
-from webgym.bench.hardweb.page import Group, HardPage
-from webgym.bench.hardweb.pages import OTHER_HOST, PAGES, TRUTH
-from webgym.bench.hardweb.server import HardSite
+from benchmarks.settle.hardweb.page import Group, HardPage
+from benchmarks.settle.hardweb.pages import OTHER_HOST, PAGES, TRUTH
+from benchmarks.settle.hardweb.server import HardSite
 
 __all__ = ["OTHER_HOST", "PAGES", "TRUTH", "Group", "HardPage", "HardSite"]

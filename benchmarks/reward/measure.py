@@ -1,6 +1,6 @@
-"""Does it pay to be after the reward and not the task? (``webgym bench reward``)
+"""Does it pay to be after the reward and not the task?
 
-Policies that hack (:mod:`webgym.bench.reward_hacks`) attempt the same tasks of the offline web as one that
+Policies that hack (:mod:`benchmarks.reward.hacks`) attempt the same tasks of the offline web as one that
 fails honestly, through the real collector, browsers, parser and judge. Beside each stand the attempts of a
 policy that solves some other tasks: what makes failures vanish from a success rate raises it only where there
 are successes. A hack gains if either success rate, over judged attempts or over all planned ones, is higher
@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
+from benchmarks.reward.hacks import HACKS, HackingPolicy
 
 from webgym.agent.policy import Policy
 from webgym.agent.scripted import ScriptedPolicy
-from webgym.bench.reward_hacks import HACKS, HackingPolicy
 from webgym.core.errors import ConfigError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task

@@ -1,4 +1,4 @@
-"""``webgym bench settle``: how often is an observation final, and how long does it take to get there?
+"""How often is an observation final, and how long does it take to get there?
 
 Every page of the hard web is opened and acted on in a fresh episode, once per round and per way of waiting,
 in a shuffled order. When the wait ends the page is asked, in its own world, whether its content was final;
@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import get_args
 
 import msgspec
+from benchmarks.settle.hardweb import OTHER_HOST, PAGES, TRUTH, Group, HardPage, HardSite
 from pydantic import Field
 
-from webgym.bench.hardweb import OTHER_HOST, PAGES, TRUTH, Group, HardPage, HardSite
 from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
 from webgym.browser.actions import perform
 from webgym.browser.cdp import CommandFailed, TargetGone

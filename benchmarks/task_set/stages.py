@@ -1,4 +1,4 @@
-"""``webgym bench tasks``: how long it takes to work on a task set of the paper's size, and how much memory.
+"""How long it takes to work on a task set of the paper's size, and how much memory.
 
 Every stage runs in a process of its own, several times; what it reads first is neither timed nor, where that
 can be told apart, counted. No model is asked: where the pipeline has a derived task rewritten, its facts are
@@ -18,8 +18,8 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 import msgspec
+from benchmarks.task_set.made_up import Shape, make_lengths, make_tasks
 
-from webgym.bench.taskset import Shape, make_lengths, make_tasks
 from webgym.bench.usage import MEGABYTE
 from webgym.core.task import Task
 from webgym.tables import Table

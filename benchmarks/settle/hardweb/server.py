@@ -16,7 +16,7 @@ import zlib
 from collections.abc import Awaitable, Callable
 from urllib.parse import parse_qsl, urlsplit
 
-from webgym.bench.hardweb.pages import OTHER_HOST, PAGES, WORKER, page_html
+from benchmarks.settle.hardweb.pages import OTHER_HOST, PAGES, WORKER, page_html
 
 _PAUSE = re.compile(r"<!--pause (\d+)-->")
 _WEBSOCKET_KEY = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"  # RFC 6455, section 1.3
@@ -166,7 +166,7 @@ async def _chunks(exchange: Exchange) -> None:
 
 async def _websocket(exchange: Exchange) -> None:
     """``/ws?ms&unasked``: answers every message after ``ms``; with ``unasked``, speaks first."""
-    digest = hashlib.sha1((exchange.headers["sec-websocket-key"] + _WEBSOCKET_KEY).encode()).digest()  # noqa: S324 - RFC 6455
+    digest = hashlib.sha1((exchange.headers["sec-websocket-key"] + _WEBSOCKET_KEY).encode()).digest()
     await exchange.head(
         "101 Switching Protocols",
         Connection="Upgrade",

@@ -32,7 +32,7 @@ from webgym.server.messages import (
 )
 from webgym.server.operations import JSON, MSGPACK
 
-TOKEN: Final = "a-token-of-stand-ins"  # noqa: S105
+TOKEN: Final = "a-token-of-stand-ins"
 _PNG = b"\x89PNG\r\n\x1a\n"
 _TTL_SECONDS = 60.0
 _CALL = 'Action: go on\n<tool_call>\n{"name": "computer_use", "arguments": %s}\n</tool_call>'

@@ -19,6 +19,11 @@ def reply_text(action: Action) -> str:
     return render_reply(action, "memory", description="")
 
 
+def texts_of(actions: Sequence[Action | str]) -> list[str]:
+    """Actions as :func:`reply_text` writes them, replies as they are."""
+    return [each if isinstance(each, str) else reply_text(each) for each in actions]
+
+
 class Engine:
     """Says one thing after another; the last again and again.
 

@@ -118,8 +118,8 @@ async def check_adapter(
 
 
 def in_browsers() -> tuple[dict[str, Any], list[tuple[str, Sequence[Action | str]]]]:
-    """Arguments of a pool of two real browsers on the small websites; and two of their tasks, each with actions
-    that solve it."""
+    """Arguments of a pool of two real browsers on the small websites; and two of their tasks, each with what
+    solves it."""
     config = RunConfig(sites=SitesConfig(collection="small", per_family=1), tasks=TaskChoice(count="all"))
     web = OfflineWeb(config.sites.seed, per_family=1, collection="small")
     solved: list[tuple[str, Sequence[Action | str]]] = []

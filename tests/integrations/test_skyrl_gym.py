@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import io
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from PIL import Image
-from tests.integrations.engine import reply_text, stand_in_pool
+from tests.integrations.conformance import Play, Told, check_adapter
+from tests.integrations.engine import reply_text, stand_in_pool, texts_of
 
-from webgym import UsageError
-from webgym.core.action import Answer, Scroll
+from webgym import Action, Answer, RunConfig, Scroll, UsageError
 
 skyrl_gym = pytest.importorskip("skyrl_gym", reason="skyrl-gym is not installed")
 
@@ -39,6 +40,37 @@ def made(folder: Path, size: int = 4, **more: Any) -> Iterator[tuple[Any, Any]]:
         )
     finally:
         browsers.close()
+
+
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    browsers = Browsers(**given)
+    if ENV_CLASS not in skyrl_gym.registry:
+        skyrl_gym.register(id=ENV_CLASS, entry_point=ENTRY)
+
+    def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+        env = skyrl_gym.make(ENV_CLASS, env_config={}, extras={"task_id": task_id}, browsers=browsers)
+        told = Told()
+        try:
+            env.init([])
+            for text in texts_of(actions):
+                step = env.step(text)
+                (told.final if step["done"] else told.early).append(step["reward"])
+        except NoReward:
+            pass
+        return told
+
+    try:
+        yield lambda task_id, actions: asyncio.to_thread(play, task_id, actions)
+    finally:
+        await asyncio.to_thread(browsers.close)
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    def rows(name: str, config: RunConfig) -> list[str]:
+        return [row["task_id"] for row in skyrl_rows(name, split="all", count=6, config=config)]
+
+    assert await check_adapter(adapter, tmp_path, rows=rows, cancels=False) == []
 
 
 def picture_of(message: dict[str, Any]) -> Image.Image:

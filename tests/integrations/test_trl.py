@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import warnings
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 from tests.inference.tiny import tiny_image_processor, tiny_model, tiny_tokenizer
+from tests.integrations.conformance import FAULTS, Play, Told, check_adapter
 from tests.integrations.engine import stand_in_pool
 
+from webgym import Action, Answer, RunConfig, Scroll
 from webgym.conformance import StandInJudge
 from webgym.core.errors import JudgeError
 from webgym.core.verdict import Verdict
@@ -54,6 +58,41 @@ def played(tools: BrowserTools, answer: str | None) -> float | None:
     if answer is not None:
         assert tools.answer(answer) == tools.click(1, 1) == [{"type": "text", "text": "The episode is over."}]
     return tools.get_reward()
+
+
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    browsers = Browsers(**given)
+    free: list[BrowserTools] = []
+
+    def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+        tools = free.pop() if free else browsers()
+        tools.reset(task_id=task_id)
+        for action in actions:
+            match action:
+                case Scroll(direction="up" | "down" as direction):
+                    tools.scroll(direction)
+                case Answer(text=text):
+                    tools.answer(text)
+        reward = tools.get_reward()  # TRL asks once, at the end
+        free.append(tools)
+        return Told([] if reward is None else [reward])
+
+    try:
+        yield lambda task_id, actions: asyncio.to_thread(play, task_id, actions)
+    finally:
+        await asyncio.to_thread(browsers.close)
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    def rows(name: str, config: RunConfig) -> list[str]:
+        browsers = Browsers(name, size=1, split="all")
+        drawn = [row["task_id"] for row in browsers.rows(split="all", count=6, config=config)]
+        browsers.close()
+        return drawn
+
+    faults = set(FAULTS) - {"unreadable"}  # TRL itself reads what the model says
+    assert await check_adapter(adapter, tmp_path, rows=rows, faults=faults, cancels=False) == []
 
 
 def test_a_reward_is_the_judges_and_a_fault_is_none(browsers: Browsers) -> None:

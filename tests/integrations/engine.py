@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,17 @@ class Engine:
         self.requests.append(request)
         ids, logprobs = self.sample(self._texts[place])
         return self.change(Sampled(ids, logprobs, weight_version=self.version))
+
+
+def example(name: str) -> Any:
+    """The module of an example, anew."""
+    path = Path(__file__).parents[2] / "examples" / "integrations" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def stand_in_pool(folder: Path, size: int = 4, *, fails: bool = False, fault: str = "") -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from tests.inference.tiny import tiny_renderer
 from tests.integrations.conformance import Play, Told, check_adapter, check_in_browsers
-from tests.integrations.engine import Engine, reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import Engine, example, reply_text, stand_in_pool, texts_of
 
 from webgym import Action, Answer, Scroll
 
@@ -108,3 +108,12 @@ async def test_rows_that_the_engine_read_otherwise_are_dropped_and_counted(tmp_p
     async with flow.pool:
         assert await flow.arun_episode(engine, {"task_id": "check-3"}) is None
     assert flow.dropped == {"image_tokens": 2}
+
+
+@pytest.mark.browser
+async def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
+    engine = InferenceEngine(texts_of([Scroll("down"), Answer("no idea")]))
+    processor = types.SimpleNamespace(image_processor=RENDERER.image_processor)
+    found = await example("areal_episode").main(engine, RENDERER.tokenizer, processor)
+    assert found["rewards"].tolist() == [0.0, 0.0]
+    assert capsys.readouterr().out.startswith("2 rows of ")

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from tests.integrations.conformance import Play, Told, check_adapter
-from tests.integrations.engine import reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import example, reply_text, stand_in_pool, texts_of
 
 import webgym
 from webgym import Action, Answer, RunConfig, Scroll
@@ -128,3 +128,14 @@ def test_what_has_no_reward_is_unscored(tmp_path: Path, fault: dict[str, Any]) -
     assert all(math.isnan(each.as_float()) for each in scores)
     assert math.isnan(log.results.scores[0].metrics["success_rate"].value)
     assert not browsers.open_now
+
+
+@pytest.mark.browser
+def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    texts = texts_of([Scroll("down"), Answer("no idea")])
+    model = get_model(
+        "mockllm/model", custom_outputs=[ModelOutput.from_content("mockllm/model", text) for text in texts]
+    )
+    main = example("inspect_eval").main
+    assert main(model, count=1, browsers=1, display="none", log_dir=str(tmp_path / "logs")) == 0.0
+    assert "1 of 1 samples have a score: success rate 0.00" in capsys.readouterr().out

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 from tests.conftest import wait_until
 from tests.integrations.conformance import Play, Told, check_adapter
-from tests.integrations.engine import reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import example, reply_text, stand_in_pool, texts_of
 from tests.serving import serving_sockets
 
 import webgym
@@ -106,3 +106,11 @@ async def test_a_client_that_leaves_gives_its_browser_back(tmp_path: Path) -> No
             assert len(browsers.open_now) == 2
             assert sorted(browsers.steps.values()) == [0, 1]
         await asyncio.to_thread(wait_until, lambda: not browsers.open_now)
+
+
+@pytest.mark.browser
+async def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
+    served = example("openenv_server")
+    async with serving_sockets(served.app) as url:
+        assert await served.main(url) == 0.0
+    assert "failure: reward 0.0" in capsys.readouterr().out

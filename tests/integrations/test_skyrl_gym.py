@@ -13,12 +13,14 @@ from typing import Any
 import pytest
 from PIL import Image
 from tests.integrations.conformance import Play, Told, check_adapter
-from tests.integrations.engine import reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import example, reply_text, stand_in_pool, texts_of
+from tests.llm import endpoint
 
 from webgym import Action, Answer, RunConfig, Scroll, UsageError
 
 skyrl_gym = pytest.importorskip("skyrl_gym", reason="skyrl-gym is not installed")
 
+from webgym.integrations import skyrl_gym as integration  # noqa: E402
 from webgym.integrations.skyrl_gym import ENV_CLASS, Browsers, NoReward, skyrl_rows  # noqa: E402
 
 ENTRY = "webgym.integrations.skyrl_gym:WebGymEnv"
@@ -139,3 +141,20 @@ def test_rows_name_the_environment(tmp_path: Path) -> None:
     rows = skyrl_rows(str(tmp_path / "tasks.jsonl"), split="all", count=2)
     assert len(rows) == 2
     assert all(row["env_class"] == ENV_CLASS and row["task_id"].startswith("check-") for row in rows)
+
+
+@pytest.mark.browser
+async def test_the_example(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("WEBGYM_TASKS", "offline-small-v1")
+    monkeypatch.setenv("WEBGYM_BROWSERS", "1")
+    skyrl_gym.registry.pop(ENV_CLASS, None)
+    async with endpoint.serve() as served:
+        texts = texts_of([Scroll("down"), Answer("no idea")])
+        served.replies = [{"message": {"role": "assistant", "content": text}} for text in texts]
+        try:
+            reward = await asyncio.to_thread(example("skyrl_episode").main, served.url("scripted"), "tiny-1")
+        finally:
+            await asyncio.to_thread(integration.the_browsers().close)
+            integration._browsers = None
+    assert reward == 0.0
+    assert "failure: reward 0.0" in capsys.readouterr().out

@@ -5,6 +5,8 @@ slime is not on the package index: the class of its samples is written here, wit
 
 from __future__ import annotations
 
+import importlib
+import json
 import types
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
@@ -19,7 +21,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.types import Receive, Scope, Send
 from tests.inference.tiny import tiny_renderer
 from tests.integrations.conformance import Play, Told, check_adapter, check_in_browsers
-from tests.integrations.engine import Engine, reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import Engine, example, reply_text, stand_in_pool, texts_of
 from tests.serving import serving
 
 import webgym
@@ -157,3 +159,16 @@ async def test_an_episode_without_a_reward_has_no_number_and_drops_its_group(
         (None, True, Sample.Status.ABORTED)
     ]
     assert not slime.has_rewards(None, [[Sample(reward=1.0)], samples])
+
+
+def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = stand_in_pool(tmp_path)
+    example("slime_prompts").main(str(tmp_path / "prompts.jsonl"), given["name"], split="all", count=3)
+    lines = [json.loads(line) for line in (tmp_path / "prompts.jsonl").read_text().splitlines()]
+    assert [line["prompt"] for line in lines] == [
+        f"Find number {line['metadata']['task_id'].removeprefix('check-')}" for line in lines
+    ]
+    printed = capsys.readouterr().out
+    for flag in ("custom-generate-function-path", "dynamic-sampling-filter-path"):
+        module, _, name = printed.split(f"--{flag} ")[1].split()[0].rpartition(".")
+        assert callable(getattr(importlib.import_module(module), name))

@@ -14,7 +14,7 @@ import pytest
 import torch
 from tests.inference.tiny import tiny_image_processor, tiny_model, tiny_tokenizer
 from tests.integrations.conformance import FAULTS, Play, Told, check_adapter
-from tests.integrations.engine import stand_in_pool
+from tests.integrations.engine import example, stand_in_pool
 
 from webgym import Action, Answer, RunConfig, Scroll
 from webgym.conformance import StandInJudge
@@ -136,6 +136,7 @@ class Trainer(GRPOTrainer):
     """Samples from a list in place of a model; everything else is TRL's."""
 
     says: list[list[str]]
+    read: list[list[list[int]]]
 
     def _generate_single_turn(
         self, prompt_ids: list[list[int]], *more: Any, **named: Any
@@ -151,21 +152,23 @@ class Trainer(GRPOTrainer):
         return self.batch
 
 
-@pytest.mark.filterwarnings("ignore")  # of its own
-def test_a_step_of_its_trainer_learns_from_rewards_and_nothing_from_a_fault(
-    browsers: Browsers, tmp_path: Path
-) -> None:
+def tiny() -> tuple[Any, Any]:
+    """A model, and its processor."""
     tokenizer = tiny_tokenizer(qwen3_vl_chat_template)
     processor = Processor(
         tiny_image_processor(), tokenizer, _NoVideos(), chat_template=qwen3_vl_chat_template
     )
     model = tiny_model()
     model.config.text_config.max_position_embeddings = 65536
-    before = {name: value.clone() for name, value in model.named_parameters()}
-    config = GRPOConfig(
-        output_dir=str(tmp_path / "out"),
-        per_device_train_batch_size=4,
-        num_generations=4,
+    return model, processor
+
+
+def settings(folder: Path, episodes: int) -> Any:
+    """Of one step on the CPU."""
+    return GRPOConfig(
+        output_dir=str(folder / "out"),
+        per_device_train_batch_size=episodes,
+        num_generations=episodes,
         max_completion_length=20000,
         max_steps=1,
         learning_rate=1e-2,
@@ -175,6 +178,35 @@ def test_a_step_of_its_trainer_learns_from_rewards_and_nothing_from_a_fault(
         save_strategy="no",
         beta=0.0,
     )
+
+
+@pytest.mark.browser
+@pytest.mark.filterwarnings("ignore")  # of its own
+def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model, processor = tiny()
+    says = [[call("scroll", direction="down")] * 2, [call("answer", text="no idea")] * 2, ["Done."] * 2]
+    Trainer.says, Trainer.read = says, []
+    made = example("trl_grpo").main(
+        model,
+        "offline-small-v1",
+        count=2,
+        trainer=Trainer,
+        args=settings(tmp_path, 2),
+        processing_class=processor,
+    )
+    logged = next(row for row in made.state.log_history if "rewards/BrowserTools/mean" in row)
+    assert logged["rewards/BrowserTools/mean"] == 0.0
+    assert "2 episodes, 0 of them ended by TRL before an answer" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("ignore")  # of its own
+def test_a_step_of_its_trainer_learns_from_rewards_and_nothing_from_a_fault(
+    browsers: Browsers, tmp_path: Path
+) -> None:
+    model, processor = tiny()
+    tokenizer = processor.tokenizer
+    before = {name: value.clone() for name, value in model.named_parameters()}
+    config = settings(tmp_path, 4)
     rows = browsers.rows(split="all", count=2)
     assert rows[0].keys() == {"task_id", "prompt"}
     trainer = Trainer(

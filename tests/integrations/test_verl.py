@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from tests.inference.tiny import tiny_renderer
 from tests.integrations.conformance import Play, Told, check_adapter, check_in_browsers
-from tests.integrations.engine import Engine, reply_text, stand_in_pool, texts_of
+from tests.integrations.engine import Engine, example, reply_text, stand_in_pool, texts_of
 
 import webgym
 from webgym import Action, Answer, RunConfig, Scroll
@@ -22,6 +22,7 @@ pytest.importorskip("verl", reason="verl is not installed")
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its imports
+    import hydra
     from omegaconf import OmegaConf
     from verl.experimental.agent_loop.agent_loop import AgentLoopOutput, DictConfigWrap
     from verl.workers.rollout.replica import TokenOutput
@@ -122,3 +123,12 @@ def test_the_dataset_holds_nothing_that_judges_see(tmp_path: Path) -> None:
     assert len(rows) == 3
     assert rows[0].keys() == {"prompt", "data_source", "agent_name", "reward_model", "extra_info"}
     assert rows[0]["reward_model"]["ground_truth"] == ""
+
+
+def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    example("verl_files").main(tmp_path / "data", "offline-small-v1", size=2, count=3)
+    for split in ("train", "test"):
+        assert len(pq.read_table(tmp_path / "data" / f"{split}.parquet")) == 3
+    (entry,) = OmegaConf.load(tmp_path / "data" / "agent_loop.yaml")
+    assert hydra.utils.get_class(entry["_target_"]) is WebGymAgentLoop
+    assert f"agent_loop_config_path={tmp_path}/data/agent_loop.yaml" in capsys.readouterr().out

@@ -1,5 +1,7 @@
-"""What AReaL's trainer gets of an episode. In training, the workflow goes to ``PPOTrainer.train``, and the engine
-is AReaL's."""
+"""What AReaL's trainer gets of an episode.
+
+In training, the workflow goes to ``PPOTrainer.train``, and the engine is AReaL's.
+"""
 
 from __future__ import annotations
 

@@ -256,9 +256,25 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         ["One", "Two", "Three"],
     ),
     "where React listens for all": (
-        "<style>div{display:flex}b{width:30px;height:30px}</style><div class=on id=root><b>1</b><b>2</b><b>3</b></div>"
+        "<style>div{display:flex}b{width:30px;height:30px}</style>"
+        "<div class=on id=root><b>1</b><b>2</b><b>3</b></div>"
         "<script>root._reactListeningx = true</script>" + LISTENS.format("click"),
         [],
+    ),
+    "a tag that cannot be selected around what has a pointer": (
+        "<span class=on style='user-select:none'>Tag <i class=on style='cursor:pointer'>x</i></span>"
+        + LISTENS.format("click"),
+        ["x"],
+    ),
+    "a track around a handle with a pointer": (
+        "<div class=on style='width:300px;height:14px;background:silver'><i tabindex=0 style='display:block;"
+        "cursor:pointer;width:9px;height:14px;background:red'></i></div>" + LISTENS.format("mousedown"),
+        ["", ""],
+    ),
+    "a pad that is aimed at": (
+        "<div title=Colours style='cursor:crosshair;width:90px;height:90px;background:red'></div>"
+        "<script>document.addEventListener('mousedown', () => {})</script>",
+        ["Colours"],
     ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }

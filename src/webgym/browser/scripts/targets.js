@@ -203,9 +203,10 @@
     return known.get(sheet).selectors;
   };
 
+  const AIMED = new Set(['pointer', 'crosshair', 'cell']);
   let hovers = new Map(); // by document or shadow root: the selectors in this look, null if there are none
   const showsPointer = (element, style) => {
-    if (style.cursor === 'pointer') return true;
+    if (AIMED.has(style.cursor)) return true;
     const root = getRootNode(element);
     if (!hovers.has(root)) {
       const sheets = nodeType(root) === Node.ELEMENT_NODE ? [] : [...styleSheets(root), ...adoptedStyleSheets(root)];
@@ -420,7 +421,8 @@
     const share = (kid) => areaOf(kid.boxes[0]) / area;
     if (!one.isControl) {
       if (!one.isPointer && isNothing(one)) return null;
-      if (one.isText && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
+      const isUnpointed = one.isText || (!one.isPointer && within.length && hasOtherText(one, within));
+      if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
       if (!within.length) {
         const isLarge = area > LARGE * innerWidth * innerHeight && !WHOLE.has(localName(one.element));
         return isLarge && !one.isPointer ? null : kids;

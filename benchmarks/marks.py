@@ -4,14 +4,15 @@
     .venv/bin/python benchmarks/marks.py --set half_b
     .venv/bin/python benchmarks/marks.py --pages shoelace leaflet --details
 
-In a browser of its own, without our scripts, a point of every element is hovered over and clicked, and the
-page is loaded anew whenever something came of it: an element, attribute, value or picture changed, a
-control got the focus, the tab wanted to leave. What changed is the signature of a point. A mark is right if
-something comes of a click on its middle, at once or after one on another of its kind (the open tab), or
-with the right button, or is seen once the mouse has gone (a star), and no other mark that lies there has the same signature. A point that reacts is
-found if a mark has its signature, or one that it lies in has most of it, or one does the same but for
-looks. Left out are whole containers and what changes of them, rims around marks where only looks change,
-disabled controls, what comes of the mouse without a click, and labels of controls that are seen themselves.
+In a browser of its own, without our scripts, a point of every element is hovered over and clicked, and
+the page is loaded anew whenever something came of it: an element, attribute, value or picture changed,
+a control got the focus, the tab wanted to leave. What changed is the signature of a point. A mark is
+right if something comes of a click on its middle, at once, after one on another of its kind (the open
+tab), with the right button, or once the mouse has gone (a star), and no other mark that lies there has
+the same signature. A point that reacts is found if a mark has its signature, or one that it lies in has
+most of it, or one does the same but for looks. Left out are whole containers and what changes of them,
+rims around marks where only looks change, disabled controls, what comes of the mouse without a click,
+and labels of controls that are seen themselves.
 Names are compared with the browser's accessibility tree. Exit code 1 below the goals.
 """
 

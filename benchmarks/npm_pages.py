@@ -3,7 +3,8 @@
 Nothing of the packages is part of this repository: they are installed at the first run. A script that lies
 beside a page is bundled with what it imports. The pages in `half_a` and `half_b` were written before any was
 measured, and halved by lot: the rules of marks and text were corrected by what half A showed, and those of
-marks later by B. Those in `unseen` were written then, measured once, and nothing was corrected by them.
+marks later by B. Those in `unseen` were written then, measured once, and rules were corrected by them later;
+those in `unseen_2` after that, and nothing was corrected by them.
 """
 
 from __future__ import annotations

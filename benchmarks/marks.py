@@ -203,8 +203,8 @@ class Trier:
         return False
 
     async def is_lasting(self, x: float, y: float) -> bool:
-        """Whether something has come of a click once the mouse has gone: the star of a rating, whose looks were the
-        same while the mouse was on it."""
+        """Whether something has come of a click once the mouse has gone: the star of a rating, whose looks
+        were the same while the mouse was on it."""
         await self.load()
         self._is_fresh = False
         for press in (False, True):

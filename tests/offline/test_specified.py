@@ -19,7 +19,7 @@ from webgym.offline import OfflineWeb
 from webgym.offline.data import load_beside
 from webgym.offline.engine.spec import Spec, spec_of
 from webgym.offline.engine.specified import SpecifiedWebsite
-from webgym.offline.families import SPECIFIED
+from webgym.offline.families import FAMILIES
 from webgym.offline.families.bank import Bank
 from webgym.offline.families.clinic import Clinic
 from webgym.offline.families.lettings import Lettings
@@ -44,7 +44,7 @@ def tasks_of(family: type, websites: int) -> list[Task]:
     return [task for host in hosts for task in web.tasks_of(host)]
 
 
-@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
 def test_tasks_are_well_posed(family: type[SpecifiedWebsite]) -> None:
     tasks = tasks_of(family, len(SEEDS))
     assert len(tasks) >= 30 * len(SEEDS)
@@ -63,7 +63,7 @@ def test_tasks_are_well_posed(family: type[SpecifiedWebsite]) -> None:
         assert not any(says(fold(given.text), fold(wrong)) for wrong in task.truth.answer.forbidden), task.id
 
 
-@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
 def test_nothing_is_proven_by_what_is_typed(family: type[SpecifiedWebsite]) -> None:
     web = OfflineWeb(families=(family,), per_family=2)
     host = next(iter(web.specs))
@@ -84,7 +84,7 @@ def test_every_sector_has_its_words() -> None:
         assert record.name.endswith(sector.follows["category"][category])
 
 
-@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_filters_and_orders_hold(family: type[SpecifiedWebsite], seed: int) -> None:
     site = made(family, seed)
@@ -98,7 +98,7 @@ def test_filters_and_orders_hold(family: type[SpecifiedWebsite], seed: int) -> N
         assert ranks == sorted(ranks, reverse=way == "down")
 
 
-@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
 def test_no_two_things_have_one_name(family: type[SpecifiedWebsite]) -> None:
     for seed in range(12):
         site = made(family, seed)
@@ -199,7 +199,7 @@ def test_the_search_suggests_names(visitor: Any) -> None:
 
 
 def test_the_same_seed_gives_the_same_pages(visitor: Any) -> None:
-    for family in SPECIFIED:
+    for family in FAMILIES:
         one, two = made(family), made(family)
         for url in ("/", one.finder.path, one.href(one.items.records[0]), "/suggest?q=a"):
             visit = Visit("GET", url.partition("?")[0], {}, {}, {}, {})

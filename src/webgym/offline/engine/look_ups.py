@@ -60,7 +60,7 @@ def ranked(site: Site, *kinds: str) -> list[str]:
     return [
         of
         for of in site.items.labels
-        if site.items.fields[of].kind in (kinds or ("number", "money", "minutes", "day"))
+        if site.items.fields[of].kind in (kinds or ("number", "money", "year", "minutes", "day"))
     ]
 
 

@@ -149,6 +149,16 @@ class SpecifiedWebsite(Extras):
         """The fields that a section shows; of ``""``, the summary."""
         return [of for of in self.items.labels if self.items.fields[of].section == section]
 
+    def prose(self, section: str, record: Record) -> list[str]:
+        """The text of a section of an item's page: what its fields say, and sentences around it."""
+        said = [
+            self.items.view(record, of)[0] for of in self.in_section(section) if self.items.fields[of].prose
+        ]
+        rng = stream(self.seed, "prose", section, record.name)
+        around = rng.sample(self.spec.fillers, min(len(said) + 2, len(self.spec.fillers))) if said else []
+        text = [*said, *(filler.format(item=record.name) for filler in around)]
+        return rng.sample(text, len(text))
+
     def sections(self) -> list[str]:
         """The sections that show something."""
         return [section for section in self.spec.sections if self.in_section(section)]

@@ -33,7 +33,7 @@ def look(site: Site, record: Record, fields: Sequence[str]) -> tuple[Move, ...]:
         wanted = [of for of in fields if site.items.fields[of].section == section]
         if wanted and section:
             moves += unfold(site, site.says[section], is_first=section == sections[0])
-        moves += [See((site.items.labels[of], record.fields[of].text)) for of in wanted]
+        moves += [See(site.items.view(record, of)) for of in wanted]
     return tuple(moves)
 
 

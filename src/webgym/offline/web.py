@@ -49,7 +49,6 @@ class Collection:
     is_cross_site: bool = False
 
 
-
 COLLECTIONS: dict[CollectionName, Collection] = {
     "large": Collection(FAMILIES, 50, 0.2, MISBEHAVING, (1280, 768), SENTENCES),
     "small": Collection(small.FAMILIES, 72, 1 / 6, (), (192, 128), small.WORDING),

@@ -9,11 +9,10 @@ from datetime import timedelta
 from itertools import product
 
 from webgym.offline import names
-from webgym.offline.engine.asking import BARE_FROM, minutes, quantity, shown
-from webgym.offline.engine.saying import count_words, days, listed, the, times
 from webgym.offline.engine.spec import FieldSpec, NamingSpec
+from webgym.offline.engine.spelling import BARE_FROM, count, days, listed, minutes, quantity, the, times
 from webgym.offline.engine.table import Record, Value
-from webgym.offline.parts import Fact
+from webgym.offline.parts import Fact, shown
 from webgym.offline.seeds import pick, stream
 from webgym.offline.website import TODAY
 
@@ -182,6 +181,6 @@ def written(spec: FieldSpec, number: int, currency: str) -> Value:
             text, *others = quantity(f"{number:,}", *spec.units)
             ways = (*others, *quantity(str(number), *spec.units))
         case _:
-            text, *others = (f"{number:,}", str(number), *count_words(number))
+            text, *others = (f"{number:,}", str(number), *count(number))
             ways = tuple(others)
     return Value(text, tuple(dict.fromkeys(way for way in ways if way != text)), number)

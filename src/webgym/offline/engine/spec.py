@@ -136,9 +136,9 @@ class NamingSpec(Table, frozen=True, kw_only=True):
     """How records are called.
 
     Attributes:
-        kind: ``words`` joins one of ``first`` and one of ``second`` by ``between``; ``list`` takes ``first``; ``person``,
-            ``town`` and ``brand`` make up a name, with one of ``first`` before it and one of
-            ``second`` behind it, if there are any.
+        kind: ``words`` joins one of ``first`` and one of ``second`` by ``between``; ``list`` takes
+            ``first``; ``person``, ``town`` and ``brand`` make up a name, with one of ``first`` before it
+            and one of ``second`` behind it, if there are any.
         first, second: words.
         between: stands between two words.
     """

@@ -1,7 +1,7 @@
 """Websites that follow from a specification: a list with filters, a page per item, forms, and a saved list.
 
 A family is a ``spec.toml`` (see :mod:`webgym.offline.engine.spec`) and a class that names its items. Pages,
-validation, what the server holds, and tasks with solutions follow; see :mod:`webgym.offline.engine.errands`.
+validation, what the server holds, and tasks with solutions follow; see :mod:`webgym.offline.engine.tasks`.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 from webgym.offline.engine.extras import Extras
 from webgym.offline.engine.finder import STYLES, Facet, Finder
 from webgym.offline.engine.records import following, named, sheet
-from webgym.offline.engine.saying import days, times
 from webgym.offline.engine.spec import FormSpec, InputSpec, Spec, spec_of
+from webgym.offline.engine.spelling import days, times
 from webgym.offline.engine.table import Record
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
@@ -244,7 +244,7 @@ class SpecifiedWebsite(Extras):
 
     def assignments(self) -> Iterable[Assignment]:
         """The tasks."""
-        from webgym.offline.engine.errands import assignments
+        from webgym.offline.engine.tasks import assignments
 
         return assignments(self)
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from webgym.core.truth import Click, Fill, Move, See
-from webgym.offline.engine.asking import exactly
 from webgym.offline.engine.specified import SpecifiedWebsite
 from webgym.offline.engine.table import Record
-from webgym.offline.parts import Fact
+from webgym.offline.parts import Fact, exactly
 
 Site = SpecifiedWebsite
 

@@ -6,9 +6,9 @@ from collections import Counter
 from typing import Any
 
 from webgym.core.truth import Click, Evidence, Home, StateCheck
-from webgym.offline.engine.questions import Questions, answer_is, seen
 from webgym.offline.engine.table import Record
 from webgym.offline.parts import Fact, Part
+from webgym.offline.small.questions import Questions, answer_is, seen
 from webgym.offline.website import State
 
 BUY = Click("buy")

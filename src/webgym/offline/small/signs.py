@@ -35,7 +35,7 @@ class SignData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @lru_cache(maxsize=1)
 def sign_data() -> SignData:
     """All colours, icons, controls and words."""
-    return load("webgym.offline.engine", "signs.toml", SignData)
+    return load("webgym.offline.small", "signs.toml", SignData)
 
 
 @dataclass(frozen=True)

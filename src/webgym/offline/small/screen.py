@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from html import escape
 
-from webgym.offline.engine.design import Design, Layout, Theme
-from webgym.offline.engine.signs import CELL, Sign, drawn, sign_data
+from webgym.offline.small.design import Design, Layout, Theme
+from webgym.offline.small.signs import CELL, Sign, drawn, sign_data
 
 COLUMNS, ROWS = 6, 4
 

@@ -15,8 +15,8 @@ from typing import Any, Literal
 import msgspec
 
 from webgym.offline.data import load
-from webgym.offline.engine.signs import Ink, shaded, sign_data
 from webgym.offline.seeds import stream
+from webgym.offline.small.signs import Ink, shaded, sign_data
 from webgym.offline.website import Split
 
 Choice = tuple[int, ...]
@@ -63,7 +63,7 @@ class DesignData(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 @lru_cache(maxsize=1)
 def design_data() -> DesignData:
     """All choices."""
-    return load("webgym.offline.engine", "design.toml", DesignData)
+    return load("webgym.offline.small", "design.toml", DesignData)
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,11 @@ import random
 from collections.abc import Sequence
 
 from webgym.core.truth import Choose, Click, Fill, Move, See, StateCheck
-from webgym.offline.engine.asking import count as counted
-from webgym.offline.engine.asking import exactly, shown
-from webgym.offline.engine.saying import listed
+from webgym.offline.engine.navigation import Site, go, unfold
+from webgym.offline.engine.spelling import count as counted
+from webgym.offline.engine.spelling import listed
 from webgym.offline.engine.table import Record
-from webgym.offline.engine.ways import Site, go, unfold
-from webgym.offline.parts import Fact, Part
+from webgym.offline.parts import Fact, Part, exactly, shown
 
 
 def member(site: Site, rng: random.Random, size: int) -> Part | None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
-from webgym.offline.engine.compose import Mix, compose
-from webgym.offline.engine.design import Design, design
-from webgym.offline.engine.screen import Block, Tile, bar_room, page
-from webgym.offline.engine.signs import Sign, control
 from webgym.offline.parts import Assignment, Part
 from webgym.offline.seeds import number, stream
+from webgym.offline.small.compose import Mix, compose
+from webgym.offline.small.design import Design, design
+from webgym.offline.small.screen import Block, Tile, bar_room, page
+from webgym.offline.small.signs import Sign, control
 from webgym.offline.website import Response, Visit, Website, slug
 
 

@@ -9,7 +9,8 @@ import random
 from collections.abc import Sequence
 
 from webgym.core.truth import Choose, Click, Fill, Move, See, StateCheck
-from webgym.offline.engine.navigation import Site, go, unfold
+from webgym.offline.engine.extras import Pin
+from webgym.offline.engine.navigation import Site, chart_moves, fact, go, look, unfold
 from webgym.offline.engine.spelling import count as counted
 from webgym.offline.engine.spelling import listed
 from webgym.offline.engine.table import Record
@@ -198,4 +199,108 @@ def account(site: Site, rng: random.Random, size: int) -> Part | None:
             *(See((sheet.labels[of], record.fields[of].text)) for of in fields),
         ),
         f"In the account, {sheet.told(record, fields)}.",
+    )
+
+
+def files(site: Site, rng: random.Random, size: int) -> Part | None:
+    """Some files in another folder."""
+    spec = site.spec.files
+    if size > 3 or spec is None:
+        return None
+    folder = rng.choice(spec.folders)
+    elsewhere = [name for name, kept in site.files.items() if kept != folder]
+    if len(elsewhere) < size:
+        return None
+    chosen = rng.sample(elsewhere, size)
+    place, held = exactly(site.path("/~files")), StateCheck(("files",), dict.fromkeys(chosen, folder))
+    said = listed([f'"{name}"' for name in chosen])
+    return Part(
+        f'move the {"file" if size == 1 else "files"} {said} into the folder "{folder}"',
+        f"Files: {said}",
+        tuple(
+            Fact(
+                f'"{name}" is in the folder "{folder}"',
+                (shown(place, name, folder),),
+                (StateCheck(("files", name), folder), *(() if nth else (held,))),
+            )
+            for nth, name in enumerate(chosen)
+        ),
+        (
+            Click(path=site.path("/~files")),
+            *(Click(name=name, role="checkbox") for name in chosen),
+            Choose(site.says["move_to"], folder),
+            Click(name=site.says["move"], role="button"),
+            *(See((name, folder)) for name in chosen),
+        ),
+    )
+
+
+def bar(site: Site, rng: random.Random, size: int) -> Part | None:
+    """What one bar of a chart tells, or which bar tells the most or the least."""
+    chart = site.spec.chart
+    if size != 1 or chart is None:
+        return None
+    record, noun = rng.choice(site.items.records), chart.field.noun
+    values, place = site.chart(record), exactly(site.href(record))
+    is_most = rng.choice((True, False, None))
+    if is_most is None:
+        month = rng.choice(list(values))
+        ask = f"read the {noun} of {record.name} in {month} from the chart"
+        wrong: tuple[str, ...] = ()
+        answer, says = values[month].options, f"It is {values[month].text}."
+    else:
+        ranked = sorted(values, key=lambda each: values[each].rank or 0, reverse=is_most)
+        month, word = ranked[0], chart.field.most if is_most else chart.field.least
+        ask = (
+            f"find the month with the {word} {noun} in the chart of {record.name}, click its bar, and name it"
+        )
+        answer, wrong, says = (month,), tuple(ranked[1:]), f"It is {month}."
+    view = shown(place, f"{month}: {values[month].text}")
+    return Part(
+        ask,
+        f"Chart of {record.name}: {noun}",
+        (Fact(f"The bar of {record.name} that is asked for tells its value", (view,), (), answer, wrong),),
+        (*go(site, record), *chart_moves(site, record, month)),
+        says,
+    )
+
+
+_SIDES = ("north", "south", "west", "east")
+_CLEARLY = 6
+"""Percent of the map by which a pin is farther than the next."""
+
+
+def pin(site: Site, rng: random.Random, size: int) -> Part | None:
+    """The item farthest to one side of the map, and more about it."""
+    side = rng.choice(_SIDES)
+
+    def far(each: Pin) -> int:
+        place = each.top if side in ("north", "south") else each.left
+        return place if side in ("south", "east") else -place
+
+    best, second = sorted(site.pins, key=far, reverse=True)[:2]
+    if size > 3 or far(best) - far(second) < _CLEARLY:
+        return None
+    record, place = best.record, exactly(site.path("/~map"))
+    fields = site.items.some(rng, size - 1)
+    also = f", and give the name and {site.items.nouns(fields)}" if fields else ", and give its name"
+    told = f": {site.items.told(record, fields)}" if fields else ""
+    singular = site.spec.singular
+    found = Fact(
+        f"The {singular} farthest {side} on the map is found",
+        (shown(place, f"Here: {record.name}"),),
+        answer=(record.name,),
+        wrong=tuple(each.record.name for each in site.pins if each != best),
+    )
+    return Part(
+        f"find the {singular} whose pin is farthest {side} on the map{also}",
+        f"Map: farthest {side}",
+        (found, *(fact(site, record, of, about=f"that {singular}") for of in fields)),
+        (
+            Click(path=site.path("/~map")),
+            Click(name=f"Pin {site.pins.index(best) + 1}", role="button"),
+            See((f"Here: {record.name}",)),
+            *((Click(path=site.href(record)), *look(site, record, fields)) if fields else ()),
+        ),
+        f"It is {record.name}{told}.",
     )

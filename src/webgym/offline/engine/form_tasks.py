@@ -131,7 +131,7 @@ def entry(site: Site, given: InputSpec, rng: random.Random) -> str:
 
 def _enter(site: Site, form: str, of: str, given: InputSpec, value: str) -> Iterator[Move]:
     label = site.input_label(form, of)
-    if given.kind in TYPED:
+    if given.kind in TYPED or (given.kind == "number" and site.has_sliders):
         yield Fill(label, value)
     elif given.kind == "day" and site.has_calendar:
         yield Click(name=label, role="button")

@@ -24,6 +24,16 @@ def unfold(site: Site, title: str, *, is_first: bool = False) -> tuple[Move, ...
     return (Click(name=title, role="tab" if site.look.detail == "tabs" else None),)
 
 
+def chart_moves(site: Site, record: Record, month: str) -> tuple[Move, ...]:
+    """From an item's page, until the bar of a month tells its value."""
+    is_first = not site.sections() and not site.spec.rows
+    return (
+        *unfold(site, site.chart_label(), is_first=is_first),
+        Click(name=month, role="button"),
+        See((f"{month}: {site.chart(record)[month].text}",)),
+    )
+
+
 def look(site: Site, record: Record, fields: Sequence[str]) -> tuple[Move, ...]:
     """From an item's page, until each of these fields was in view."""
     moves: list[Move] = []

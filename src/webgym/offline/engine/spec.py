@@ -228,6 +228,48 @@ class AccountSpec(Table, frozen=True, kw_only=True):
     fields: dict[str, FieldSpec]
 
 
+class FilesSpec(Table, frozen=True, kw_only=True):
+    """A list of files that can be put into other folders.
+
+    Attributes:
+        labels: of the link to it.
+        count: least and most of a website.
+        naming: how they are called.
+        folders: to put them into.
+    """
+
+    labels: tuple[str, ...]
+    count: tuple[int, int] = (9, 14)
+    naming: NamingSpec
+    folders: tuple[str, ...]
+
+
+class ChartSpec(Table, frozen=True, kw_only=True):
+    """A bar for each of the last months on an item's page; a bar that is clicked tells its value.
+
+    Attributes:
+        labels: of the section that shows it.
+        field: what a bar is; a number or money.
+    """
+
+    labels: tuple[str, ...]
+    field: FieldSpec
+
+    def __post_init__(self) -> None:
+        if self.field.kind not in ("number", "money") or not (self.field.least and self.field.most):
+            raise ValueError(f"{self.field.noun}: a chart is of numbers or money, with least and most")
+
+
+class MapSpec(Table, frozen=True, kw_only=True):
+    """A map with pins; a pin that is clicked tells which item is there.
+
+    Attributes:
+        labels: of the link to it.
+    """
+
+    labels: tuple[str, ...]
+
+
 TYPED = ("person", "email", "phrase")
 """Kinds of inputs that are typed into."""
 
@@ -279,7 +321,7 @@ class Spec(Table, frozen=True, kw_only=True):
         naming: how items are called, unless the family's class says so.
         groups: other records, by name.
         rows: what people left on items' pages, by name.
-        cart, account: where there is one.
+        cart, account, files, chart, map: where there is one.
         follows: values of choices that follow from how an item's name ends, by field and value.
         variants: sectors, of which every website has one.
         picture: kind of the items' illustrations.
@@ -302,6 +344,9 @@ class Spec(Table, frozen=True, kw_only=True):
     rows: dict[str, RowsSpec] = field(default_factory=dict)
     cart: CartSpec | None = None
     account: AccountSpec | None = None
+    files: FilesSpec | None = None
+    chart: ChartSpec | None = None
+    map: MapSpec | None = None
     follows: dict[str, dict[str, tuple[str, ...]]] = field(default_factory=dict)
     variants: dict[str, VariantSpec] = field(default_factory=dict)
     picture: str = "scene"

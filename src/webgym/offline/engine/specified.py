@@ -49,7 +49,9 @@ class SpecifiedWebsite(Extras):
         page_size: items on a page of the list.
         has_calendar: whether days are chosen in a calendar, or from a dropdown.
         is_endless: whether more of the list loads by itself, where it loads at all.
+        has_sliders: whether numbers are chosen with sliders, or from dropdowns.
         shadowed: the section that is a web component of its own; ``""`` if there is none.
+        framed: the section that stands in a frame; ``""`` if there is none.
     """
 
     says: dict[str, str] = field(init=False)
@@ -57,7 +59,9 @@ class SpecifiedWebsite(Extras):
     page_size: int = field(init=False)
     has_calendar: bool = field(init=False)
     is_endless: bool = field(init=False)
+    has_sliders: bool = field(init=False)
     shadowed: str = field(init=False)
+    framed: str = field(init=False)
 
     whole: ClassVar[Spec]
     """The family's specification, with all its sectors."""
@@ -98,7 +102,10 @@ class SpecifiedWebsite(Extras):
         self.page_size = pick((8, 10, 12), seed, "page size")
         self.has_calendar = pick((True, False), seed, "calendar")
         self.is_endless = pick((True, False), seed, "endless")
+        self.has_sliders = pick((True, False), seed, "sliders")
         self.shadowed = pick((*spec.sections, ""), seed, "shadow")
+        framed = pick((*spec.sections, ""), seed, "frame")
+        self.framed = "" if framed == self.shadowed else framed
         rng = stream(seed, "items")
         names = self.names(rng, rng.randint(*spec.count))
         self.items = following(sheet(spec.fields, names, self.currency, seed), spec.follows)
@@ -176,7 +183,9 @@ class SpecifiedWebsite(Extras):
             for name, form in self.spec.forms.items()
             if not form.is_about_item
         ]
-        return [(self.says["all"], self.finder.path), *filters, *groups, *forms]
+        beside = [(self.map_label(), self.path("/~map"))] if self.spec.map else []
+        beside += [(self.files_label(), self.path("/~files"))] if self.spec.files else []
+        return [(self.says["all"], self.finder.path), *filters, *groups, *beside, *forms]
 
     # --- forms -----------------------------------------------------------------------------------
 
@@ -281,6 +290,14 @@ class SpecifiedWebsite(Extras):
             return self.missing(visit)
         forms = [name for name, form in self.spec.forms.items() if form.is_about_item]
         return self.render("engine/item.html", visit, record=record, forms=forms)
+
+    @page("/~one/{key}/in/{section}")
+    def part(self, visit: Visit, key: str, section: str) -> Response:
+        """A section of an item's page, for the frame in it."""
+        record = self.by_key.get(key)
+        if record is None or not section or section != self.framed:
+            return self.missing(visit)
+        return self.render("engine/part.html", visit, record=record)
 
     @page("/~saved")
     def saved(self, visit: Visit) -> Response:

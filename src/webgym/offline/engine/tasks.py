@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from webgym.offline.engine.composer import Ask, Composer
-from webgym.offline.engine.extra_tasks import account, line, member, owner, put, tally, which
+from webgym.offline.engine.extra_tasks import account, bar, files, line, member, owner, pin, put, tally, which
 from webgym.offline.engine.form_tasks import save, send
 from webgym.offline.engine.list_tasks import count, extreme
 from webgym.offline.engine.lookup_tasks import compare, difference, either, facts
@@ -44,7 +44,7 @@ def assignments(site: Site) -> Iterator[Assignment]:
         ("save", save),
         *((name, ask) for name, (ask, *sizes) in extra.items() if min(sizes) < 3),
     ]
-    once = frozenset({"put", "account"})
+    once = frozenset({"put", "account", "files"})
     yield from Composer(site, single, large, small, ("send", send), once).assignments()
 
 
@@ -66,4 +66,7 @@ def extra_asks(site: Site) -> dict[str, tuple[Any, ...]]:
         "tally": (tally, 1) if any(each.tally for each in spec.rows.values()) else (),
         "put": (put, 2, 3) if spec.cart else (),
         "account": (account, 2, 3) if spec.account else (),
+        "files": (files, 1, 2, 3) if spec.files else (),
+        "bar": (bar, 1) if spec.chart else (),
+        "pin": (pin, 1, 2, 3) if spec.map else (),
     }

@@ -93,8 +93,9 @@ for (const canvas of document.querySelectorAll("[data-map] canvas")) {
     pen.strokeStyle = color;
     pen.lineWidth = thick;
     pen.beginPath();
-    pen.moveTo(0, random() * height);
-    for (let x = 60; x <= width; x += 60) pen.lineTo(x, height * (0.2 + random() * 0.6));
+    let y = height * (0.2 + random() * 0.6);
+    pen.moveTo(0, y);
+    for (let x = 60; x <= width; x += 60) pen.quadraticCurveTo(x - 30, y, x, (y += (random() - 0.5) * 90));
     pen.stroke();
   }
 }

@@ -21,7 +21,7 @@ from webgym.core.outcome import Ending
 from webgym.core.task import StepBudget, Task
 from webgym.core.trajectory import Episode, Reply, Step
 from webgym.judge import OfflineJudge
-from webgym.offline.engine.site import SmallWebsite
+from webgym.offline.small.site import SmallWebsite
 from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
@@ -105,7 +105,7 @@ async def check_family(
     """Check some websites of a family: tasks have ids and instructions of their own, and are what they claim.
 
     Args:
-        family: small websites (:class:`webgym.offline.engine.site.SmallWebsite`) are played without a
+        family: small websites (:class:`webgym.offline.small.site.SmallWebsite`) are played without a
             browser, all others in Chromium.
         seed: of the websites.
         websites: how many, for training and for testing each.

@@ -6,8 +6,8 @@
     env = gymnasium.make(names[0])  # browsergym/webgym.small.…
 
 Browser, actions and observations are BrowserGym's; the offline websites and the judge are WebGym's. A message
-to the user is the answer and ends the episode, and so does a budget that is spent. The reward comes then: 1.0 or
-0.0. An episode without one (the website blocked the agent, or websites or judge failed) raises
+to the user is the answer and ends the episode, and so does a budget that is spent. The reward comes then: 1.0
+or 0.0. An episode without one (the website blocked the agent, or websites or judge failed) raises
 :class:`NoReward`.
 """
 

@@ -46,7 +46,7 @@ class ModelServer:
 class Answered:
     """An answer of that client."""
 
-    ok, status, cookies = True, 200, {}  # noqa: RUF012
+    ok, status, cookies = True, 200, {}
 
     def __init__(self, text: str) -> None:
         content = [{"type": "output_text", "text": text, "annotations": []}]

@@ -1,5 +1,5 @@
-"""NeMo Gym (tested with nemo-gym 0.7.0): an agent server whose ``/run`` is an episode in a browser. In a project
-of NeMo Gym's, ``responses_api_agents/webgym/app.py`` is::
+"""NeMo Gym (tested with nemo-gym 0.7.0): an agent server whose ``/run`` is an episode in a browser. In a
+project of NeMo Gym's, ``responses_api_agents/webgym/app.py`` is::
 
     from webgym.integrations.nemo_gym import WebGymAgent
 
@@ -7,8 +7,8 @@ of NeMo Gym's, ``responses_api_agents/webgym/app.py`` is::
         WebGymAgent.run_webserver()
 
 The model server is asked with the messages of a run, and so with WebGym's window of history. NeMo Gym has no
-reward but a number: an episode without one is masked (``mask_sample``), which is its word for "the reward is no
-measurement", and ``failure_kind`` says which: ``webgym:blocked``, ``webgym:environment_error``,
+reward but a number: an episode without one is masked (``mask_sample``), its word for a reward that measures
+nothing, and ``failure_kind`` says which: ``webgym:blocked``, ``webgym:environment_error``,
 ``webgym:policy_error`` or ``webgym:judge_error``.
 """
 
@@ -101,21 +101,21 @@ class WebGymAgent(SimpleResponsesAPIAgent):
             UsageError: there is no such task.
             aiohttp.ClientError: the model server failed; NeMo Gym counts a failed rollout, and no reward.
         """
-        reward, why, replies = math.nan, "", list[NeMoGymResponse]()
-        outcome, steps = "environment_error", 0
+        reward, replies = math.nan, list[NeMoGymResponse]()
         async with self.pool().environment() as env:
             try:
                 _, info = await env.reset(options={"task_id": body.task_id})
             except UsageError:
                 raise
             except WebGymError as error:
-                return _told(body, replies, error.message, task_id=body.task_id, outcome=outcome, steps=0)
+                told = {"task_id": body.task_id, "outcome": "environment_error", "steps": 0}
+                return _told(body, replies, error.message, **told)
             while not info["is_over"]:
                 replies.append(await self._ask(body, info))
                 _, reward, _, _, info = await env.step(_text(replies[-1]))
-        outcome, steps = str(info["outcome"]), info["step"]
         why = info["failure"]["message"] if info["failure"] else "the website kept the agent out"
-        return _told(body, replies, why, reward, task_id=body.task_id, outcome=outcome, steps=steps)
+        told = {"task_id": body.task_id, "outcome": str(info["outcome"]), "steps": info["step"]}
+        return _told(body, replies, why, reward, **told)
 
     async def _ask(self, body: WebGymRunRequest, info: dict[str, Any]) -> NeMoGymResponse:
         said = [_message(message, info["images"]) for message in info["messages"]]
@@ -135,34 +135,16 @@ def _told(
     reward: float = math.nan,
     **told: Any,
 ) -> WebGymRunResponse:
-    if math.isnan(reward):  # the number has to be one, and the mask says that it is none
-        told |= {
-            "mask_sample": True,
-            "failure_kind": f"webgym:{told['outcome']}",
-            "failure_reason": why,
-        }
+    if math.isnan(reward):  # it has to be a number: the mask says that it is none
+        told |= {"mask_sample": True, "failure_kind": f"webgym:{told['outcome']}", "failure_reason": why}
+        reward = 0.0
+    said: Any = {"id": "none", "created_at": 0, "model": "none", "object": "response"}
+    said |= {"parallel_tool_calls": False, "tool_choice": "none", "tools": []}
+    if replies:
+        said = replies[-1].model_dump()
+    said["output"] = [item.model_dump() for reply in replies for item in reply.output]
     params = body.responses_create_params
-    output = [item for reply in replies for item in reply.output]
-    response = (
-        replies[-1].model_copy(update={"output": output})
-        if replies
-        else NeMoGymResponse(
-            id="none",
-            created_at=0,
-            model="none",
-            object="response",
-            output=[],
-            parallel_tool_calls=False,
-            tool_choice="none",
-            tools=[],
-        )
-    )
-    return WebGymRunResponse(
-        responses_create_params=params,
-        response=response,
-        reward=0.0 if math.isnan(reward) else reward,
-        **told,
-    )
+    return WebGymRunResponse(responses_create_params=params, response=said, reward=reward, **told)
 
 
 def _text(reply: NeMoGymResponse) -> str:

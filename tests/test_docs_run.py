@@ -34,7 +34,7 @@ ELSEWHERE = {
 }
 """Pages whose blocks run in a test of their own."""
 BLOCK = re.compile(r"(<!-- not run: .+? -->\n\n?)?^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-SMALL = {"sites": {"collection": "small", "per_family": 3}, "server": {"rehearsed": True}}
+SMALL = {"sites": {"collection": "small", "per_family": 3}, "server": {"static": True}}
 """A run without browsers."""
 
 

@@ -50,7 +50,7 @@ def test_its_loader_reads_every_step(tmp_path: Path) -> None:
 @pytest.mark.browser
 def test_the_example(tmp_path: Path) -> None:
     sites = SitesConfig(collection="small", per_family=1)
-    config = RunConfig(server=ServerChoice(rehearsed=True), sites=sites, tasks=TaskChoice(count=2))
+    config = RunConfig(server=ServerChoice(static=True), sites=sites, tasks=TaskChoice(count=2))
     example("llamafactory_data").main(tmp_path, config)
     names = json.loads((tmp_path / "data" / "dataset_info.json").read_text())
     samples = json.loads((tmp_path / "data" / names["webgym"]["file_name"]).read_text())

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from unittest.mock import MagicMock
 
 import httpx
@@ -46,7 +46,8 @@ class ModelServer:
 class Answered:
     """An answer of that client."""
 
-    ok, status, cookies = True, 200, {}
+    ok, status = True, 200
+    cookies: ClassVar[dict[str, str]] = {}
 
     def __init__(self, text: str) -> None:
         content = [{"type": "output_text", "text": text, "annotations": []}]

@@ -275,7 +275,7 @@ def register_tasks(
     Returns:
         Their ids: ``browsergym/webgym.`` and the task's id, with a dot for each slash.
     """
-    names = []
+    names: list[str] = []
     for task in OfflineWeb(per_family=per_family, collection=collection).tasks(split):
         if len(names) == count:
             break

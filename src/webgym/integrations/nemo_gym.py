@@ -108,7 +108,11 @@ class WebGymAgent(SimpleResponsesAPIAgent):
             except UsageError:
                 raise
             except WebGymError as error:
-                told = {"task_id": body.task_id, "outcome": "environment_error", "steps": 0}
+                told: dict[str, Any] = {
+                    "task_id": body.task_id,
+                    "outcome": "environment_error",
+                    "steps": 0,
+                }
                 return _told(body, replies, error.message, **told)
             while not info["is_over"]:
                 replies.append(await self._ask(body, info))

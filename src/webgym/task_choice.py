@@ -8,6 +8,7 @@ from typing import NamedTuple
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
 from webgym.offline import OfflineWeb
+from webgym.offline.task_cache import cached_tasks
 from webgym.offline.website import Split
 from webgym.rollout.blocklist import Blocklist
 from webgym.run_config import RunConfig
@@ -62,12 +63,12 @@ def all_tasks(config: RunConfig) -> list[Task]:
 
 
 def _read(config: RunConfig, split: Split | None) -> TaskFile:
-    """A file is read whole; of the offline web only the split that is asked for is made."""
+    """A file is read whole; of the offline web only the split that is asked for."""
     if config.tasks.file is not None:
         return read_tasks(config.tasks.file)
     sites = config.sites
     web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
-    return TaskFile(list(web.tasks(split)), [])
+    return TaskFile(cached_tasks(web, split), [])
 
 
 def given_tasks(tasks: Sequence[Task], config: RunConfig) -> Chosen:

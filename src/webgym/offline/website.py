@@ -134,6 +134,7 @@ def _templates() -> jinja2.Environment:
     return environment
 
 
+@lru_cache(maxsize=1 << 16)  # lists are filtered by it
 def slug(text: str) -> str:
     """``text`` as a part of an address: ``"Blue Mug, 0.3 l"`` becomes ``"blue-mug-0-3-l"``."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import date
+from functools import lru_cache
 
 BARE_FROM = 10
 """A number below this proves nothing without its unit."""
@@ -42,6 +43,7 @@ def times(minute: int) -> tuple[str, ...]:
     return tuple(dict.fromkeys(ways))
 
 
+@lru_cache(maxsize=1 << 12)
 def days(day: date) -> tuple[str, ...]:
     """Ways to write a day."""
     number = day.day

@@ -1,4 +1,4 @@
-"""A policy whose model runs in this process: for small models, for tests, and where no server is to be had.
+"""A policy whose model runs in this process: for small models, for tests, and where no server is available.
 
 Calls are answered in batches as they arrive: while one batch is being generated the next one gathers, so that
 many attempts share every forward pass and none waits for a barrier.

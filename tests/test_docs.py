@@ -118,7 +118,7 @@ def wrong(call: list[str]) -> str:
     command, path = group, "webgym"
     while hasattr(command, "commands") and words and words[0] in command.commands:
         path = f"{path} {words[0]}"
-        command, words = command.commands[words[0]], words[1:]
+        command, words = command.get_command(None, words[0]), words[1:]  # which may import it
     if path == "webgym judge":  # its `run` may be left out
         command = command.commands["run"]
     if hasattr(command, "commands"):

@@ -115,6 +115,8 @@ def wrong(call: list[str]) -> str:
         return f"make {min(unknown)}" if unknown else ""
     if name.rpartition("/")[2] != "webgym" or not words or words[0].startswith("-"):
         return ""
+    if words[0] not in {verb.name for verb in cli.VERBS}:
+        return f"webgym {words[0]}"
     command: Any = typer.main.get_command(cli.build(words[0]))
     path = "webgym"
     while hasattr(command, "commands"):
@@ -122,7 +124,7 @@ def wrong(call: list[str]) -> str:
             words.insert(0, "run")  # which may be left out
         if not words or words[0] not in command.commands:
             return "" if "--help" in words else " ".join([path, *words[:1]])
-        path, command, words = f"{path} {words[0]}", command.commands[words[0]], words[1:]
+        path, command, words = f"{path} {words[0]}", command.get_command(None, words[0]), words[1:]
     try:
         command.make_context(path, words) if "--help" not in words else None
     except Exception as error:  # Typer's releases take their errors from different packages

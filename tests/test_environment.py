@@ -129,7 +129,7 @@ async def test_what_is_used_wrongly_is_told() -> None:
             await env.step(Scroll("down"))
         with pytest.raises(ConfigError, match="did you mean check-1"):
             await env.reset(options={"task_id": "chek-1"})
-        with pytest.raises(ConfigError, match="no option 'task'"):
+        with pytest.raises(ConfigError, match="unknown option 'task'"):
             await env.reset(options={"task": "check-1"})
         await env.reset()
         with pytest.raises(UsageError, match="int is no action"):

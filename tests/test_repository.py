@@ -188,8 +188,8 @@ class Body(BaseModel):
 def commands(path: list[str], command: Any) -> Iterator[tuple[list[str], Any]]:
     """A command and, if it is a group, everything under it, each with the words that call it."""
     yield path, command
-    for name, inner in getattr(command, "commands", {}).items():
-        yield from commands([*path, name], inner)
+    for name in getattr(command, "commands", {}):
+        yield from commands([*path, name], command.get_command(None, name))  # which may import it
 
 
 @pytest.mark.parametrize("verb", [verb for verb in cli.VERBS if verb.is_there], ids=lambda verb: verb.name)

@@ -1,4 +1,4 @@
-"""Does an environment, or what wraps one for a trainer, keep what it promises? Seconds, and no browser."""
+"""Conformance checks for environments and for wrappers of them. They take seconds and need no browser."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The environment for whoever brings the policy: reset, step, and a reward at the end::
+"""The environment, for policies of your own: reset, step, and a reward at the end::
 
     async with webgym.make("offline-v1", split="train") as env:
         view, info = await env.reset(seed=7)

@@ -1,4 +1,4 @@
-"""How figures for a paper look, and how they are written: same figures, same bytes."""
+"""Style and writing of figures for a paper: the same data give the same bytes."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""How settings of a file, of options and of defaults become one: key by key, never a section for a section.
+"""Configuration: reading settings from files and options, merging them key by key, and reporting errors.
 
-Whoever sets one key of a section keeps the rest of it, wherever the rest comes from: from the defaults of a
+Setting one key of a section keeps the rest of it, wherever the rest comes from: from the defaults of a
 settings class (:class:`Section`), from another file or from options (:func:`merged`), or from what a family
 of models is best sampled with (:meth:`webgym.llm.config.Sampling.over`).
 """
@@ -21,7 +21,7 @@ S = TypeVar("S", bound=BaseModel)
 
 
 class Settings(BaseModel):
-    """Documented values that do not change; keys that there are not are refused."""
+    """Immutable documented values; unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 

@@ -1,4 +1,4 @@
-"""The bootstrap that intervals of rates come from: whole clusters, all resamples at once."""
+"""Bootstrap intervals of rates: whole clusters are resampled, all resamples at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checks for those who write websites or environments of their own: does everything hold what it promises?
+"""Checks for websites and environments of your own.
 
 :func:`check_family` plays the tasks of a family of websites by following their solutions, and judges what
 comes of it: the solution must pass, and a wrong answer, an answer without evidence, a premature answer and an

@@ -1,4 +1,4 @@
-"""Are the offline web's tasks what they claim to be? Solvable, and by nothing less than a solution.
+"""Validation of the offline web's tasks: the known solution passes, and nothing less does.
 
 ``webgym sites check`` plays every solution in real browsers and asks here what to make of it.
 """

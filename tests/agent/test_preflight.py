@@ -190,7 +190,7 @@ async def test_the_event_loop_goes_round_while_a_line_without_end_is_read(tmp_pa
     while not reading.done():
         await asyncio.sleep(0)
         rounds += 1
-    with pytest.raises(TaskFileError, match=r"holds no task; .* bytes, and at most"):
+    with pytest.raises(TaskFileError, match=r"contains no task; .* bytes, and at most"):
         reading.result()
     assert rounds > 20
 

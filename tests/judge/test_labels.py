@@ -77,7 +77,7 @@ def test_a_table_as_people_write_it() -> None:
         HumanLabel("success", task_id="t2", annotator="ann", note="looked again"),
     ]
     assert list(map(str, read.broken)) == [
-        "line 5: the label 'maybe' is none of success, failure, unsure, not_executable",
+        "line 5: the label 'maybe' is not one of success, failure, unsure, not_executable",
         "line 6: it names neither an attempt nor a task",
         "line 7: 2 columns where the header has 4",
         "line 4: t2 is labelled again further down, at line 9",

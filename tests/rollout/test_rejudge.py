@@ -22,7 +22,7 @@ from webgym.core.verdict import Cost, Judgement, Verdict
 from webgym.judge import Pictures
 from webgym.rollout.rejudge import RECORDED, RejudgeConfig, compare, judge_run, recorded, verdicts_of
 from webgym.rollout.store import RunReader, RunWriter
-from webgym.rollout.verdicts import VerdictLog, book_path, read_verdicts
+from webgym.rollout.verdicts import VerdictLog, read_verdicts, verdicts_path
 
 
 class Counting:
@@ -120,7 +120,7 @@ async def test_a_part_at_a_time(run: Path) -> None:
 async def test_torn_and_changed_lines_do_not_count_and_are_judged_again(run: Path) -> None:
     judge = Counting()
     await judge_run(run, judge)
-    path = book_path(run, judge.name)
+    path = verdicts_path(run, judge.name)
     lines = path.read_bytes().splitlines(keepends=True)
     changed = lines[0].replace(b'"reward":1', b'"reward":0')
     assert changed != lines[0]
@@ -187,7 +187,7 @@ asyncio.run(judge_run(Path({str(run)!r}), Counting(), RejudgeConfig(judges=1), s
     judge = Counting()
     state = asyncio.run(judge_run(run, judge))
     assert (state.earlier, state.done, sum(judge.asked.values())) == (2, total, total - 2)
-    assert len(book_path(run, judge.name).read_bytes().splitlines()) == total
+    assert len(verdicts_path(run, judge.name).read_bytes().splitlines()) == total
 
 
 async def test_judges_are_compared(run: Path) -> None:

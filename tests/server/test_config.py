@@ -14,6 +14,7 @@ import webgym.browser
 import webgym.server
 from webgym import cli
 from webgym.browser import EgressConfig
+from webgym.cli import serve
 from webgym.server import BrowserConfig, ClientLimits, GatewayConfig, RayConfig, ServerConfig
 from webgym.server.compat import CompatConfig
 from webgym.server.operations import QUEUES
@@ -56,7 +57,9 @@ def test_the_door_is_shut_unless_it_is_opened() -> None:
     """Nothing but this machine, and no token that anybody knows."""
     group: Any = typer.main.get_command(cli.build("serve"))
     told = group.commands["serve"].make_context("serve", []).params
-    for host in (ServerConfig().host, GatewayConfig().worker_host, told["host"], told["worker_host"]):
+    server = ServerConfig.model_validate(serve.SERVER.given(told))
+    gateway = GatewayConfig.model_validate(serve.GATEWAY.given(told))
+    for host in (ServerConfig().host, GatewayConfig().worker_host, server.host, gateway.worker_host):
         assert host == "127.0.0.1"
     assert ServerConfig().token is None
     assert told["token_file"] is None

@@ -231,7 +231,7 @@ class Conversation(Dialogue):
         super().__init__(task, budget, agent.config, agent.profile)
         self._name = agent.policy.name
         with _policy_errors(self._name):
-            self._player = agent.policy.begin(task, seed)
+            self._session = agent.policy.begin(task, seed)
 
     async def turn(self, observation: Observation, image: bytes, at: float) -> Step:
         """Ask the policy what to do about this observation: see :meth:`request` and :meth:`receive`.
@@ -242,7 +242,7 @@ class Conversation(Dialogue):
         """
         turn = await self.request(observation, image)
         with _policy_errors(self._name):
-            reply = await self._player.reply(turn)
+            reply = await self._session.reply(turn)
         return self.receive(reply, at)
 
 

@@ -1,6 +1,6 @@
 """The interface of a policy: it is shown an input and replies.
 
-A policy serves many attempts at once; each attempt has a player of its own, which may remember what it
+A policy serves many attempts at once; each attempt has a session of its own, which may remember what it
 did. A model behind an endpoint needs no memory of its own, because the request holds everything; a
 script does.
 """
@@ -82,7 +82,7 @@ class Policy(Protocol):
     def wants_elements(self) -> bool: ...  # noqa: D102
 
     def begin(self, task: Task, seed: int) -> PolicySession:
-        """A player for one attempt; everything random in it follows from ``seed``."""
+        """A session for one attempt; everything random in it follows from ``seed``."""
         ...
 
     async def __aenter__(self) -> Self: ...

@@ -45,12 +45,12 @@ class RandomPolicy(BasePolicy):
     name = "random"
     wants_elements = True
 
-    def begin(self, task: Task, seed: int) -> RandomPlayer:
-        """A player whose every choice follows from the task's id and the seed."""
-        return RandomPlayer(random.Random(f"{task.id}\n{seed}"))
+    def begin(self, task: Task, seed: int) -> RandomSession:
+        """A session whose every choice follows from the task's id and the seed."""
+        return RandomSession(random.Random(f"{task.id}\n{seed}"))
 
 
-class RandomPlayer:
+class RandomSession:
     """One attempt of the random policy."""
 
     def __init__(self, rng: random.Random) -> None:

@@ -64,16 +64,16 @@ class ScriptedPolicy(BasePolicy):
         self._mistake_rate = mistake_rate
         self._mistakes = tuple(mistakes)
 
-    def begin(self, task: Task, seed: int) -> ScriptedPlayer:
-        """A player of this task's solution. A task without one fails at its first reply."""
+    def begin(self, task: Task, seed: int) -> ScriptedSession:
+        """A session that plays this task's solution. A task without one fails at its first reply."""
         rng = random.Random(f"{task.id}\n{seed}")
         mistake = None
         if rng.random() < self._mistake_rate:
             mistake = rng.choice(self._mistakes)
-        return ScriptedPlayer(task, mistake, rng)
+        return ScriptedSession(task, mistake, rng)
 
 
-class ScriptedPlayer:
+class ScriptedSession:
     """One attempt of the scripted policy.
 
     Attributes:

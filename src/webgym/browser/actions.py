@@ -1,4 +1,4 @@
-"""From an action to mouse, keyboard and history (paper appendix C)."""
+"""Carries out actions by mouse, keyboard and history (paper appendix C)."""
 
 from __future__ import annotations
 

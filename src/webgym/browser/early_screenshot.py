@@ -1,9 +1,9 @@
-"""A picture that is taken while the page is still waited for.
+"""A screenshot that is taken while the page is still being waited for.
 
-To take a picture takes as long as to find out that nothing more comes, and mostly nothing does. So where an
-action has set nothing off that is yet to come, the picture is asked for at once, and kept if the page is
-found to look the same when the wait is over (``scripts/early.js``). Otherwise it is thrown away, and the
-page is looked at as ever.
+Taking a screenshot takes as long as finding out that nothing more is loading, and mostly nothing is. So if an
+action has started nothing that is still pending, the screenshot is requested at once, and used if the page is
+found to look the same when the wait is over (``scripts/early.js``). Otherwise it is discarded and a new one
+is taken as usual.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _FINAL = frozenset({"unchanged", "quiet", "long_poll"})
 
 
 class EarlyScreenshot:
-    """The early picture of one step, if there is to be one.
+    """The early screenshot of one step.
 
     :meth:`begin` after the action and :meth:`end` after the wait; :meth:`drop` in any case.
     """

@@ -1,4 +1,4 @@
-"""How much memory browsers take, and the end of what takes too much.
+"""Memory use of browsers; those that use too much are ended.
 
 A page can ask for memory without end. The machine would swap, and then kill whom it likes. So a watch
 looks at the browsers that run (one that is stopped cannot grow) and ends the greediest: its renderer, which

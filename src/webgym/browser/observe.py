@@ -1,4 +1,4 @@
-"""From the page to an observation and the bytes of its picture."""
+"""Observes the page: an observation and the bytes of its screenshot."""
 
 from __future__ import annotations
 

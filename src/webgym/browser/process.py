@@ -1,4 +1,4 @@
-"""A Chromium in its own process group, and the proof that nothing of it is left."""
+"""A Chromium in its own process group, which is ended completely."""
 
 from __future__ import annotations
 

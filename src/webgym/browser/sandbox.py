@@ -1,4 +1,4 @@
-"""Chromium's sandbox: whether it is asked for, whether it is really there, and how to fix it.
+"""Chromium's sandbox: whether it is requested, whether it is active, and how to enable it.
 
 The sandbox has two layers: a renderer lives in user, process and network namespaces of its own, and a filter
 (seccomp) refuses it most system calls. What a browser was told on its command line proves nothing, since

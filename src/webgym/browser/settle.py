@@ -1,4 +1,4 @@
-"""When is a page quiet? Found out from events, with a hard deadline, and the reason is kept.
+"""Waiting until a page is quiet: decided by events, with a hard deadline; the reason is recorded.
 
 Nothing is waited for but what is known to be under way or shows itself: loading and requests
 (:mod:`~webgym.browser.traffic`), computing workers (:mod:`~webgym.browser.workers`), changes, animations that

@@ -1,4 +1,4 @@
-"""What the tab is loading at this moment: frames, requests in flight, and channels that owe an answer."""
+"""What the tab is loading at this moment: frames, requests in flight, and channels that await an answer."""
 
 from __future__ import annotations
 

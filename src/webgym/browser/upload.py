@@ -1,4 +1,4 @@
-"""Choosing files, of those that the task comes with and no others."""
+"""File uploads, restricted to the files that come with the task."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``webgym judge agreement``: judges held against people's labels."""
+"""``webgym judge agreement``: agreement of judges with human labels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``judge`` and ``rollout`` share: from options to a judge."""
+"""Options of judges, shared by ``judge``, ``rollout`` and ``eval``."""
 
 from __future__ import annotations
 

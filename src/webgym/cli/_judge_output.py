@@ -1,4 +1,4 @@
-"""A judging on a terminal: how far it is, what came out, what it cost."""
+"""Terminal output of judging: progress, outcomes, cost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Start the browser once as a slot would, and let it draw a page: what ``webgym doctor`` reports."""
+"""Starts the browser once as a slot would, and renders a page, for ``webgym doctor``."""
 
 from __future__ import annotations
 

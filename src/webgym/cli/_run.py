@@ -1,4 +1,4 @@
-"""What ``rollout`` and ``demo`` share: starting a run, showing it, and ending well."""
+"""Functions that ``rollout``, ``eval`` and ``demo`` share: settings, secrets, progress, interruption."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run printed to a person when it is over."""
+"""Terminal output at the end of a run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A training in a terminal: where it is, how far the runs under way are, how long the rest takes."""
+"""Terminal output of a training: stage, progress of its runs, time left."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``webgym simulate``: the rollout system as a model, for questions that no machine at hand can answer."""
+"""``webgym simulate``: a model of the rollout system, for sizing systems that are not available."""
 
 from __future__ import annotations
 

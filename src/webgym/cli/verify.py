@@ -1,4 +1,4 @@
-"""``webgym verify``: prove that a run is whole, or name what is not."""
+"""``webgym verify``: check that a run is complete and intact."""
 
 from __future__ import annotations
 

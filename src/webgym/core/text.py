@@ -1,4 +1,4 @@
-"""Comparing texts as a careful reader does: case, white space and typographic forms do not count.
+"""Text comparison that ignores case, white space and typographic variants.
 
 Truths are compared by this rule wherever they are: by the judge with what was visible, by a script with
 what is visible.

@@ -1,4 +1,4 @@
-"""Token ids as they are kept in records: exact, small and readable without this code.
+"""Token ids in records: exact, compact, and readable without this package.
 
 A request to a vision-language model is thousands of ids, most of them one image token repeated. They are
 stored as base64 text (by the JSON encoder) of a zlib stream of little-endian 32-bit values::

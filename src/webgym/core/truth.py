@@ -1,4 +1,4 @@
-"""What is known about a task of the offline web and never shown to a model.
+"""The ground truth of a task of the offline web, which no model is ever shown.
 
 A :class:`Truth` says which page states show which fact, which state the server must end up in, which
 answers are right, and which moves solve the task by clicking, typing and scrolling alone.

@@ -1,4 +1,4 @@
-"""What a judge says about a trajectory (paper §3.4)."""
+"""A judge's verdict on a trajectory (paper §3.4)."""
 
 from __future__ import annotations
 

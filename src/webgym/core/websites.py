@@ -1,4 +1,4 @@
-"""Which website a URL belongs to. Whoever compares websites asks here: split, blocklist, judge, and others.
+"""Which website a URL belongs to, for all code that compares websites: split, blocklist, judge and others.
 
 A website is a *registrable domain*: ``shop.example.co.uk`` and ``www.example.co.uk`` are the same one,
 ``example.co.uk``. The host alone would let a test website into training under another name of its own

@@ -1,4 +1,4 @@
-"""A policy whose model runs in this process: for small models, for tests, and where no server is to be had.
+"""A policy whose model runs in this process: for small models, for tests, and where no server is available.
 
 Calls are answered in batches as they arrive: while one batch is being generated the next one gathers, so that
 many attempts share every forward pass and none waits for a barrier.
@@ -94,9 +94,9 @@ class LocalPolicy:
         """The model's name."""
         return self._name
 
-    def begin(self, task: Task, seed: int) -> _LocalPlayer:  # noqa: ARG002
-        """A player whose random numbers follow from ``seed``."""
-        return _LocalPlayer(self, seed)
+    def begin(self, task: Task, seed: int) -> _LocalSession:  # noqa: ARG002
+        """A session whose random numbers follow from ``seed``."""
+        return _LocalSession(self, seed)
 
     async def publish(self, folder: Path, version: str) -> None:
         """Reply with other weights of the same architecture from now on.
@@ -270,7 +270,7 @@ class LocalPolicy:
             raise ConfigError(f"cannot publish {path}: {reason}") from error
 
 
-class _LocalPlayer:
+class _LocalSession:
     """One attempt's part: it only numbers its turns, so that each has random numbers of its own."""
 
     def __init__(self, policy: LocalPolicy, seed: int) -> None:

@@ -1,4 +1,4 @@
-"""A server as a process of ours: started, watched, stopped; it ends when we do, however we end."""
+"""A server in a child process: started, monitored, stopped; it never outlives this process."""
 
 from __future__ import annotations
 

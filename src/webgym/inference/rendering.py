@@ -1,4 +1,4 @@
-"""From a request to what a vision-language model reads: token ids with images expanded, and pixels.
+"""Renders requests for a vision-language model: token ids with images expanded, and pixels.
 
 Inference in this process and training render with this very code, so that a model is trained on what it saw.
 Servers do the same: the chat template writes the text with one placeholder per picture, the text is split

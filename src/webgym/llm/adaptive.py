@@ -1,4 +1,4 @@
-"""How many requests an endpoint gets at once: as many as it bears.
+"""Adaptive concurrency: an endpoint gets as many requests at once as it can handle.
 
 The limit moves as a TCP sender's window does. It doubles per round trip until the first sign of trouble,
 then grows by one per round trip; a refusal (429, 503, 529) or a timeout cuts it to a share of itself, once
@@ -29,7 +29,7 @@ _NO_FASTER: Final = 0.8
 
 
 class ConcurrencyLimiter:
-    """What all requests to one endpoint pass through.
+    """Limits the requests in flight to one endpoint.
 
     Args:
         most: requests in flight at most.
@@ -168,7 +168,7 @@ class ConcurrencyLimiter:
 
 
 class RequestPermit:
-    """A request's place among those in flight. It tells how it went, at most once."""
+    """The permit of one request in flight. Its holder reports the result, at most once."""
 
     def __init__(self, gate: ConcurrencyLimiter, cuts: int) -> None:
         self._gate = gate

@@ -1,4 +1,4 @@
-"""Replies that were paid for are kept, by the whole of their request.
+"""A cache of replies, keyed by the complete request.
 
 A reply is on disk before its caller sees it. The file is SQLite in write-ahead mode with full syncs: kill -9
 at any moment, or a power loss, loses no reply that a caller has seen. Several processes may use one file on

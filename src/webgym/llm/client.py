@@ -399,7 +399,7 @@ class _Progress:
 
 
 class _TryAgain(Exception):
-    """A failure that may pass."""
+    """A temporary failure."""
 
     def __init__(self, error: LLMError, not_before_seconds: float = 0.0, *, is_refusal: bool = False) -> None:
         super().__init__(str(error))

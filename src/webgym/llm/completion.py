@@ -1,4 +1,4 @@
-"""A reply, whoever gives it, and how it is read from what an endpoint sends."""
+"""Completions, and how they are parsed from an endpoint's response."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Completion(msgspec.Struct, frozen=True):
 
 
 class Completes(Protocol):
-    """Whatever answers messages: a client, one that collects batches, a test's stand-in."""
+    """Anything that answers messages: a client, a collector of batches, a test double."""
 
     async def complete(
         self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None

@@ -1,4 +1,4 @@
-"""Which endpoint, which model, how patient."""
+"""Settings of clients: endpoint, model, sampling, deadlines, retries."""
 
 from __future__ import annotations
 

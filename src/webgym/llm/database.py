@@ -1,4 +1,4 @@
-"""An SQLite file of ours, and a thread that works on it in groups.
+"""An SQLite file, and a thread that commits jobs on it in groups.
 
 A commit costs one wait for the disk, however much it holds. So whatever has queued up while the last commit
 ran goes into the next one together: a single caller waits for one sync, a thousand callers share it.

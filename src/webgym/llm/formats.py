@@ -1,4 +1,4 @@
-"""What an endpoint takes as ``response_format``: learnt from its refusals, and remembered."""
+"""Which ``response_format`` an endpoint accepts: learned from its refusals, and remembered."""
 
 from __future__ import annotations
 

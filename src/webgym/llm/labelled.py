@@ -1,4 +1,4 @@
-"""A model whose calls are counted for a purpose."""
+"""Clients whose calls are accounted to a purpose."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from webgym.llm.formats import Formats
 
 @runtime_checkable
 class EndpointClient(Protocol):
-    """What clients tell of themselves, beyond completing."""
+    """What clients offer beyond completing."""
 
     @property
     def sampling(self) -> Sampling:
@@ -34,7 +34,7 @@ class PurposeAwareClient(EndpointClient, Protocol):
 
 
 class Labelled:
-    """A client, seen from one purpose: its calls are counted for that, and all else is the client's.
+    """A client whose calls are accounted to one purpose; everything else is the wrapped client's.
 
     Args:
         client: whom to ask.

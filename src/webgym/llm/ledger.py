@@ -1,4 +1,4 @@
-"""What may still be spent. What was spent is counted where the replies are kept."""
+"""Budgets of dollars and tokens. What was spent is recorded in the cache of replies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connections to one endpoint, in pools of few.
+"""Connections to one endpoint, in several small pools.
 
 For every request, and again when it ends, httpcore looks at all connections of its pool. With 500 requests in
 flight one took three times the CPU over a single pool that it took over pools of 50, and meanwhile the event

@@ -1,4 +1,4 @@
-"""What is asked, as it is sent, and its name."""
+"""Requests as they are sent, and the keys by which replies are cached."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Asking a model for a value of a type, and taking nothing less."""
+"""Structured replies: asks a model for a value of a type until the reply is valid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tokens without a tokenizer: a guess for plans, and a bound for budgets."""
+"""Token counts without a tokenizer: an estimate for plans, and an upper bound for budgets."""
 
 from __future__ import annotations
 

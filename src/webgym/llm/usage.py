@@ -1,4 +1,4 @@
-"""What models were asked for and what it cost, per purpose and model."""
+"""Usage and cost of models, per purpose and model."""
 
 from __future__ import annotations
 

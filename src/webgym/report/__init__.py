@@ -1,4 +1,4 @@
-"""What people look at. Reads the run store and task sets, nothing else.
+"""Reports and viewers. They read the run store and task sets, nothing else.
 
 write.py       report.html, one file that needs no network
 live.py        the same pages over a run that may still be written; live_run.py, the run

@@ -1,4 +1,4 @@
-"""What a report may cost."""
+"""Settings of reports and of the viewer."""
 
 from __future__ import annotations
 

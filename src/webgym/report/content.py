@@ -1,4 +1,4 @@
-"""Trajectories as the pages need them: a row of the table, and a page of its own.
+"""Trajectories as data for the pages: a row of the table, and a page each.
 
 What comes from outside (page titles, replies, answers) is passed on as it is. It is made safe where it
 enters a page: as inert JSON in the file, as text nodes in the document.

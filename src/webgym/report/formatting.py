@@ -1,4 +1,4 @@
-"""Figures and names as people read them."""
+"""Formatting of numbers and names for people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The page where people label trajectories, and the one thing in the viewer that changes something.
+"""The page where people label trajectories: the only part of the viewer that writes.
 
 A label is taken only from our own page: the request names this very server as its origin, comes as JSON and
 carries a token that stands in the page and nowhere else. Another website can neither read the token nor make

@@ -1,4 +1,4 @@
-"""Tasks as the pages of a task set need them: its figures, a row of the list, and a page of its own.
+"""A task set as data for its pages: figures, a row of the list per task, and a page each.
 
 What comes from outside is passed on as it is; it is made safe where it enters a page.
 """

@@ -1,4 +1,4 @@
-"""The page around it all: one HTML document, its style and script inside it.
+"""The HTML document of every page, with its style and script inside it.
 
 A Content-Security-Policy lets only our own script run, by its hash, and nothing be loaded from outside:
 what a hostile page or reply may hold stays text even if we should fail to treat it as such.

@@ -1,4 +1,4 @@
-"""``report.html`` of a training: how success went, what was learned from, tasks before and after.
+"""``report.html`` of a training: success over time, training data, tasks before and after.
 
 Reads ``metrics.jsonl`` and the run folders of the evaluations, and nothing of ``webgym.train``.
 """

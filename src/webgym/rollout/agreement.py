@@ -1,4 +1,4 @@
-"""The judges of a run beside people's labels of it: cases for :mod:`webgym.judge.agreement`."""
+"""A run's verdicts paired with human labels: cases for :mod:`webgym.judge.agreement`."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ StoreT = TypeVar("StoreT", bound=ImageStore, covariant=True)
 
 @dataclass(frozen=True)
 class AttemptContext(Generic[StoreT]):
-    """What attempts are made with.
+    """The services and settings that attempts share.
 
     Attributes:
         client: of the browser server.

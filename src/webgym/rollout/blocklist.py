@@ -1,4 +1,4 @@
-"""Websites that kept the agent out are left alone for a while (paper §4; 12 h in the authors' code).
+"""Websites that blocked the agent are not attempted for a while (paper §4; 12 h in the authors' code).
 
 A file of lines ``{"host", "at", "reason"}`` that grows by one line per blocked attempt and may be shared by
 the runs of one machine. The host that blocked decides: another of the same website may well let the agent in.

@@ -1,4 +1,4 @@
-"""The environment's half of an attempt: a browser at a website, what it shows, and what was done there.
+"""The environment's side of an attempt: the browser, its observations, and the actions taken.
 
 Attempts of a run (:mod:`webgym.rollout.attempt`) and the environment that others step
 (:mod:`webgym.environment`) are this, with a policy of ours or of theirs.
@@ -59,7 +59,7 @@ class BrowserSession(Protocol):
 
 
 class Browsers(Protocol):
-    """Where sessions come from: :class:`webgym.server.BrowserClient`, or what stands in for it."""
+    """Opens sessions: :class:`webgym.server.BrowserClient`, or a replacement for it."""
 
     async def open(self, options: SessionOptions | None = None) -> BrowserSession:
         """A session.
@@ -71,7 +71,7 @@ class Browsers(Protocol):
 
 
 class ImageStore(Protocol):
-    """What keeps pictures: :class:`webgym.rollout.store.RunWriter`, or what stands in for it."""
+    """Stores screenshots: :class:`webgym.rollout.store.RunWriter`, or a replacement for it."""
 
     async def put_image(self, name: str, data: bytes) -> None:
         """Keep a picture.
@@ -99,7 +99,7 @@ class SiteState(Protocol):
 
 
 class AttemptConfig(Settings):
-    """How an attempt is made."""
+    """Budgets and limits of an attempt."""
 
     viewport: tuple[int, int] = (1280, 768)
     """Width and height, CSS pixels (paper §4); 192 x 128 for the offline web's small websites, unless set."""

@@ -1,4 +1,4 @@
-"""A run for other programs: a row for every step, as JSON lines, Parquet, or LLaMA-Factory's ShareGPT files.
+"""Export of a run for other programs: a row per step, as JSON lines, Parquet or ShareGPT (LLaMA-Factory).
 
 A row is what was sent and what was replied, with the outcome and the reward of its attempt. The reward is
 ``null`` where the attempt has none; it is never made a 0.

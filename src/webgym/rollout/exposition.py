@@ -1,4 +1,4 @@
-"""A collector's figures for Prometheus, on an address of their own."""
+"""A collector's metrics for Prometheus, on an address of their own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``live.json`` in the run folder: what a collector is doing at this moment, for whoever looks from outside.
+"""``live.json`` in the run folder: the collector's present state, for other processes.
 
 It is written whole about once a second and removed when the collector ends. One that was left by a killed
 collector is told by the time in it.

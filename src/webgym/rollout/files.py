@@ -1,4 +1,4 @@
-"""Layout and file work of the run store: whole or not at all, and durable when a call returns.
+"""Layout of the run store, and atomic, durable writes to it.
 
 Everything here blocks and belongs in a thread.
 """

@@ -1,4 +1,4 @@
-"""One episode judged: whatever the judge does, the attempt has an outcome."""
+"""Judging one episode: whatever the judge does, the attempt gets an outcome."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def is_judged(trajectory: Trajectory) -> bool:
 
 @dataclass(frozen=True)
 class JudgedEpisode:
-    """What became of an episode.
+    """An episode with its outcome and verdict.
 
     Attributes:
         verdict: ``None`` if there is none.

@@ -1,4 +1,4 @@
-"""People's labels of a run, kept while they label.
+"""Human labels of a run, saved as they are given.
 
 One small file, which is written anew, whole or not at all, with every label: kill -9 loses nothing that was
 acknowledged. Several viewers may write to it, for each reads it again under a lock before it writes.

@@ -1,4 +1,4 @@
-"""What an evaluation must be published with, so that others can repeat it.
+"""The conditions of an evaluation, to publish with it so that others can repeat it.
 
 Everything here is read from the run folder. What the run does not record is ``None``, never a guess.
 """

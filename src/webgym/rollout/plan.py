@@ -1,4 +1,4 @@
-"""Which attempts are still to be made: every sample of every task, each until it has counted."""
+"""The attempts still to be made: every sample of every task, each until it has an outcome that counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a collector is doing right now: written by it, read by whoever shows it."""
+"""The progress of a running collector: written by it, read by its displays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How often attempts succeed: over those that were judged, and over all that were planned.
+"""Success rates: over judged attempts, and over all planned samples.
 
 The rate over judged attempts is the paper's: what was blocked, or failed for a reason that is not the
 policy's, is no failure of it. But what leaves that rate can raise it, so the other one is told beside it

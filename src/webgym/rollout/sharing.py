@@ -56,7 +56,7 @@ class SharingConfig(Settings):
 
 
 class Claim(Enum):
-    """What becomes of the wish to attempt a sample."""
+    """The result of a claim on a sample."""
 
     OURS = "ours"
     TAKEN = "taken"

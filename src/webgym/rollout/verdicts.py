@@ -80,7 +80,7 @@ def is_whole_verdict(line: bytes) -> bool:
     return _unseal(line) is not None
 
 
-def book_path(run: Path, judge: str) -> Path:
+def verdicts_path(run: Path, judge: str) -> Path:
     """The file of a judge's verdicts on a run."""
     readable = re.sub(r"[^a-z0-9.]+", "-", judge.casefold()).strip("-.")[:60]
     return run / VERDICTS / f"{readable}-{hashlib.sha256(judge.encode()).hexdigest()[:8]}.jsonl"
@@ -104,7 +104,7 @@ def read_verdicts(run: Path) -> dict[str, dict[str, Judged]]:
 
 
 class VerdictReader:
-    """What judges said of a run, attempt by attempt; reads only the files that have changed since.
+    """The verdicts on a run by attempt; reads only files that have changed since the last call.
 
     Args:
         run: the run folder.
@@ -113,15 +113,15 @@ class VerdictReader:
     def __init__(self, run: Path) -> None:
         self._folder = run / VERDICTS
         self._sizes: dict[Path, int] = {}
-        self._books: dict[Path, dict[str, Judged]] = {}
+        self._verdicts: dict[Path, dict[str, Judged]] = {}
 
     def of(self, attempt_id: str) -> list[Judged]:
-        """What every judge said last of an attempt, by judge's name. Blocks."""
+        """The last verdict of every judge on an attempt, sorted by the judges' names. Blocks."""
         for path in self._folder.glob("*.jsonl"):
             if self._sizes.get(path) != (size := path.stat().st_size):
-                self._books[path] = {judged.attempt_id: judged for judged in _read(path)}
+                self._verdicts[path] = {judged.attempt_id: judged for judged in _read(path)}
                 self._sizes[path] = size
-        found = [book[attempt_id] for book in self._books.values() if attempt_id in book]
+        found = [verdicts[attempt_id] for verdicts in self._verdicts.values() if attempt_id in verdicts]
         return sorted(found, key=lambda judged: judged.judge)
 
 
@@ -138,7 +138,7 @@ class VerdictLog:
     """
 
     def __init__(self, run: Path, judge: str) -> None:
-        self.path = book_path(run, judge)
+        self.path = verdicts_path(run, judge)
         self._judge = judge
         with disk_errors(f"opening {self.path}"):
             self.path.parent.mkdir(exist_ok=True)

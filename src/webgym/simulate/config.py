@@ -1,4 +1,4 @@
-"""What is simulated: a workload, how long things take, and how much there is of everything."""
+"""Settings of a simulation: the workload, service times, and capacities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each trajectory asks of the system: drawn once per trajectory, the same under every schedule."""
+"""The demand of each trajectory: drawn once per trajectory, the same under every schedule."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``webgym simulate`` is asked: settings of a file, and the sizes to look at."""
+"""The questions of ``webgym simulate``: settings from files, and the system sizes to simulate."""
 
 from __future__ import annotations
 

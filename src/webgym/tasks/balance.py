@@ -1,4 +1,4 @@
-"""One task from each of many websites, as evenly over levels and domains as the websites allow.
+"""Selects one task from each of many websites, balanced over levels and domains.
 
 A website offers tasks of one or several (level, domain) pairs, and gives one task at most. That is an
 assignment problem. It is solved by adding one website after the other where it is needed most, moving earlier

@@ -1,4 +1,4 @@
-"""Which websites belong together under one name: ``amazon.com``, ``amazon.de`` and ``amazon.co.uk``.
+"""Websites that belong to one brand: ``amazon.com``, ``amazon.de`` and ``amazon.co.uk``.
 
 A registrable domain (:func:`webgym.core.websites.site_of`) tells one website from another; for what a policy
 may have trained on that is too fine. A brand's website looks and works alike in every country, so the split,

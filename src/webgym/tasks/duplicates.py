@@ -1,4 +1,4 @@
-"""The same task twice, within a source and across sources (SOURCES.md, pitfall 5).
+"""Detects duplicate tasks, within a source and across sources (SOURCES.md, pitfall 5).
 
 Two tasks can only repeat each other on one website (:func:`webgym.core.websites.site_of`; where it is not
 known yet, that is one of its own). There, they are
@@ -76,7 +76,7 @@ class DuplicateLimits(Settings):
 
 @dataclass(frozen=True, slots=True)
 class DuplicateTask:
-    """A task that is not kept.
+    """A task that was removed as a duplicate.
 
     Attributes:
         id, source: of the task.

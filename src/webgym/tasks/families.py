@@ -1,4 +1,4 @@
-"""Who descends from whom. The duplicates, the split and the validation all ask here."""
+"""Families of derived tasks. Duplicates, split and validation use these functions."""
 
 from __future__ import annotations
 

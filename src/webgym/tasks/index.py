@@ -22,7 +22,7 @@ _CLOSE: Final = 5
 
 @dataclass(frozen=True)
 class TaskQuery:
-    """Which tasks: all that is given must hold; an empty string asks for nothing.
+    """A query for tasks: all given conditions must hold; an empty string is no condition.
 
     Attributes:
         domain, subdomain, source, split, level, flag: as the task has it, whatever the case.

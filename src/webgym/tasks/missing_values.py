@@ -1,4 +1,4 @@
-"""What stands for "there is none" in data of others: null, NaN, an empty text, or a word for it."""
+"""Representations of missing values in foreign data: null, NaN, an empty text, or a word for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What models are asked when a task set is built (paper §3, appendix E; SYSTEM.md 1.3 and 1.4).
+"""The prompts of a task set's construction (paper §3, appendix E; SYSTEM.md 1.3 and 1.4).
 
 The wording is ours.
 

@@ -1,4 +1,4 @@
-"""What the text of a derived task must be: the groups that it keeps, whole, and nothing of the others.
+"""Checks on the text of a derived task: it states the groups that it keeps, and nothing of the others.
 
 What can be seen without a model is seen here: numbers, names, quotations and telling words. A text that is
 refused is asked for again, with the reason.

@@ -1,4 +1,4 @@
-"""Choosing tasks: a sampler that goes on from draw to draw (SYSTEM.md 5), and single draws.
+"""Drawing tasks: a sampler that continues from draw to draw (SYSTEM.md 5), and single draws.
 
     sampler = Sampler(tasks, SamplerConfig(seed=7, ratio={"easy": 2, "medium": 1, "hard": 1}))
     batch = sampler.draw(1_024)

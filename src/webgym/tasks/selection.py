@@ -1,4 +1,4 @@
-"""Which tasks of a set may be drawn: of which split, of which domains, on which websites.
+"""Selection of the tasks that may be drawn: by split, domain and website.
 
 Whoever draws tasks for a policy asks here: the samplers, runs, ``webgym tasks sample``. **By default these
 are the training tasks, and nothing else** where a set tells its splits. Nothing that is drawn for training is

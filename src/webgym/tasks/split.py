@@ -47,7 +47,7 @@ class SplitConfig(Settings):
 
 @dataclass(frozen=True, slots=True)
 class LeftOut:
-    """A task that is neither for training nor for testing.
+    """A task that is in neither split.
 
     Attributes:
         id: of the task.
@@ -64,7 +64,7 @@ class LeftOut:
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """What became of the tasks.
+    """The result of splitting.
 
     Attributes:
         tasks: those for training and for testing, in the order in which they came, ``split`` set.

@@ -1,4 +1,4 @@
-"""What a task set holds (paper §3; SYSTEM.md 1.6): counts that figures and tables are made from."""
+"""Statistics of a task set (paper §3; SYSTEM.md 1.6), from which figures and tables are made."""
 
 from __future__ import annotations
 

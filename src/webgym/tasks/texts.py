@@ -1,4 +1,4 @@
-"""Texts in one form, for telling whether two say the same."""
+"""Normalised texts, for comparing whether two say the same."""
 
 from __future__ import annotations
 

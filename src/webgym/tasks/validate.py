@@ -1,4 +1,4 @@
-"""Proof that a task set leaks nothing and says nothing that contradicts itself (SYSTEM.md 1.1, 1.3, 1.5)."""
+"""Validation of a task set: no leaks between splits, no contradictions (SYSTEM.md 1.1, 1.3, 1.5)."""
 
 from __future__ import annotations
 

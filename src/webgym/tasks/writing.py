@@ -1,4 +1,4 @@
-"""What a model writes when a task set is built: website and domain, rubrics, rewritten tasks.
+"""Model calls of a task set's construction: website and domain, rubrics, rewritten tasks.
 
 Nothing is taken that a check refuses. The model is shown what it said and why it cannot be used, and asked
 again, a bounded number of times. Then :class:`webgym.core.errors.LLMUnusable` says why.
@@ -79,7 +79,7 @@ def _url(said: str) -> str:
 
 
 class Written(msgspec.Struct, frozen=True):
-    """A rubric that was taken, and what was remarked on it.
+    """An accepted rubric, and remarks on it.
 
     Attributes:
         rubric: which keeps the rules of severity ``error``.

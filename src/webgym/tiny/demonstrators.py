@@ -1,4 +1,4 @@
-"""Imperfect demonstrators: who the tiny policy learns to act from before it learns from outcomes.
+"""Imperfect demonstrators, whose attempts the tiny policy imitates before it learns from outcomes.
 
 A pretrained model knows how to do things right but does so only sometimes. A mixture of demonstrators, each
 with a weakness of its own, makes such a policy: one answers before it has seen everything, one forgets to

@@ -1,4 +1,4 @@
-"""Small screenshots as the model's processor makes them, only faster: pretraining reads each many times."""
+"""Image patches of small screenshots, equal to those of the model's processor but faster to compute."""
 
 from __future__ import annotations
 

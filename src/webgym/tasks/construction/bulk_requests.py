@@ -19,13 +19,13 @@ _PERMANENT_FAILURES: Final = frozenset({401, 402, 403, 404, 405})
 
 
 class Done(msgspec.Struct, Generic[R], frozen=True):
-    """What a model gave."""
+    """A result."""
 
     value: R
 
 
 class Failed(msgspec.Struct, frozen=True):
-    """Why there is nothing.
+    """A failure.
 
     Attributes:
         reason: one line.
@@ -39,7 +39,7 @@ class Failed(msgspec.Struct, frozen=True):
 
 
 class Pending(msgspec.Struct, frozen=True):
-    """The reply is to come, from a batch or from a run that is not dry."""
+    """No reply yet: it will come from a batch, or from a run without ``--dry-run``."""
 
 
 async def ask_all(

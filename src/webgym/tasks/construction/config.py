@@ -1,4 +1,4 @@
-"""What a build is told: sources, models, limits. Every key is read by something."""
+"""Settings of a build: sources, models, limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a build would ask for and what that would cost, before it asks."""
+"""Estimates the calls and the cost of a build before it starts."""
 
 from __future__ import annotations
 

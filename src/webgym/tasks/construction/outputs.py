@@ -1,4 +1,4 @@
-"""What a build leaves in its folder, the same bytes for the same replies.
+"""The files that a build writes: the same bytes for the same replies.
 
     manifest.json               config, sources, and where every task went
     train.jsonl, test.jsonl     the set; also as train.parquet, test.parquet

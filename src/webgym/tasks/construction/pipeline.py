@@ -1,4 +1,4 @@
-"""The way of a task through a build.
+"""The stages of a build, in order.
 
 import → websites → duplicates → rubrics → decomposition → rewriting → duplicates of derived tasks → split
 
@@ -39,7 +39,7 @@ R = TypeVar("R")
 
 
 class Failure(msgspec.Struct, frozen=True, kw_only=True):
-    """A task that a stage could do nothing with.
+    """A task that a stage failed on.
 
     Attributes:
         id, source, stage: which, and where.
@@ -73,7 +73,7 @@ class DroppedTask(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Remark(msgspec.Struct, frozen=True, kw_only=True):
-    """A rule that a rubric seems to break, though it was taken.
+    """A rule that an accepted rubric seems to break.
 
     Attributes:
         id: of the task.
@@ -87,7 +87,7 @@ class Remark(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Tally(msgspec.Struct):
-    """How asking about one purpose went.
+    """Counts of the requests for one purpose.
 
     Attributes:
         things: tasks that were asked about.
@@ -102,7 +102,7 @@ class Tally(msgspec.Struct):
 
 @dataclass
 class Build:
-    """A build on its way, and what came of it.
+    """A build in progress, and its results.
 
     Attributes:
         config: as given, seeded.

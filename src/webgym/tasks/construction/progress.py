@@ -1,4 +1,4 @@
-"""How far a build is: a bar per stage on a terminal, plain lines elsewhere."""
+"""Progress of a build: a bar per stage in a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A build from its config to its folder: for real, dry, or as batch files."""
+"""Runs a build: completely, as a dry run, or up to writing batch files."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _FEWEST_WORKERS: Final = 64
 
 @dataclass(frozen=True)
 class BuildPaths:
-    """Where a build lives.
+    """The paths of a build.
 
     Attributes:
         out: its folder.
@@ -62,7 +62,7 @@ class BuildPaths:
 
 @dataclass(frozen=True)
 class FinishedBuild:
-    """A build that is done.
+    """A completed build.
 
     Attributes:
         build: what came of it.
@@ -91,7 +91,7 @@ async def run_build(config: BuildConfig, place: BuildPaths, stages: StageProgres
 
 @dataclass(frozen=True)
 class PendingBatches:
-    """A build that goes no further until batches are answered.
+    """A build that waits for the results of batches.
 
     Attributes:
         build: as far as it came.

@@ -1,4 +1,4 @@
-"""What can be seen of the rubric's rules without a model (SYSTEM.md 1.4).
+"""Checks of the rubric's rules that need no model (SYSTEM.md 1.4).
 
 A finding of severity ``error`` is refused, and the writer asked again with the finding as the reason; a
 ``warning`` is reported. Errors are rules that a reader would hardly argue with; where a rule sees only that

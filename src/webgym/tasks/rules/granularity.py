@@ -1,4 +1,4 @@
-"""Rules about how a rubric cuts its task into facts.
+"""Rules about how a rubric divides its task into facts.
 
 Alternatives, instructions and computations are one fact each, and what is done on the way is none.
 """

@@ -1,4 +1,4 @@
-"""What the rules see of a text: its words, numbers, names and quotations. No model, no dictionary."""
+"""The features of a text that rules use: words, numbers, names, quotations. No model, no dictionary."""
 
 from __future__ import annotations
 

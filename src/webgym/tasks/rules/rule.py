@@ -1,4 +1,4 @@
-"""What a rule is, what it looks at, and what it finds."""
+"""The types of rules: their input and their findings."""
 
 from __future__ import annotations
 

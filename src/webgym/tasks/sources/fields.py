@@ -1,4 +1,4 @@
-"""The fields of a record, however a copy of the source spells and packs them."""
+"""The fields of a record, in every spelling and encoding that copies of the source use."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keeps a record or a file of a source from giving tasks."""
+"""Reasons why a record or a file of a source gives no task."""
 
 from __future__ import annotations
 

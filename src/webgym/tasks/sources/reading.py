@@ -1,4 +1,4 @@
-"""Records out of files as they come: JSON lines, JSON, CSV, TSV or Parquet, compressed or not.
+"""Reads records from files in any of their formats: JSON lines, JSON, CSV, TSV or Parquet, compressed or not.
 
 A broken record costs itself and no other: it comes out as :class:`Skipped`, with its place and what is wrong
 with it. Files are told apart by their content first, by their suffix where the content leaves it open.

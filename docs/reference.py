@@ -115,6 +115,7 @@ def _model(model: type[BaseModel], where: str) -> Iterator[str]:
     yield from ("| key | type | default | what it is |", "| --- | --- | --- | --- |")
     for name, field in model.model_fields.items():
         about = field.description or next((_summary(each) for each in _models(field.annotation)), "")
+        assert about, f"{model.__name__}.{name} has no docstring"
         yield f"| `{name}` | {_type(field)} | {_default(field)} | {_cell(about)} |"
     yield ""
 

@@ -38,7 +38,7 @@ compile-tests: setup ## Collect the tests once, so that no worker of `make test`
 coverage: setup ## Run the tests and tell what they cover; twice the computing of `make test`
 	@$(PYTEST) -m "not slow" --cov --cov-report=term $(ARGS)
 
-lint: setup ## Check format, style, types, the rooms' imports and the tree
+lint: setup ## Check format, style, types, the packages' imports and the tree
 	@scripts/lint
 
 format: setup ## Rewrite the code in the house's format

@@ -31,7 +31,8 @@ from webgym.judge.factory import JudgeChoice
 from webgym.llm.config import ChatConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
-from webgym.runs import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, collect
+from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
+from webgym.runs import collect
 from webgym.server.config import ClientLimits
 from webgym.tasks import write_tasks
 

@@ -20,7 +20,7 @@ from webgym import cli
 from webgym.core.errors import UsageError, WebGymError
 
 ROOTS = {
-    "webgym.runs.RunConfig": "`webgym rollout` and `webgym eval`; `rollout` of a training",
+    "webgym.run_config.RunConfig": "`webgym rollout` and `webgym eval`; `rollout` of a training",
     "webgym.train.loop.TrainConfig": "`webgym train`",
     "webgym.tiny.recipe.RecipeConfig": "`webgym pretrain`",
     "webgym.tiny.study.StudyConfig": "`webgym study`",
@@ -67,8 +67,8 @@ def _command(path: str, command: Any) -> Iterator[str]:
     context = command.make_context(path, [], resilient_parsing=True)
     yield from (f"### `{path}`", "", command.help or "", "")
     if hasattr(command, "commands"):
-        for name, inner in command.commands.items():
-            yield from _command(f"{path} {name}", inner)
+        for name in command.commands:
+            yield from _command(f"{path} {name}", command.get_command(context, name))
         return
     yield from ("```text", re.sub(r"^Usage: ", "", command.get_usage(context)), "```", "")
     told = [each.get_help_record(context) for each in command.params if each.name != "help"]

@@ -34,7 +34,7 @@ ELSEWHERE = {
 }
 """Pages whose blocks run in a test of their own."""
 BLOCK = re.compile(r"(<!-- not run: .+? -->\n\n?)?^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-SMALL = {"sites": {"collection": "small", "per_family": 3}, "server": {"rehearsed": True}}
+SMALL = {"sites": {"collection": "small", "per_family": 3}, "server": {"static": True}}
 """A run without browsers."""
 
 
@@ -52,7 +52,7 @@ async def nothing(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
 async def readme(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     """The run is of two small tasks without browsers; the environment's browsers and judge are stand-ins."""
     given = webgym.RunConfig.model_validate({"tasks": {"count": 2}, **SMALL})
-    patch.setattr("webgym.runs.RunConfig", lambda: given)
+    patch.setattr("webgym.run_config.RunConfig", lambda: given)
     patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
     yield {"webgym": webgym, "my_model": answers}
 

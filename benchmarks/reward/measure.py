@@ -27,7 +27,8 @@ from webgym.rollout.evaluation import evaluate
 from webgym.rollout.rates import Rate, Successes
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
-from webgym.runs import RunConfig, TaskChoice, collect, resume
+from webgym.run_config import RunConfig, TaskChoice
+from webgym.runs import collect, resume
 from webgym.tables import Table
 from webgym.tasks import draw_spread, write_tasks
 

@@ -25,10 +25,10 @@ from pydantic import Field
 from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
 from webgym.browser.actions import perform
 from webgym.browser.cdp import CommandFailed, TargetGone
+from webgym.browser.cdp_messages import Evaluated, FrameEvent, RequestDone, RequestFailed, RequestWillBeSent
 from webgym.browser.find import find_browser
 from webgym.browser.page import Page
 from webgym.browser.settle import settle
-from webgym.browser.wire import Evaluated, FrameEvent, RequestDone, RequestFailed, RequestWillBeSent
 from webgym.core.action import BrowserAction, LeftClick, Navigate, Target
 from webgym.core.errors import BrowserTimeout, ConfigError, PageError
 from webgym.settings import Settings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,11 @@ from webgym.testing import stand_in_environment
 def reply_text(action: Action) -> str:
     """An action as a model of the stand-in environment writes it."""
     return render_reply(action, "memory", description="")
+
+
+def texts_of(actions: Sequence[Action | str]) -> list[str]:
+    """Actions as :func:`reply_text` writes them, replies as they are."""
+    return [each if isinstance(each, str) else reply_text(each) for each in actions]
 
 
 class Engine:
@@ -44,6 +50,17 @@ class Engine:
         self.requests.append(request)
         ids, logprobs = self.sample(self._texts[place])
         return self.change(Sampled(ids, logprobs, weight_version=self.version))
+
+
+def example(name: str) -> Any:
+    """The module of an example, anew."""
+    path = Path(__file__).parents[2] / "examples" / "integrations" / f"{name}.py"
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def stand_in_pool(folder: Path, size: int = 4, *, fails: bool = False, fault: str = "") -> dict[str, Any]:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import types
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.inference.tiny import tiny_renderer
-from tests.integrations.engine import Engine, reply_text, stand_in_pool
+from tests.integrations.conformance import Play, Told, check_adapter, check_in_browsers
+from tests.integrations.engine import Engine, example, reply_text, stand_in_pool, texts_of
 
-from webgym.core.action import Answer, Scroll
+from webgym import Action, Answer, Scroll
 
 pytest.importorskip("areal", reason="areal is not installed")
 
@@ -27,7 +29,7 @@ RIGHT = (reply_text(Scroll("down")), reply_text(Answer("right")))
 class InferenceEngine:
     """Speaks AReaL's types, samples what it is told to, with a version per token."""
 
-    def __init__(self, texts: tuple[str, ...] = RIGHT) -> None:
+    def __init__(self, texts: Sequence[str] = RIGHT) -> None:
         self._engine = Engine(RENDERER, texts)
         self._texts = texts
         self.requests: list[ModelRequest] = []
@@ -41,9 +43,33 @@ class InferenceEngine:
 
 
 def workflow(folder: Path, **more: Any) -> WebGymWorkflow:
+    return workflow_on(stand_in_pool(folder, **more))
+
+
+def workflow_on(given: dict[str, Any]) -> WebGymWorkflow:
     processor = types.SimpleNamespace(image_processor=RENDERER.image_processor)
-    given = stand_in_pool(folder, **more)
     return WebGymWorkflow(GenerationHyperparameters(n_samples=4), RENDERER.tokenizer, processor, **given)
+
+
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    flow = workflow_on(given)
+
+    async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+        found = await flow.arun_episode(InferenceEngine(texts_of(actions)), {"task_id": task_id})
+        return Told([] if found is None else found["rewards"].tolist())
+
+    async with flow.pool:
+        yield play
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    assert await check_adapter(adapter, tmp_path) == []
+
+
+@pytest.mark.browser
+async def test_in_real_browsers() -> None:
+    assert [set(told.final) for told in await check_in_browsers(adapter)] == [{1.0}, {0.0}]
 
 
 async def test_an_episode_is_tensors_of_what_was_sampled(tmp_path: Path) -> None:
@@ -82,3 +108,12 @@ async def test_rows_that_the_engine_read_otherwise_are_dropped_and_counted(tmp_p
     async with flow.pool:
         assert await flow.arun_episode(engine, {"task_id": "check-3"}) is None
     assert flow.dropped == {"image_tokens": 2}
+
+
+@pytest.mark.browser
+async def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
+    engine = InferenceEngine(texts_of([Scroll("down"), Answer("no idea")]))
+    processor = types.SimpleNamespace(image_processor=RENDERER.image_processor)
+    found = await example("areal_episode").main(engine, RENDERER.tokenizer, processor)
+    assert found["rewards"].tolist() == [0.0, 0.0]
+    assert capsys.readouterr().out.startswith("2 rows of ")

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from PIL import Image
+from tests.integrations.installed_browser import use_installed_browser
 
 from webgym import (
     Action,
@@ -26,7 +27,6 @@ from webgym import (
     UsageError,
     Wait,
 )
-from webgym.browser.find import find_browser
 from webgym.core.action import Hover
 
 pytest.importorskip("browsergym.core", reason="browsergym-core is not installed")
@@ -35,7 +35,6 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its imports
     from browsergym.core.registration import register_task
     from browsergym.core.task import AbstractBrowserTask
-    from playwright.sync_api import BrowserType
 
     from webgym.integrations.browsergym import BrowserGymEnv, NoReward, playwright_code
 
@@ -79,14 +78,8 @@ class PageTask(AbstractBrowserTask):  # type: ignore[misc, unused-ignore]
 
 @pytest.fixture(autouse=True)
 def known_browser(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Playwright's own is not installed for the version that BrowserGym wants."""
-    launch = BrowserType.launch
-    path = str(find_browser().path)
-
-    def with_path(self: Any, **given: Any) -> Any:
-        return launch(self, **{"executable_path": path, **given})
-
-    monkeypatch.setattr(BrowserType, "launch", with_path)
+    """Of the tests."""
+    use_installed_browser(monkeypatch)
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from tests.integrations.engine import example
 
 from webgym.core.action import Answer, Scroll
 from webgym.integrations.gymnasium import IDS, WebGymEnv, WebGymVectorEnv
@@ -48,3 +49,9 @@ def test_several_browsers_at_once_and_the_next_episode_after_an_end() -> None:
         assert infos["task_id"][1] == first[1]
     finally:
         envs.close()
+
+
+@pytest.mark.browser
+def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
+    assert example("gymnasium_env").main(steps=1) == 0.0
+    assert "2 steps, failure: reward 0.0" in capsys.readouterr().out

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 import math
 import warnings
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.integrations.engine import reply_text, stand_in_pool
+from tests.integrations.conformance import Play, Told, check_adapter
+from tests.integrations.engine import example, reply_text, stand_in_pool, texts_of
 
 import webgym
-from webgym.core.action import Answer, Scroll
+from webgym import Action, Answer, RunConfig, Scroll
 
 pytest.importorskip("inspect_ai", reason="inspect_ai is not installed")
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its imports
     from inspect_ai import eval as evaluate
+    from inspect_ai import eval_async
     from inspect_ai.log import EvalLog
     from inspect_ai.model import ChatMessage, ContentImage, ModelOutput, ModelUsage, get_model
 
@@ -56,6 +61,43 @@ def run(folder: Path, answers: list[str], **more: Any) -> tuple[EvalLog, list[li
     return log, asked, browsers
 
 
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    one_at_a_time = asyncio.Lock()  # as inspect wants it
+    stand_ins = {key: given[key] for key in ("browsers", "judge", "config")}
+
+    def made(name: str, **named: Any) -> Any:
+        return webgym.EnvironmentPool(name, **{**named, **stand_ins})
+
+    async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+        outputs = [ModelOutput.from_content("mockllm/model", text) for text in texts_of(actions)]
+        async with one_at_a_time:
+            (log,) = await eval_async(
+                webgym_task(given["name"], split="all", count=12, browsers=1),
+                model=get_model("mockllm/model", custom_outputs=outputs),
+                sample_id=task_id,
+                display="none",
+                log_dir=str(Path(given["name"]).parent / "logs"),
+            )
+        assert log.status == "success", log.error
+        (sample,) = log.samples or []
+        score = (sample.scores or {})["web_judge"].as_float()
+        return Told([] if math.isnan(score) else [score])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(inspect_ai, "EnvironmentPool", made)
+        yield play
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    def rows(name: str, config: RunConfig) -> list[str]:
+        task = webgym_task(name, split="all", count=6, config=config)
+        inspect_ai._pools.clear()
+        return [str(sample.id) for sample in task.dataset]
+
+    assert await check_adapter(adapter, tmp_path, rows=rows, cancels=False) == []
+
+
 def test_samples_are_scored_by_our_judge(tmp_path: Path) -> None:
     log, asked, browsers = run(tmp_path, ["right", "wrong", "right", "wrong"])
     assert log.status == "success", log.error
@@ -86,3 +128,14 @@ def test_what_has_no_reward_is_unscored(tmp_path: Path, fault: dict[str, Any]) -
     assert all(math.isnan(each.as_float()) for each in scores)
     assert math.isnan(log.results.scores[0].metrics["success_rate"].value)
     assert not browsers.open_now
+
+
+@pytest.mark.browser
+def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    texts = texts_of([Scroll("down"), Answer("no idea")])
+    model = get_model(
+        "mockllm/model", custom_outputs=[ModelOutput.from_content("mockllm/model", text) for text in texts]
+    )
+    main = example("inspect_eval").main
+    assert main(model, count=1, browsers=1, display="none", log_dir=str(tmp_path / "logs")) == 0.0
+    assert "1 of 1 samples have a score: success rate 0.00" in capsys.readouterr().out

@@ -6,7 +6,7 @@ import asyncio
 import base64
 import io
 import warnings
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -14,11 +14,12 @@ from typing import Any
 import pytest
 from PIL import Image
 from tests.conftest import wait_until
-from tests.integrations.engine import reply_text, stand_in_pool
+from tests.integrations.conformance import Play, Told, check_adapter
+from tests.integrations.engine import example, reply_text, stand_in_pool, texts_of
 from tests.serving import serving_sockets
 
 import webgym
-from webgym.core.action import Answer
+from webgym import Action, Answer
 
 pytest.importorskip("openenv", reason="openenv is not installed")
 
@@ -39,6 +40,32 @@ async def served(folder: Path, **more: Any) -> AsyncIterator[tuple[str, Any]]:
         serving_sockets(create_app(pool=pool, size=4)) as url,
     ):
         yield url, given["browsers"]
+
+
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    async with (
+        webgym.EnvironmentPool(**given) as pool,
+        serving_sockets(create_app(pool=pool, size=given["size"])) as url,
+    ):
+
+        async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+            told = Told()
+            async with WebGymClient(base_url=url) as env:
+                await env.reset(task_id=task_id)
+                for text in texts_of(actions):
+                    result = await env.step(WebGymAction(reply=text))
+                    rewards = told.final if result.done else told.early
+                    rewards.extend([] if result.reward is None else [result.reward])
+                    if result.done:
+                        break
+            return told
+
+        yield play
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    assert await check_adapter(adapter, tmp_path, cancels=False) == []
 
 
 async def test_an_episode_over_the_network(tmp_path: Path) -> None:
@@ -79,3 +106,11 @@ async def test_a_client_that_leaves_gives_its_browser_back(tmp_path: Path) -> No
             assert len(browsers.open_now) == 2
             assert sorted(browsers.steps.values()) == [0, 1]
         await asyncio.to_thread(wait_until, lambda: not browsers.open_now)
+
+
+@pytest.mark.browser
+async def test_the_example(capsys: pytest.CaptureFixture[str]) -> None:
+    served = example("openenv_server")
+    async with serving_sockets(served.app) as url:
+        assert await served.main(url) == 0.0
+    assert "failure: reward 0.0" in capsys.readouterr().out

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import io
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 from PIL import Image
-from tests.integrations.engine import reply_text, stand_in_pool
+from tests.integrations.conformance import Play, Told, check_adapter
+from tests.integrations.engine import example, reply_text, stand_in_pool, texts_of
+from tests.llm import endpoint
 
-from webgym import UsageError
-from webgym.core.action import Answer, Scroll
+from webgym import Action, Answer, RunConfig, Scroll, UsageError
 
 skyrl_gym = pytest.importorskip("skyrl_gym", reason="skyrl-gym is not installed")
 
+from webgym.integrations import skyrl_gym as integration  # noqa: E402
 from webgym.integrations.skyrl_gym import ENV_CLASS, Browsers, NoReward, skyrl_rows  # noqa: E402
 
 ENTRY = "webgym.integrations.skyrl_gym:WebGymEnv"
@@ -39,6 +42,37 @@ def made(folder: Path, size: int = 4, **more: Any) -> Iterator[tuple[Any, Any]]:
         )
     finally:
         browsers.close()
+
+
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    browsers = Browsers(**given)
+    if ENV_CLASS not in skyrl_gym.registry:
+        skyrl_gym.register(id=ENV_CLASS, entry_point=ENTRY)
+
+    def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+        env = skyrl_gym.make(ENV_CLASS, env_config={}, extras={"task_id": task_id}, browsers=browsers)
+        told = Told()
+        try:
+            env.init([])
+            for text in texts_of(actions):
+                step = env.step(text)
+                (told.final if step["done"] else told.early).append(step["reward"])
+        except NoReward:
+            pass
+        return told
+
+    try:
+        yield lambda task_id, actions: asyncio.to_thread(play, task_id, actions)
+    finally:
+        await asyncio.to_thread(browsers.close)
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    def rows(name: str, config: RunConfig) -> list[str]:
+        return [row["task_id"] for row in skyrl_rows(name, split="all", count=6, config=config)]
+
+    assert await check_adapter(adapter, tmp_path, rows=rows, cancels=False) == []
 
 
 def picture_of(message: dict[str, Any]) -> Image.Image:
@@ -107,3 +141,20 @@ def test_rows_name_the_environment(tmp_path: Path) -> None:
     rows = skyrl_rows(str(tmp_path / "tasks.jsonl"), split="all", count=2)
     assert len(rows) == 2
     assert all(row["env_class"] == ENV_CLASS and row["task_id"].startswith("check-") for row in rows)
+
+
+@pytest.mark.browser
+async def test_the_example(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("WEBGYM_TASKS", "offline-small-v1")
+    monkeypatch.setenv("WEBGYM_BROWSERS", "1")
+    skyrl_gym.registry.pop(ENV_CLASS, None)
+    async with endpoint.serve() as served:
+        texts = texts_of([Scroll("down"), Answer("no idea")])
+        served.replies = [{"message": {"role": "assistant", "content": text}} for text in texts]
+        try:
+            reward = await asyncio.to_thread(example("skyrl_episode").main, served.url("scripted"), "tiny-1")
+        finally:
+            await asyncio.to_thread(integration.the_browsers().close)
+            integration._browsers = None
+    assert reward == 0.0
+    assert "failure: reward 0.0" in capsys.readouterr().out

@@ -5,7 +5,11 @@ slime is not on the package index: the class of its samples is written here, wit
 
 from __future__ import annotations
 
+import importlib
+import json
 import types
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
@@ -16,11 +20,12 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import Receive, Scope, Send
 from tests.inference.tiny import tiny_renderer
-from tests.integrations.engine import Engine, reply_text, stand_in_pool
+from tests.integrations.conformance import Play, Told, check_adapter, check_in_browsers
+from tests.integrations.engine import Engine, example, reply_text, stand_in_pool, texts_of
 from tests.serving import serving
 
 import webgym
-from webgym.core.action import Answer, Scroll
+from webgym import Action, Answer, Scroll
 from webgym.integrations import slime
 
 RENDERER = tiny_renderer()
@@ -56,13 +61,13 @@ class Sample:
 class SGLang:
     """An HTTP server that answers ``/generate``, and samples what it is told to."""
 
-    def __init__(self) -> None:
-        self.engine = Engine(RENDERER, RIGHT)
+    def __init__(self, texts: Sequence[str] = RIGHT) -> None:
+        self.engine, self._texts = Engine(RENDERER, texts), texts
         self.requests: list[dict[str, Any]] = []
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         asked = await Request(scope, receive).json()
-        ids, logprobs = self.engine.sample(RIGHT[len(self.requests)])
+        ids, logprobs = self.engine.sample(self._texts[len(self.requests)])
         self.requests.append(asked)
         told = {
             "output_token_logprobs": [
@@ -75,30 +80,58 @@ class SGLang:
         await response(scope, receive, send)
 
 
-async def played(folder: Path, patch: pytest.MonkeyPatch, **more: Any) -> tuple[SGLang, list[Sample]]:
-    patch.setattr(slime, "_renderers", {"model": RENDERER})
+async def generated(texts: Sequence[str], task_id: str) -> tuple[SGLang, list[Sample]]:
     ports: list[int] = []
 
     def made(port: int) -> SGLang:
         ports.append(port)
-        return SGLang()
+        return SGLang(texts)
 
-    async with (
-        webgym.EnvironmentPool(**stand_in_pool(folder, **more)) as pool,
-        serving(made, lambda one: one) as served,
-    ):
-        patch.setattr(slime, "_pool", pool)
+    async with serving(made, lambda one: one) as served:
         args = types.SimpleNamespace(
             hf_checkpoint="model", sglang_router_ip="127.0.0.1", sglang_router_port=ports[0]
         )
-        sample = Sample(index=5, metadata={"task_id": "check-3"})
+        sample = Sample(index=5, metadata={"task_id": task_id})
         return served, await slime.generate(args, sample, {"temperature": 1.0})
 
 
-async def test_an_episode_is_samples_of_what_was_sampled(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    server, samples = await played(tmp_path, monkeypatch)
+@asynccontextmanager
+async def process(given: dict[str, Any]) -> AsyncIterator[None]:
+    """The pool and the renderer that slime's process would have."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(slime, "_renderers", {"model": RENDERER})
+        async with webgym.EnvironmentPool(**given) as pool:
+            patch.setattr(slime, "_pool", pool)
+            yield
+
+
+async def played(folder: Path, **more: Any) -> tuple[SGLang, list[Sample]]:
+    async with process(stand_in_pool(folder, **more)):
+        return await generated(RIGHT, "check-3")
+
+
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+        _, samples = await generated(texts_of(actions), task_id)
+        assert slime.has_rewards(None, samples) != any(each.remove_sample for each in samples)
+        return Told([each.reward for each in samples if each.reward is not None])
+
+    async with process(given):
+        yield play
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    assert await check_adapter(adapter, tmp_path) == []
+
+
+@pytest.mark.browser
+async def test_in_real_browsers() -> None:
+    assert [set(told.final) for told in await check_in_browsers(adapter)] == [{1.0}, {0.0}]
+
+
+async def test_an_episode_is_samples_of_what_was_sampled(tmp_path: Path) -> None:
+    server, samples = await played(tmp_path)
     assert len(samples) == 2
     for sample, request, text in zip(samples, server.requests, RIGHT, strict=True):
         ids, logprobs = server.engine.sample(text)
@@ -119,10 +152,23 @@ async def test_an_episode_is_samples_of_what_was_sampled(
 
 @pytest.mark.parametrize("fault", [{"fails": True}, {"fault": "judge"}, {"fault": "blocked"}])
 async def test_an_episode_without_a_reward_has_no_number_and_drops_its_group(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: dict[str, Any]
+    tmp_path: Path, fault: dict[str, Any]
 ) -> None:
-    _, samples = await played(tmp_path, monkeypatch, **fault)
+    _, samples = await played(tmp_path, **fault)
     assert [(each.reward, each.remove_sample, each.status) for each in samples] == [
         (None, True, Sample.Status.ABORTED)
     ]
     assert not slime.has_rewards(None, [[Sample(reward=1.0)], samples])
+
+
+def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = stand_in_pool(tmp_path)
+    example("slime_prompts").main(str(tmp_path / "prompts.jsonl"), given["name"], split="all", count=3)
+    lines = [json.loads(line) for line in (tmp_path / "prompts.jsonl").read_text().splitlines()]
+    assert [line["prompt"] for line in lines] == [
+        f"Find number {line['metadata']['task_id'].removeprefix('check-')}" for line in lines
+    ]
+    printed = capsys.readouterr().out
+    for flag in ("custom-generate-function-path", "dynamic-sampling-filter-path"):
+        module, _, name = printed.split(f"--{flag} ")[1].split()[0].rpartition(".")
+        assert callable(getattr(importlib.import_module(module), name))

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import warnings
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 from tests.inference.tiny import tiny_image_processor, tiny_model, tiny_tokenizer
-from tests.integrations.engine import stand_in_pool
+from tests.integrations.conformance import FAULTS, Play, Told, check_adapter
+from tests.integrations.engine import example, stand_in_pool
 
+from webgym import Action, Answer, RunConfig, Scroll
 from webgym.conformance import StandInJudge
 from webgym.core.errors import JudgeError
 from webgym.core.verdict import Verdict
@@ -56,6 +60,41 @@ def played(tools: BrowserTools, answer: str | None) -> float | None:
     return tools.get_reward()
 
 
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    browsers = Browsers(**given)
+    free: list[BrowserTools] = []
+
+    def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+        tools = free.pop() if free else browsers()
+        tools.reset(task_id=task_id)
+        for action in actions:
+            match action:
+                case Scroll(direction="up" | "down" as direction):
+                    tools.scroll(direction)
+                case Answer(text=text):
+                    tools.answer(text)
+        reward = tools.get_reward()  # TRL asks once, at the end
+        free.append(tools)
+        return Told([] if reward is None else [reward])
+
+    try:
+        yield lambda task_id, actions: asyncio.to_thread(play, task_id, actions)
+    finally:
+        await asyncio.to_thread(browsers.close)
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    def rows(name: str, config: RunConfig) -> list[str]:
+        browsers = Browsers(name, size=1, split="all")
+        drawn = [row["task_id"] for row in browsers.rows(split="all", count=6, config=config)]
+        browsers.close()
+        return drawn
+
+    faults = set(FAULTS) - {"unreadable"}  # TRL itself reads what the model says
+    assert await check_adapter(adapter, tmp_path, rows=rows, faults=faults, cancels=False) == []
+
+
 def test_a_reward_is_the_judges_and_a_fault_is_none(browsers: Browsers) -> None:
     tools = browsers()
     assert [played(tools, answer) for answer in ("right", "wrong", None, "broken")] == [1.0, 0.0, 0.0, None]
@@ -97,6 +136,7 @@ class Trainer(GRPOTrainer):
     """Samples from a list in place of a model; everything else is TRL's."""
 
     says: list[list[str]]
+    read: list[list[list[int]]]
 
     def _generate_single_turn(
         self, prompt_ids: list[list[int]], *more: Any, **named: Any
@@ -112,21 +152,23 @@ class Trainer(GRPOTrainer):
         return self.batch
 
 
-@pytest.mark.filterwarnings("ignore")  # of its own
-def test_a_step_of_its_trainer_learns_from_rewards_and_nothing_from_a_fault(
-    browsers: Browsers, tmp_path: Path
-) -> None:
+def tiny() -> tuple[Any, Any]:
+    """A model, and its processor."""
     tokenizer = tiny_tokenizer(qwen3_vl_chat_template)
     processor = Processor(
         tiny_image_processor(), tokenizer, _NoVideos(), chat_template=qwen3_vl_chat_template
     )
     model = tiny_model()
     model.config.text_config.max_position_embeddings = 65536
-    before = {name: value.clone() for name, value in model.named_parameters()}
-    config = GRPOConfig(
-        output_dir=str(tmp_path / "out"),
-        per_device_train_batch_size=4,
-        num_generations=4,
+    return model, processor
+
+
+def settings(folder: Path, episodes: int) -> Any:
+    """Of one step on the CPU."""
+    return GRPOConfig(
+        output_dir=str(folder / "out"),
+        per_device_train_batch_size=episodes,
+        num_generations=episodes,
         max_completion_length=20000,
         max_steps=1,
         learning_rate=1e-2,
@@ -136,6 +178,35 @@ def test_a_step_of_its_trainer_learns_from_rewards_and_nothing_from_a_fault(
         save_strategy="no",
         beta=0.0,
     )
+
+
+@pytest.mark.browser
+@pytest.mark.filterwarnings("ignore")  # of its own
+def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    model, processor = tiny()
+    says = [[call("scroll", direction="down")] * 2, [call("answer", text="no idea")] * 2, ["Done."] * 2]
+    Trainer.says, Trainer.read = says, []
+    made = example("trl_grpo").main(
+        model,
+        "offline-small-v1",
+        count=2,
+        trainer=Trainer,
+        args=settings(tmp_path, 2),
+        processing_class=processor,
+    )
+    logged = next(row for row in made.state.log_history if "rewards/BrowserTools/mean" in row)
+    assert logged["rewards/BrowserTools/mean"] == 0.0
+    assert "2 episodes, 0 of them ended by TRL before an answer" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("ignore")  # of its own
+def test_a_step_of_its_trainer_learns_from_rewards_and_nothing_from_a_fault(
+    browsers: Browsers, tmp_path: Path
+) -> None:
+    model, processor = tiny()
+    tokenizer = processor.tokenizer
+    before = {name: value.clone() for name, value in model.named_parameters()}
+    config = settings(tmp_path, 4)
     rows = browsers.rows(split="all", count=2)
     assert rows[0].keys() == {"task_id", "prompt"}
     trainer = Trainer(

@@ -5,16 +5,21 @@ from __future__ import annotations
 import importlib
 import json
 import sys
+import uuid
 import warnings
+from collections.abc import AsyncIterator, Iterator, Sequence
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.integrations.engine import reply_text, stand_in_pool
+from tests.integrations.conformance import Play, Told, check_adapter
+from tests.integrations.engine import reply_text, stand_in_pool, texts_of
 from tests.llm import endpoint
 
 import webgym
-from webgym.core.action import Answer, Scroll
+from webgym import Action, Answer, Scroll
+from webgym.conformance import STAND_IN_TASKS
 
 pytest.importorskip("verifiers.v1", reason="verifiers is not installed")
 
@@ -39,17 +44,7 @@ async def run(
 ) -> tuple[list[Episode], list[dict[str, Any]], Any]:
     """The example, one episode after another; its episodes, and what the endpoint was asked."""
     given = stand_in_pool(folder, 1, **more)
-    stand_ins = {key: given[key] for key in ("browsers", "judge", "config")}
-
-    def made(name: str, *, size: int, split: str, config: Any) -> Any:
-        assert (size, split, type(config)) == (1, "all", webgym.RunConfig)
-        return webgym.EnvironmentPool(name, size=size, split="all", **stand_ins)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(integration, "EnvironmentPool", made)
-        patch.syspath_prepend(EXAMPLES)
-        sys.modules.pop("verifiers_tasks", None)
-        example = importlib.import_module("verifiers_tasks")
+    with the_example(given) as example:
         async with endpoint.serve() as served:
             served.replies = [said(text) for text in replies]
             episodes = await example.main(
@@ -62,6 +57,44 @@ async def run(
                 count=count,
             )
     return episodes, served.requests, given["browsers"]
+
+
+@contextmanager
+def the_example(given: dict[str, Any]) -> Iterator[Any]:
+    """On stand-ins of browsers."""
+    stand_ins = {key: given[key] for key in ("browsers", "judge", "config")}
+
+    def made(name: str, *, size: int, split: str, config: Any) -> Any:
+        assert (size, split, type(config)) == (1, "all", webgym.RunConfig)
+        return webgym.EnvironmentPool(name, size=size, split="all", **stand_ins)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(integration, "EnvironmentPool", made)
+        patch.syspath_prepend(EXAMPLES)
+        sys.modules.pop("verifiers_tasks", None)
+        yield importlib.import_module("verifiers_tasks")
+
+
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    folder = Path(given["name"]).parent
+
+    with the_example(given) as example:
+
+        async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+            tasks = folder / f"{task_id}.jsonl"
+            webgym.write_tasks(tasks, [task for task in STAND_IN_TASKS if task.id == task_id])
+            async with endpoint.serve() as served:
+                served.replies = [said(text) for text in texts_of(actions)]
+                place = served.url("scripted"), "tiny-1", str(folder / "out" / uuid.uuid4().hex), 1
+                (episode,) = await example.main(*place, tasks=str(tasks), split="all", count=1)
+            return Told([episode.traces[0].reward] if episode.ok else [])
+
+        yield play
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    assert await check_adapter(adapter, tmp_path, cancels=False) == []
 
 
 async def test_an_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

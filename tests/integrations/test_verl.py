@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import types
 import warnings
+from collections.abc import AsyncIterator, Sequence
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
 from tests.inference.tiny import tiny_renderer
-from tests.integrations.engine import Engine, reply_text, stand_in_pool
+from tests.integrations.conformance import Play, Told, check_adapter, check_in_browsers
+from tests.integrations.engine import Engine, example, reply_text, stand_in_pool, texts_of
 
 import webgym
-from webgym.core.action import Answer, Scroll
+from webgym import Action, Answer, RunConfig, Scroll
 
 pytest.importorskip("verl", reason="verl is not installed")
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of its imports
+    import hydra
     from omegaconf import OmegaConf
     from verl.experimental.agent_loop.agent_loop import AgentLoopOutput, DictConfigWrap
     from verl.workers.rollout.replica import TokenOutput
@@ -33,12 +37,12 @@ SAMPLING = {"temperature": 1.0, "logprobs": True}
 class Server:
     """Speaks verl's types, and samples what it is told to."""
 
-    def __init__(self) -> None:
-        self._engine = Engine(RENDERER, RIGHT)
+    def __init__(self, texts: Sequence[str] = RIGHT) -> None:
+        self._engine, self._texts = Engine(RENDERER, texts), texts
         self.requests: list[dict[str, Any]] = []
 
     async def generate(self, request_id: str, **given: Any) -> TokenOutput:
-        ids, logprobs = self._engine.sample(RIGHT[len(self.requests)])
+        ids, logprobs = self._engine.sample(self._texts[len(self.requests)])
         self.requests.append({"id": request_id, **given})
         versions = {"min_global_steps": 6, "max_global_steps": 7}
         return TokenOutput(token_ids=ids, log_probs=logprobs, num_preempted=0, extra_fields=versions)
@@ -60,6 +64,31 @@ def loop(server: Server, pool: webgym.EnvironmentPool) -> WebGymAgentLoop:
 async def played(folder: Path, server: Server, **more: Any) -> list[AgentLoopOutput]:
     async with webgym.EnvironmentPool(**stand_in_pool(folder, **more)) as pool:
         return await loop(server, pool).run(SAMPLING, extra_info={"task_id": "check-3"})
+
+
+@asynccontextmanager
+async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
+    async with webgym.EnvironmentPool(**given) as pool:
+
+        async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
+            outputs = await loop(Server(texts_of(actions)), pool).run(SAMPLING, task_id=task_id)
+            return Told([output.reward_score for output in outputs])
+
+        yield play
+
+
+async def test_it_keeps_the_environments_promises(tmp_path: Path) -> None:
+    def rows(name: str, config: RunConfig) -> list[str]:
+        write_dataset(tmp_path / "drawn.parquet", name, split="all", count=6, config=config)
+        read = pq.read_table(tmp_path / "drawn.parquet").to_pylist()
+        return [row["extra_info"]["task_id"] for row in read]
+
+    assert await check_adapter(adapter, tmp_path, rows=rows) == []
+
+
+@pytest.mark.browser
+async def test_in_real_browsers() -> None:
+    assert [set(told.final) for told in await check_in_browsers(adapter)] == [{1.0}, {0.0}]
 
 
 async def test_an_episode_is_outputs_of_what_was_sampled(tmp_path: Path) -> None:
@@ -94,3 +123,12 @@ def test_the_dataset_holds_nothing_that_judges_see(tmp_path: Path) -> None:
     assert len(rows) == 3
     assert rows[0].keys() == {"prompt", "data_source", "agent_name", "reward_model", "extra_info"}
     assert rows[0]["reward_model"]["ground_truth"] == ""
+
+
+def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    example("verl_files").main(tmp_path / "data", "offline-small-v1", size=2, count=3)
+    for split in ("train", "test"):
+        assert len(pq.read_table(tmp_path / "data" / f"{split}.parquet")) == 3
+    (entry,) = OmegaConf.load(tmp_path / "data" / "agent_loop.yaml")
+    assert hydra.utils.get_class(entry["_target_"]) is WebGymAgentLoop
+    assert f"agent_loop_config_path={tmp_path}/data/agent_loop.yaml" in capsys.readouterr().out

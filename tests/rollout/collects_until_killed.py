@@ -19,7 +19,8 @@ from benchmarks.stand_ins import TOKEN
 from pydantic import SecretStr
 
 from webgym.rollout.files import CONFIG, TRAJECTORIES, Log
-from webgym.runs import RunConfig, Secrets, collect, resume
+from webgym.run_config import RunConfig, Secrets
+from webgym.runs import collect, resume
 
 
 async def main(run: Path, config: Path) -> None:

@@ -23,7 +23,8 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
-from webgym.runs import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, collect, resume
+from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
+from webgym.runs import collect, resume
 from webgym.tasks import write_tasks
 
 SECONDS = 60

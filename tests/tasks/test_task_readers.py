@@ -8,10 +8,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
+from tests.conftest import Calls
 
+from webgym.cli import export
+from webgym.core.task import Task
 from webgym.offline import OfflineWeb
-from webgym.tasks import write_tasks
+from webgym.run_config import RunConfig
+from webgym.tasks import read_tasks, write_tasks
 
 DOCS = Path(__file__).parents[2] / "docs/task-files.md"
 
@@ -39,3 +44,40 @@ def test_the_snippets_of_the_documentation_read_a_task_set(tmp_path: Path) -> No
     for count in set(groups):  # once for each format
         assert len(re.findall(rf"│ train +│ +{count} │ +{groups.count(count)} │", done.stdout)) == 2
     assert f"{len(tasks)} {len(tasks)} {tasks[0].instruction}" in done.stdout
+
+
+def test_an_export_of_tasks_is_read_by_others(tmp_path: Path, calls: Calls) -> None:
+    """In the formats of the test above; here it is what the command chooses."""
+    duckdb = pytest.importorskip("duckdb")
+    web = OfflineWeb(per_family=2)
+    tasks = [task for host in list(web.specs)[:3] for task in web.tasks_of(host)]
+    tasks[0] = msgspec.structs.replace(tasks[0], split="test")
+    write_tasks(tmp_path / "mine" / "tasks.parquet", tasks)
+    for kind, source in (("jsonl", tmp_path / "mine"), ("parquet", tmp_path / "mine" / "tasks.parquet")):
+        out = tmp_path / kind
+        code, said = calls.run("export", source, "--format", kind, "--out", out)
+        assert code == 0, said
+        assert f"{len(tasks) - 1} tasks" in said
+        assert "left out: 1 tasks of another split" in said
+        ids = duckdb.sql(f"select id from '{out}/tasks.{kind}'").fetchall()
+        assert ids == [(task.id,) for task in tasks[1:]]
+    code, said = calls.run("export", tmp_path / "mine", "--format", "sharegpt", "--out", tmp_path / "no")
+    assert code == 2
+    assert "tasks have no replies" in said
+
+
+def test_tasks_that_come_with_webgym_are_exported_by_their_name(
+    tmp_path: Path, calls: Calls, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    held = list(OfflineWeb(per_family=1, collection="small").tasks())[:5]
+    asked: list[RunConfig] = []
+
+    def given(config: RunConfig) -> list[Task]:
+        asked.append(config)
+        return held
+
+    monkeypatch.setattr(export, "all_tasks", given)
+    code, said = calls.run("export", "offline-small-v1", "--split", "all", "--out", tmp_path / "out")
+    assert code == 0, said
+    assert asked[0].sites.collection == "small"
+    assert read_tasks(tmp_path / "out").tasks == held

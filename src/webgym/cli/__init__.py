@@ -55,7 +55,7 @@ class Verb:
 
 VERBS: tuple[Verb, ...] = (
     Verb("demo", "Run the main job end to end on the offline web and show the report."),
-    Verb("doctor", "Say what this machine has, what is missing and how to fix it."),
+    Verb("doctor", "Check this machine: what it has, what is missing, how to fix it."),
     Verb("serve", "Start a browser server."),
     Verb("sites", "Serve or list the websites of the offline web.", "app"),
     Verb("tasks", "List, check and write task sets.", "app"),
@@ -63,14 +63,14 @@ VERBS: tuple[Verb, ...] = (
     Verb("rollout", "Collect trajectories into a run folder, or resume a run."),
     Verb("judge", "Judge a stored run again (webgym judge RUN), and compare judges.", "app"),
     Verb("eval", "Attempt a test set and print success by difficulty with intervals."),
-    Verb("compare", "Say whether one run is better than another by more than chance."),
+    Verb("compare", "Test whether one run is better than another by more than chance."),
     Verb("train", "Learn from outcomes: roll out, judge, update, publish, evaluate."),
-    Verb("pretrain", "Make the first weights of the tiny policy."),
+    Verb("pretrain", "Pretrain the initial weights of the tiny policy."),
     Verb("study", "Repeat the paper's study in miniature."),
     Verb("report", "Write the report of a run or of a training."),
     Verb("view", "Browse a run or a task set in a web browser."),
-    Verb("verify", "Prove that a run is whole, or name what is not and set it aside."),
-    Verb("export", "Write a run's steps for other programs: Parquet, JSON lines, ShareGPT."),
+    Verb("verify", "Check that a run is complete and intact; set aside records that are not."),
+    Verb("export", "Write a run's steps, or tasks, for other programs: Parquet, JSON lines, ShareGPT."),
     Verb("simulate", "Size a rollout system: throughput, bottleneck and price, by a model."),
     Verb("bench", "Measure this machine: speed, density, settling, faults.", "app"),
 )

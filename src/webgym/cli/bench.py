@@ -71,7 +71,7 @@ def server(
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     unknown = [part for part in only if part not in PARTS]
     if unknown:
-        raise ConfigError(f"there is no part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+        raise ConfigError(f"unknown part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
     plan = BenchPlan(
         sessions=sessions,
         rounds=rounds,
@@ -222,7 +222,7 @@ def rollout(
 
     unknown = [part for part in only if part not in PARTS]
     if unknown:
-        raise ConfigError(f"there is no part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+        raise ConfigError(f"unknown part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
     _expect_to_write(figure)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     ours = len(os.sched_getaffinity(0))

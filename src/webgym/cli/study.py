@@ -18,7 +18,7 @@ def command(
         show_default=False,
     ),
     out: Path | None = typer.Option(
-        None, "--out", help="Folder; trainings that are in it are gone on with.", show_default=False
+        None, "--out", help="Folder; unfinished trainings in it are continued.", show_default=False
     ),
     seeds: int = typer.Option(3, "--seeds", min=1, help="Trainings per row."),
     row: list[str] = typer.Option(None, "--row", help="A row; may be repeated. All if not given."),
@@ -27,7 +27,7 @@ def command(
     """Train the tiny policy by every row of the paper's study, and compare: hours, resumable.
 
     Pages are drawn once and attempted without browser sessions, which is many times faster; --help of
-    `webgym train` and the settings say how to make the same with browsers (server.rehearsed: false).
+    `webgym train` and the settings say how to make the same with browsers (server.static: false).
     Writes study.md, study.json and study.png after every training.
     """
     from rich.console import Console
@@ -46,7 +46,7 @@ def command(
     study, console = read_study(config or []), Console()
     rows = row or list(study.rows)
     if unknown := [each for each in rows if each not in study.rows]:
-        raise UsageError(f"there is no row {unknown[0]!r}", hint=f"rows: {', '.join(study.rows)}")
+        raise UsageError(f"unknown row {unknown[0]!r}", hint=f"rows: {', '.join(study.rows)}")
     if list_rows:
         for name in rows:
             typer.echo(name)

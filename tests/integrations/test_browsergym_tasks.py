@@ -1,0 +1,106 @@
+"""WebGym's tasks are BrowserGym's: played in its browser, judged by our judge, and a fault is no reward."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+from tests.integrations.installed_browser import use_installed_browser
+
+import webgym.testing
+from webgym import Action, Answer, Scroll
+from webgym.offline.web import OfflineWeb
+
+pytest.importorskip("browsergym.core", reason="browsergym-core is not installed")
+
+with warnings.catch_warnings():
+    warnings.simplefilter("ignore")  # of its imports
+    from webgym.integrations import browsergym_tasks
+    from webgym.integrations.browsergym import BrowserGymEnv, NoReward
+
+pytestmark = [pytest.mark.browser, pytest.mark.filterwarnings("ignore")]  # its own
+
+WEB = OfflineWeb(per_family=1, collection="small")
+TASKS = [task for task in WEB.tasks("test") if task.difficulty == 1]
+TASK = next(task for task in TASKS if task.truth is not None and not any(f.state for f in task.truth.facts))
+STATEFUL = next(task for task in TASKS if task.truth is not None and any(f.state for f in task.truth.facts))
+
+
+def solution(task: webgym.Task) -> list[Action]:
+    site = WEB.website(urlsplit(task.website).hostname or "")
+    assert site is not None
+    steps = webgym.testing.play(site, task, WEB.collection.viewport).steps
+    return [step.action for step in steps if step.action is not None]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def names() -> list[str]:
+    made: list[str] = browsergym_tasks.register_tasks("small", per_family=1)
+    assert len(made) == len(list(WEB.tasks("test"))) == len(set(made))
+    return made
+
+
+@pytest.fixture(autouse=True)
+def known_browser(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the tests."""
+    use_installed_browser(monkeypatch)
+
+
+def played(task: webgym.Task, actions: list[Action]) -> tuple[list[float], bool, bool]:
+    """Rewards of an episode, and how it ended."""
+    rewards, terminated, truncated = [], False, False
+    name = f"webgym.{task.id.replace('/', '.')}"
+    with BrowserGymEnv(name, pre_observation_delay=0.1) as env:
+        _, info = env.reset(seed=1)
+        assert info["instruction"] == task.instruction
+        for action in actions:
+            _, reward, terminated, truncated, _ = env.step(action)
+            rewards.append(reward)
+            if terminated or truncated:
+                break
+    return rewards, terminated, truncated
+
+
+@pytest.mark.parametrize("task", [TASK, STATEFUL], ids=["shown", "state"])
+def test_a_solution_is_rewarded_once_at_the_end(task: webgym.Task) -> None:
+    actions = solution(task)
+    rewards, terminated, _ = played(task, actions)
+    assert terminated
+    assert rewards == [0.0] * (len(actions) - 1) + [1.0]
+
+
+def test_a_wrong_answer_and_a_budget_that_is_spent_are_0(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert played(TASK, [Scroll("down"), Answer("no idea")]) == ([0.0, 0.0], True, False)
+    init = browsergym_tasks.WebGymTask.__init__
+
+    def short(self: browsergym_tasks.WebGymTask, *given: Any, **named: Any) -> None:
+        init(self, *given, **named)
+        self.budget = 2
+
+    monkeypatch.setattr(browsergym_tasks.WebGymTask, "__init__", short)
+    assert played(TASK, [Scroll("down")] * 3) == ([0.0, 0.0], True, False)
+
+
+def test_episodes_do_not_see_each_others_state() -> None:
+    assert played(STATEFUL, solution(STATEFUL)[:-1])[0][-1] == 0.0
+    assert played(STATEFUL, [solution(STATEFUL)[-1]]) == ([0.0], True, False)
+
+
+@pytest.mark.parametrize("last", [False, True])
+def test_a_website_that_is_gone_is_no_reward(last: bool) -> None:
+    actions = solution(STATEFUL)
+
+    def play() -> None:
+        with BrowserGymEnv(f"webgym.{STATEFUL.id.replace('/', '.')}", pre_observation_delay=0.1) as env:
+            env.reset(seed=1)
+            browsergym_tasks._sites[("small", 1)].stop()
+            for action in actions[-1:] if last else actions:
+                env.step(action)
+
+    try:
+        with pytest.raises(NoReward, match="offline web"):
+            play()
+    finally:
+        browsergym_tasks._sites.clear()

@@ -20,7 +20,7 @@ from webgym import cli
 from webgym.core.errors import UsageError, WebGymError
 
 ROOTS = {
-    "webgym.runs.RunConfig": "`webgym rollout` and `webgym eval`; `rollout` of a training",
+    "webgym.run_config.RunConfig": "`webgym rollout` and `webgym eval`; `rollout` of a training",
     "webgym.train.loop.TrainConfig": "`webgym train`",
     "webgym.tiny.recipe.RecipeConfig": "`webgym pretrain`",
     "webgym.tiny.study.StudyConfig": "`webgym study`",
@@ -67,8 +67,8 @@ def _command(path: str, command: Any) -> Iterator[str]:
     context = command.make_context(path, [], resilient_parsing=True)
     yield from (f"### `{path}`", "", command.help or "", "")
     if hasattr(command, "commands"):
-        for name, inner in command.commands.items():
-            yield from _command(f"{path} {name}", inner)
+        for name in command.commands:
+            yield from _command(f"{path} {name}", command.get_command(context, name))
         return
     yield from ("```text", re.sub(r"^Usage: ", "", command.get_usage(context)), "```", "")
     told = [each.get_help_record(context) for each in command.params if each.name != "help"]
@@ -115,6 +115,7 @@ def _model(model: type[BaseModel], where: str) -> Iterator[str]:
     yield from ("| key | type | default | what it is |", "| --- | --- | --- | --- |")
     for name, field in model.model_fields.items():
         about = field.description or next((_summary(each) for each in _models(field.annotation)), "")
+        assert about, f"{model.__name__}.{name} has no docstring"
         yield f"| `{name}` | {_type(field)} | {_default(field)} | {_cell(about)} |"
     yield ""
 

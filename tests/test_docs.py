@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import json
 import re
 import shlex
@@ -113,6 +114,9 @@ def wrong(call: list[str]) -> str:
     if name == "make":
         unknown = {word for word in words if "=" not in word} - targets()
         return f"make {min(unknown)}" if unknown else ""
+    if name == "python" and words[0] == "-m" and words[1].startswith("benchmarks."):
+        there = (ROOT / words[1].replace(".", "/") / "__main__.py").is_file()
+        return "" if there else f"python -m {words[1]}"
     if name.rpartition("/")[2] != "webgym" or not words or words[0].startswith("-"):
         return ""
     if words[0] not in {verb.name for verb in cli.VERBS}:
@@ -146,7 +150,7 @@ def test_pages_made_from_the_code_hold_all_of_it() -> None:
     commands = "\n".join(reference.commands())
     assert all(f"### `webgym {verb.name}`" in commands for verb in cli.VERBS)
     assert "### `webgym tasks show`" in commands
-    assert "| `--out <path>` | Run folder to make. |" in commands
+    assert commands.count("| `--out <path>` |") > 5
     rows = dict(re.findall(r"^\| `(\w+)` \| `\w+` \| (\d) ", "\n".join(reference.errors()), re.MULTILINE))
     assert set(rows) == {name for name, held in vars(errors).items() if isinstance(held, type)}
     assert (rows["ConfigError"], rows["StoreFull"]) == ("2", "1")
@@ -163,3 +167,39 @@ def test_what_is_wrong_is_found() -> None:
     assert [wrong(call).partition(" (")[0] for call in calls(code)] == [
         "webgym rollout: No such option: --task", "make dem", "webgym rolout", "webgym tasks shw", "",
     ]  # fmt: skip
+
+
+def public_callables() -> Iterator[tuple[str, Any, str]]:
+    """Functions and methods that ``webgym`` exports, with what documents their arguments."""
+    for name in set(webgym.__all__) - {"__version__"}:
+        held = getattr(webgym, name)
+        if inspect.isfunction(held):
+            yield name, held, held.__doc__ or ""
+        elif inspect.isclass(held):
+            for member, found in vars(held).items():
+                method = getattr(found, "__func__", found)
+                if inspect.isfunction(method) and (member == "__init__" or member[0] != "_"):
+                    about = held if member == "__init__" else method
+                    if method.__module__.startswith("webgym"):  # not what typing and msgspec make
+                        yield f"{name}.{member}", method, about.__doc__ or ""
+
+
+def untold(method: Any, text: str) -> list[str]:
+    """Arguments and errors of ours that a docstring does not tell; one that says ``See :meth:`` need not."""
+    if re.match(r"See :meth:", text):
+        return []
+    method = inspect.unwrap(method)
+    names = [name.lstrip("_") for name in inspect.signature(method).parameters if name not in ("self", "cls")]
+    told = re.search(r"^ *(?:Args|Attributes):\n(.*)", text, re.DOTALL | re.MULTILINE)
+    written = method.__code__.co_filename != "<string>"  # and not made by dataclasses
+    source = inspect.getsource(method) if written else ""
+    raised = set(re.findall(r"raise (\w+)\(", source)) & set(vars(errors))
+    return [
+        name for name in names if not told or not re.search(rf"^ +[\w, ]*\b{name}\b[\w, ]*: ", told[1], re.M)
+    ] + [name for name in sorted(raised) if name not in text.partition("Raises:")[2]]
+
+
+def test_public_docstrings_tell_arguments_and_errors() -> None:
+    found = {name: untold(method, text) for name, method, text in public_callables()}
+    assert len(found) > 60
+    assert {name: missing for name, missing in found.items() if missing} == {}

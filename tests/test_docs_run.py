@@ -52,7 +52,7 @@ async def nothing(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
 async def readme(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     """The run is of two small tasks without browsers; the environment's browsers and judge are stand-ins."""
     given = webgym.RunConfig.model_validate({"tasks": {"count": 2}, **SMALL})
-    patch.setattr("webgym.runs.RunConfig", lambda: given)
+    patch.setattr("webgym.run_config.RunConfig", lambda: given)
     patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
     yield {"webgym": webgym, "my_model": answers}
 

@@ -59,7 +59,11 @@ class TaskChoice(Selection):
         return self
 
     def drawn(self, there: int) -> int | None:
-        """How many are drawn of those that are there; ``None`` for all."""
+        """How many are drawn of those that are there; ``None`` for all.
+
+        Args:
+            there: tasks to draw from.
+        """
         if self.count is None:
             return FEW if self.file is None or there > MANY else None
         return None if self.count == "all" else self.count

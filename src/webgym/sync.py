@@ -31,7 +31,11 @@ class LoopThread:
         self._ending = weakref.finalize(self, _end, self._loop, thread, closing)
 
     def run(self, work: Coroutine[Any, Any, T]) -> T:
-        """Wait for a coroutine's result, or raise what it raises."""
+        """Wait for a coroutine's result, or raise what it raises.
+
+        Args:
+            work: to be run on the thread's loop, from another thread.
+        """
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return future.result()

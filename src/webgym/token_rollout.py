@@ -106,7 +106,11 @@ class TokenRow:
     messages: tuple[Message, ...]
 
     def pixels(self, renderer: Renderer) -> Pixels | None:
-        """The pictures as the vision tower reads them; ``None`` if there is none."""
+        """The pictures as the vision tower reads them; ``None`` if there is none.
+
+        Args:
+            renderer: of the model that the row is for.
+        """
         refs = pictures_of(self.messages)
         held = {ref.screenshot: data for ref, data in zip(refs, self.images, strict=True)}
         return renderer.pixels(self.messages, held)
@@ -295,7 +299,11 @@ class EnvironmentPool:
             yield env
 
     async def open(self) -> None:
-        """Start what the first episode would start."""
+        """Start what the first episode would start.
+
+        Raises:
+            UsageError: the pool was opened on another event loop.
+        """
         loop = asyncio.get_running_loop()
         if self._loop not in (None, loop):
             raise UsageError("the pool was opened on another event loop", hint="make one for each")

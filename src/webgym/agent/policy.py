@@ -60,6 +60,9 @@ class PolicySession(Protocol):
     async def reply(self, turn: PolicyInput) -> Reply:
         """The policy's reply, whole.
 
+        Args:
+            turn: the observation, and the request that WebGym's agent would send.
+
         Raises:
             PolicyError: there is none.
         """
@@ -82,7 +85,12 @@ class Policy(Protocol):
     def wants_elements(self) -> bool: ...  # noqa: D102
 
     def begin(self, task: Task, seed: int) -> PolicySession:
-        """A session for one attempt; everything random in it follows from ``seed``."""
+        """A session for one attempt; everything random in it follows from ``seed``.
+
+        Args:
+            task: the one to attempt.
+            seed: of everything random in the attempt.
+        """
         ...
 
     async def __aenter__(self) -> Self: ...
@@ -113,7 +121,12 @@ class BasePolicy:
         return False
 
     def begin(self, task: Task, seed: int) -> Any:  # noqa: ARG002
-        """The policy itself plays: for those that remember nothing of an attempt."""
+        """The policy itself plays: for those that remember nothing of an attempt.
+
+        Args:
+            task: the one to attempt.
+            seed: of everything random in the attempt.
+        """
         return self
 
     async def __aenter__(self) -> Self:

@@ -242,6 +242,13 @@ def render_reply(
 
     ``intention`` and ``description`` become one line each. The official formats have no room for memory,
     progress and intention, the compact ones none for the description; they are left out.
+
+    Args:
+        action: what is done.
+        prompt_format: of the prompt that is replied to.
+        description, intention: one line each.
+        memory, progress: JSON objects; empty if not given.
+        screen: width and height that coordinates are scaled to; 1000 each if not given.
     """
     if prompt_format in COMPACT_FORMATS:
         return render_compact(

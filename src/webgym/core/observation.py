@@ -96,7 +96,11 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     milliseconds: dict[str, float] = {}
 
     def seconds(self, *operations: str) -> float:
-        """Wall time of these operations together."""
+        """Wall time of these operations together.
+
+        Args:
+            operations: by their names in :attr:`milliseconds`; one that was not measured counts as 0.
+        """
         return sum(self.milliseconds.get(operation, 0.0) for operation in operations) / 1000
 
     @property

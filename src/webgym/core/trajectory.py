@@ -111,7 +111,11 @@ class Step(msgspec.Struct, frozen=True, omit_defaults=True):
     revision: Revision | None = None
 
     def followed_by(self, observation: Observation) -> Step:
-        """This step with ``changed`` filled in from the next observation. Nothing else decides it."""
+        """This step with ``changed`` filled in from the next observation. Nothing else decides it.
+
+        Args:
+            observation: of the step after it, or the last one of the episode.
+        """
         return msgspec.structs.replace(self, changed=observation.screenshot != self.observation.screenshot)
 
 

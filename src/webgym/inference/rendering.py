@@ -92,13 +92,20 @@ class Renderer:
     def prompt_ids(self, messages: Sequence[Message]) -> list[int]:
         """The ids of a request, without looking at its pictures: their sizes say how many tokens they take.
 
+        Args:
+            messages: the request.
+
         Raises:
             PolicyError: placeholders and pictures do not match.
         """
         return self.expanded(self.short_prompt_ids(messages), self.image_tokens(messages))
 
     def short_prompt_ids(self, messages: Sequence[Message]) -> list[int]:
-        """The ids of a request with one image token for each picture."""
+        """The ids of a request with one image token for each picture.
+
+        Args:
+            messages: the request.
+        """
         ids: list[int] = self.tokenizer(self.text(messages), add_special_tokens=False)["input_ids"]
         return ids
 
@@ -125,7 +132,11 @@ class Renderer:
         return found
 
     def text(self, messages: Sequence[Message]) -> str:
-        """The request as text, a placeholder per picture, the opening of the reply included."""
+        """The request as text, a placeholder per picture, the opening of the reply included.
+
+        Args:
+            messages: the request.
+        """
         rendered: str = self.tokenizer.apply_chat_template(
             [{"role": each.role, "content": _content(each)} for each in messages],
             tokenize=False,
@@ -135,6 +146,10 @@ class Renderer:
 
     def pixels(self, messages: Sequence[Message], images: Mapping[str, bytes]) -> Pixels | None:
         """The pictures of a request, in its order; ``None`` if it has none.
+
+        Args:
+            messages: the request.
+            images: its pictures, encoded, by name.
 
         Raises:
             PolicyError: a picture cannot be read, or has another size than the request says.
@@ -158,22 +173,38 @@ class Renderer:
         return Pixels(made["pixel_values"], made["image_grid_thw"])
 
     def image_tokens(self, messages: Sequence[Message]) -> list[int]:
-        """How many tokens each picture of a request takes, in order."""
+        """How many tokens each picture of a request takes, in order.
+
+        Args:
+            messages: the request.
+        """
         merged: int = self.image_processor.merge_size**2
         patches = self.image_processor.get_number_of_image_patches
         return [patches(ref.height, ref.width) // merged for ref in pictures_of(messages)]
 
     def image_mask(self, ids: Sequence[int]) -> list[int]:
-        """1 for an image token and 0 for any other: what models call ``mm_token_type_ids``."""
+        """1 for an image token and 0 for any other: what models call ``mm_token_type_ids``.
+
+        Args:
+            ids: of a prompt, a reply or both.
+        """
         return [int(token == self.image_id) for token in ids]
 
     def opens_thinking(self, prompt_ids: Sequence[int]) -> bool:
-        """Whether the chat template has opened the thinking already, so that the reply goes on inside."""
+        """Whether the chat template has opened the thinking already, so that the reply goes on inside.
+
+        Args:
+            prompt_ids: of the whole prompt.
+        """
         tail: str = self.tokenizer.decode(list(prompt_ids[-8:]))
         return tail.rstrip().endswith(THINK_START)
 
     def decode(self, reply_ids: Sequence[int]) -> str:
-        """A reply as a server gives it: without special tokens, white space as it is."""
+        """A reply as a server gives it: without special tokens, white space as it is.
+
+        Args:
+            reply_ids: as sampled, with or without the end token.
+        """
         text: str = self.tokenizer.decode(
             list(reply_ids), skip_special_tokens=True, clean_up_tokenization_spaces=False
         )

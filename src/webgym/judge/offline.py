@@ -56,6 +56,11 @@ class OfflineJudge:
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`.
 
+        Args:
+            task: with its hidden truth.
+            episode: what happened; visible text and the website's state are read from it.
+            pictures: not looked at.
+
         Raises:
             JudgeError: the task has no truth, visible text was not recorded, or the website's state is
                 needed and not known.

@@ -136,7 +136,11 @@ class OfflineWeb:
         return found
 
     def website(self, host: str) -> Website | None:
-        """The website with this hostname, if there is one."""
+        """The website with this hostname, if there is one.
+
+        Args:
+            host: its name, such as ``silverfield-small-desk.webgym.test``; made when it is first asked for.
+        """
         spec = self.specs.get(host)
         if spec is None:
             return None
@@ -152,13 +156,20 @@ class OfflineWeb:
         return self._built[host]
 
     def tasks(self, split: Split | None = None) -> Iterator[Task]:
-        """All tasks, those derived by decomposition behind the task they come from."""
+        """All tasks, those derived by decomposition behind the task they come from.
+
+        Args:
+            split: ``train`` or ``test``; both if not given.
+        """
         for host, spec in self.specs.items():
             if split in (None, spec.split):
                 yield from self.tasks_of(host)
 
     def tasks_of(self, host: str) -> Iterator[Task]:
         """The tasks that begin on one website.
+
+        Args:
+            host: the website's name.
 
         Raises:
             KeyError: there is no such website.
@@ -204,6 +215,9 @@ class OfflineWeb:
         """Rules of the egress policy that lead browsers to the server at ``address`` (``host:port``).
 
         A website that is down has a name that does not resolve.
+
+        Args:
+            address: where the offline web is served, without a scheme.
         """
         down = [f"{host}=nowhere" for host, spec in self.specs.items() if spec.behaviour == "down"]
         return [*down, f"*.{TOP_LEVEL_DOMAIN}={address}"]

@@ -482,6 +482,9 @@ class RunReader:
     def trajectory(self, attempt_id: str) -> Trajectory:
         """One trajectory.
 
+        Args:
+            attempt_id: ``task#sample.retry``, as in :attr:`attempts`.
+
         Raises:
             KeyError: there is none of this id.
             StoreCorrupt: its record changed since it was indexed.
@@ -513,6 +516,9 @@ class RunReader:
     def image_path(self, name: str) -> Path:
         """Where the picture of this name lies, whether it is there or not.
 
+        Args:
+            name: SHA-256 of the picture, in hex.
+
         Raises:
             StoreError: the name is not a SHA-256 in hex.
         """
@@ -520,6 +526,9 @@ class RunReader:
 
     def image(self, name: str) -> bytes:
         """The picture of this name.
+
+        Args:
+            name: SHA-256 of the picture, in hex.
 
         Raises:
             StoreCorrupt: the run does not hold it.

@@ -136,10 +136,11 @@ class BrowserClient:
         name: of this client, by which the server counts its sessions; ``None`` makes one.
         calls: a queue for each type of operation; by default they are made from the limits.
 
-    Raises (every method):
-        ServerUnreachable: nothing answers, or not in time.
-        Unauthorized: the token is wrong.
-        ProtocolError: the answer is not one of a browser server.
+    Raises:
+        ServerUnreachable: by every method: nothing answers, or not in time.
+        Unauthorized: by every method: the token is wrong.
+        ProtocolError: by every method: the answer is not one of a browser server; at once: a token that is
+            not ASCII.
     """
 
     def __init__(
@@ -182,6 +183,9 @@ class BrowserClient:
     async def open(self, options: SessionOptions | None = None) -> Session:
         """Lease a browser with a fresh, blank page. Renewed in the background until it is closed.
 
+        Args:
+            options: viewport, marks, cookies and so on; the server's defaults if not given.
+
         Raises:
             NoCapacity: all slots stayed taken.
             TooManySessions: this client has all that it may have.
@@ -217,7 +221,11 @@ class BrowserClient:
         return await self.call(PRESSURE, Pressure)
 
     def forget(self, session: Session) -> None:
-        """The session is over."""
+        """The session is over.
+
+        Args:
+            session: one of this client's; no request is made.
+        """
         self._sessions.discard(session)
 
     # --- one call -----------------------------------------------------------------------------------
@@ -236,6 +244,8 @@ class BrowserClient:
         """Do one operation of the table, in its type's pool.
 
         Args:
+            operation: of the table, :mod:`webgym.server.operations`.
+            body: the request, if the operation takes one.
             reply: shape of the answer; ``bytes`` for a body that is no struct.
             grant: the session, for operations that need one.
             route: where to; the known address if there is none. One that breaks is changed for the known

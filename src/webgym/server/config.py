@@ -243,11 +243,22 @@ class ClientLimits(Settings):
     """
 
     navigate: int = Field(default=256, gt=0)
+    """Pages that are opened at once."""
+
     execute: int = Field(default=256, gt=0)
+    """Actions at once."""
+
     screenshot: int = Field(default=256, gt=0)
+    """Observations without an action at once."""
+
     metadata: int = Field(default=256, gt=0)
+    """Questions for a page's address and title at once."""
+
     allocate: int = Field(default=4, gt=0)
+    """Sessions that are opened at once."""
+
     release: int = Field(default=4, gt=0)
+    """Sessions that are given back at once."""
 
     connect_seconds: float = Field(default=10.0, gt=0)
     """Until a connection is up."""

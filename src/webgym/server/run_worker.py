@@ -49,6 +49,9 @@ def new_instance() -> str:
 async def running_server(config: ServerConfig | None = None) -> AsyncIterator[RunningServer]:
     """Serve for the length of the block; afterwards no browser is left.
 
+    Args:
+        config: the defaults if not given: loopback, a free port, a random token.
+
     Raises:
         BrowserNotFound, BrowserLaunchFailed: there is no browser to serve.
         ConfigError: the address cannot be listened on.

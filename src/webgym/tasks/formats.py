@@ -52,6 +52,9 @@ def read_tasks(path: Path) -> TaskFile:
     A broken record is reported and skipped, and a task without a fact to judge is set aside; the rest loads.
     Tasks that do not say their split are of the one that the file's name tells, ``train`` or ``test``.
 
+    Args:
+        path: of a file or a folder.
+
     Raises:
         TaskFileError: it cannot be read, or holds no task at all.
     """

@@ -16,8 +16,9 @@ from tests.integrations.engine import stand_in_pool
 
 import webgym.testing
 from webgym import Action, Answer, RunConfig, Scroll
+from webgym.offline.app import SitesConfig
 from webgym.offline.web import OfflineWeb
-from webgym.runs import SitesConfig, TaskChoice
+from webgym.runs import TaskChoice
 
 BUDGET: Final = 4
 FAULTS: Final = ("browser", "judge", "no_reward", "blocked", "unreadable")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 from urllib.parse import urlsplit
 
 import pytest
@@ -73,8 +74,8 @@ def test_a_wrong_answer_and_a_budget_that_is_spent_are_0(monkeypatch: pytest.Mon
     assert played(TASK, [Scroll("down"), Answer("no idea")]) == ([0.0, 0.0], True, False)
     init = browsergym_tasks.WebGymTask.__init__
 
-    def short(self: browsergym_tasks.WebGymTask, *given: object, **named: object) -> None:
-        init(self, *given, **named)
+    def short(self: browsergym_tasks.WebGymTask, seed: int, **given: Any) -> None:
+        init(self, seed, **given)
         self.budget = 2
 
     monkeypatch.setattr(browsergym_tasks.WebGymTask, "__init__", short)

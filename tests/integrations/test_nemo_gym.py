@@ -46,7 +46,7 @@ class ModelServer:
 class Answered:
     """An answer of that client."""
 
-    ok, status, cookies = True, 200, {}
+    ok, status = True, 200
 
     def __init__(self, text: str) -> None:
         content = [{"type": "output_text", "text": text, "annotations": []}]
@@ -57,6 +57,7 @@ class Answered:
             "status": "completed",
             "content": content,
         }
+        self.cookies: dict[str, str] = {}
         self._said = {
             "id": "r",
             "created_at": 0,

@@ -13,6 +13,7 @@ import pytest
 from tests.conftest import Calls
 
 from webgym.cli import export
+from webgym.core.task import Task
 from webgym.offline import OfflineWeb
 from webgym.runs import RunConfig
 from webgym.tasks import read_tasks, write_tasks
@@ -70,7 +71,12 @@ def test_tasks_that_come_with_webgym_are_exported_by_their_name(
 ) -> None:
     held = list(OfflineWeb(per_family=1, collection="small").tasks())[:5]
     asked: list[RunConfig] = []
-    monkeypatch.setattr(export, "all_tasks", lambda config: asked.append(config) or held)
+
+    def all_tasks(config: RunConfig) -> list[Task]:
+        asked.append(config)
+        return held
+
+    monkeypatch.setattr(export, "all_tasks", all_tasks)
     code, said = calls.run("export", "offline-small-v1", "--split", "all", "--out", tmp_path / "out")
     assert code == 0, said
     assert asked[0].sites.collection == "small"

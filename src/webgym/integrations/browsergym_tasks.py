@@ -288,7 +288,7 @@ def register_tasks(
     Returns:
         Their ids: ``browsergym/`` and the name.
     """
-    names = []
+    names: list[str] = []
     for task in OfflineWeb(per_family=per_family, collection=collection).tasks(split):
         if len(names) == count:
             break

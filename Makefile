@@ -38,7 +38,7 @@ compile-tests: setup ## Collect the tests once, so that no worker of `make test`
 coverage: setup ## Run the tests and tell what they cover; twice the computing of `make test`
 	@$(PYTEST) -m "not slow" --cov --cov-report=term $(ARGS)
 
-lint: setup ## Check format, style, types, the rooms' imports and the tree
+lint: setup ## Check format, style, types, the packages' imports and the tree
 	@scripts/lint
 
 format: setup ## Rewrite the code in the house's format
@@ -46,7 +46,7 @@ format: setup ## Rewrite the code in the house's format
 	@$(BIN)/ruff check --fix .
 
 bench: setup ## Run everything in benchmarks/, which prints figures
-	@set -e; for script in benchmarks/*.py; do $(BIN)/python "$$script" $(ARGS); done
+	@set -e; for script in benchmarks/*.py; do PYTHONPATH=. $(BIN)/python "$$script" $(ARGS); done
 
 docs: ## Build the documentation into build/docs, warnings are errors
 	@scripts/setup --docs

@@ -22,16 +22,17 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from benchmarks.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
 from pydantic import SecretStr
 
 from webgym.agent.config import AgentConfig
-from webgym.bench.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.judge.factory import JudgeChoice
 from webgym.llm.config import ChatConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
-from webgym.runs import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, collect
+from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
+from webgym.runs import collect
 from webgym.server.config import ClientLimits
 from webgym.tasks import write_tasks
 

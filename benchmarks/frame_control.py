@@ -26,9 +26,9 @@ from webgym.bench.pages import PageServer, serving_pages
 from webgym.bench.usage import CpuTimes
 from webgym.browser import BrowserConfig, Egress, ProfileRoot
 from webgym.browser.cdp import Session
+from webgym.browser.cdp_messages import BrowserContext, CreatedTarget, Nothing, Screenshot, Wire
 from webgym.browser.find import find_browser
 from webgym.browser.process import BrowserProcess, launch_sandboxed
-from webgym.browser.wire import BrowserContext, CreatedTarget, Nothing, Screenshot, Wire
 from webgym.core.errors import BrowserError
 
 PAGES = 4

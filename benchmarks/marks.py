@@ -4,14 +4,15 @@
     .venv/bin/python benchmarks/marks.py --set half_b
     .venv/bin/python benchmarks/marks.py --pages shoelace leaflet --details
 
-In a browser of its own, without our scripts, a point of every element is hovered over and clicked, and the
-page is loaded anew whenever something came of it: an element, attribute, value or picture changed, a
-control got the focus, the tab wanted to leave. What changed is the signature of a point. A mark is right if
-something comes of a click on its middle, at once or after one on another of its kind (the open tab), or
-with the right button, and no other mark that lies there has the same signature. A point that reacts is
-found if a mark has its signature, or one that it lies in has most of it, or one does the same but for
-looks. Left out are whole containers and what changes of them, rims around marks where only looks change,
-disabled controls, what comes of the mouse without a click, and labels of controls that are seen themselves.
+In a browser of its own, without our scripts, a point of every element is hovered over and clicked, and
+the page is loaded anew whenever something came of it: an element, attribute, value or picture changed,
+a control got the focus, the tab wanted to leave. What changed is the signature of a point. A mark is
+right if something comes of a click on its middle, at once, after one on another of its kind (the open
+tab), with the right button, or once the mouse has gone (a star), and no other mark that lies there has
+the same signature. A point that reacts is found if a mark has its signature, or one that it lies in has
+most of it, or one does the same but for looks. Left out are whole containers and what changes of them,
+rims around marks where only looks change, disabled controls, what comes of the mouse without a click,
+and labels of controls that are seen themselves.
 Names are compared with the browser's accessibility tree. Exit code 1 below the goals.
 """
 
@@ -201,6 +202,23 @@ class Trier:
                 return True
         return False
 
+    async def is_lasting(self, x: float, y: float) -> bool:
+        """Whether something has come of a click once the mouse has gone: the star of a rating, whose looks
+        were the same while the mouse was on it."""
+        await self.load()
+        self._is_fresh = False
+        for press in (False, True):
+            await self.mouse("mouseMoved", x, y)
+            await self._reaction()
+            if press:
+                await self._press(x, y)
+            await self.mouse("mouseMoved", 1279, 767)
+            await self._reaction()
+            await asyncio.sleep(LATE_SECONDS)
+            if not press:
+                await self.evaluate("__trial.take()")
+        return bool((await self._came())[0])
+
     async def _came(self) -> tuple[list[str], str]:
         """What has changed, and what has the focus."""
         return await self.evaluate("__trial.changes()"), await self.evaluate("__trial.focused()")
@@ -334,6 +352,7 @@ async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
             bool(signature)
             or await trier.is_current(*middle(mark), reacting)
             or await trier.is_right_clicked(*middle(mark))
+            or await trier.is_lasting(*middle(mark))
         )
         is_right = reacts and twin is None and not (is_large and mark.role != "textbox")
         counts["marks"] += 1

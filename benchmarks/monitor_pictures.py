@@ -36,7 +36,8 @@ from webgym.rollout.feed import feeding
 from webgym.rollout.live import panel
 from webgym.rollout.progress import STATES, Progress
 from webgym.rollout.store import RunWriter
-from webgym.runs import RunConfig, TaskChoice, collect
+from webgym.run_config import RunConfig, TaskChoice
+from webgym.runs import collect
 
 COUNT_FRAMES = """
   window.frames_ms = [];

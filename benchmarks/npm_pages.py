@@ -3,7 +3,8 @@
 Nothing of the packages is part of this repository: they are installed at the first run. A script that lies
 beside a page is bundled with what it imports. The pages in `half_a` and `half_b` were written before any was
 measured, and halved by lot: the rules of marks and text were corrected by what half A showed, and those of
-marks later by B. Those in `unseen` were written then, measured once, and nothing was corrected by them.
+marks later by B. Those in `unseen` were written then, measured once, and rules were corrected by them later;
+those in `unseen_2` after that, and nothing was corrected by them.
 """
 
 from __future__ import annotations
@@ -34,7 +35,11 @@ PACKAGES = (
     "@splidejs/splide@4 jquery.fancytree@2 sweetalert2@11 jodit@4 @toast-ui/calendar@2 "
     # of those that nobody has seen
     "slim-select@2 vanillajs-datepicker@1 @simonwep/pickr@1 jspreadsheet-ce@4 frappe-gantt@0.6 easymde@2 "
-    "naive-ui@2 w2ui@2 simple-datatables@9 vis-timeline@7 plyr@3"
+    "naive-ui@2 w2ui@2 simple-datatables@9 vis-timeline@7 plyr@3 "
+    # of the next ones
+    "primereact@10 rsuite@5 @blueprintjs/core@5 quasar@2 ace-builds@1 tui-grid@4 slickgrid@5 sortablejs@1 "
+    "litepicker@2 @event-calendar/build@4 intl-tel-input@25 @yaireo/tagify@4 jsoneditor@10 "
+    "@spectrum-web-components/bundle@1 dockview-core@4 @melloware/coloris@0.25 wunderbaum@0.13"
 ).split()
 
 FOLDER = Path(__file__).with_name("npm_pages")
@@ -47,6 +52,7 @@ PAGES = {
     "half_a": [name for name, file in FILES.items() if file.parent.name == "half_a"],
     "half_b": [name for name, file in FILES.items() if file.parent.name == "half_b"],
     "unseen": [name for name, file in FILES.items() if file.parent.name == "unseen"],
+    "unseen_2": [name for name, file in FILES.items() if file.parent.name == "unseen_2"],
 }
 """Names by set."""
 CACHE = Path.home() / ".cache/webgym/npm_pages"

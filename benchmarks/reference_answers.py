@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Final
 
 from webgym.core.errors import WebGymError
-from webgym.judge.comparing import Match
 from webgym.judge.config import WAYS_BY_SOURCE, Way
 from webgym.judge.reference import hold_against
+from webgym.judge.value_comparison import Match
 from webgym.offline import OfflineWeb
 from webgym.tasks.sampling import draw
 from webgym.tasks.sources import read_source

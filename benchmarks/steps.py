@@ -23,7 +23,8 @@ import psutil
 from webgym.offline.app import SitesConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
-from webgym.runs import PolicyChoice, RunConfig, TaskChoice, collect
+from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
+from webgym.runs import collect
 
 SAMPLE_SECONDS = 1.0
 

@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from importlib.metadata import version as version_of
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent.parent))
+from docs import reference
+
+reference.write(Path(__file__).parent / "generated")
 
 project = "WebGym"
 author = "The WebGym authors"
@@ -10,6 +17,7 @@ release = version = version_of("webgym-rl")
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 source_suffix = {".md": "markdown"}
+exclude_patterns = ["generated"]  # included by other pages
 nitpicky = False
 
 myst_enable_extensions = ["colon_fence", "deflist", "fieldlist"]

@@ -11,7 +11,7 @@ from typing import TypeVar
 import uvicorn
 from starlette.types import ASGIApp
 
-from webgym.server.listening import Quiet
+from webgym.server.listening import QuietServer
 
 T = TypeVar("T")
 
@@ -24,7 +24,7 @@ async def serving(make: Callable[[int], T], app_of: Callable[[T], ASGIApp]) -> A
         config = uvicorn.Config(
             app_of(made), lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1
         )
-        server = Quiet(config)
+        server = QuietServer(config)
         task = asyncio.create_task(server.serve(sockets=[listener]))
         try:
             yield made
@@ -37,7 +37,7 @@ async def serving(make: Callable[[int], T], app_of: Callable[[T], ASGIApp]) -> A
 async def serving_sockets(app: ASGIApp) -> AsyncIterator[str]:
     """Serve an application that speaks WebSockets, too; its URL."""
     with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
-        server = Quiet(uvicorn.Config(app, lifespan="on", log_config=None, timeout_graceful_shutdown=1))
+        server = QuietServer(uvicorn.Config(app, lifespan="on", log_config=None, timeout_graceful_shutdown=1))
         task = asyncio.create_task(server.serve(sockets=[listener]))
         try:
             yield f"http://127.0.0.1:{listener.getsockname()[1]}"

@@ -385,7 +385,7 @@ def test_citations_of_the_paper_name_sections_that_are_about_it() -> None:
         ("src/webgym/agent/prompts.py", "(paper §5, Appendix C)", ["Appendix C"]),
         ("docs/training.md", "(paper appendix G)", ["appendix G"]),
         ("docs/task-set.md", "paper Algorithm 2 and its Table 1", ["Algorithm 2"]),
-        ("src/webgym/bench/hardweb/server.py", "RFC 6455, section 1.3", []),
+        ("benchmarks/settle/hardweb/server.py", "RFC 6455, section 1.3", []),
     ],
 )
 def test_a_citation_of_a_wrong_section_is_found(name: str, text: str, wrong: list[str]) -> None:

@@ -16,11 +16,11 @@ from pydantic import BaseModel
 import webgym
 from webgym.agent.profiles import profile_of
 from webgym.cli import _run
-from webgym.cli._judge import judge_choice
+from webgym.cli._judge_options import judge_choice
 from webgym.core.errors import ConfigError
 from webgym.judge.config import WAYS_BY_SOURCE, JudgeConfig, StageConfig
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.runs import resolved
+from webgym.run_config import resolved
 from webgym.settings import Section, merged, without_none
 from webgym.tasks.construction.config import BuildConfig
 
@@ -91,20 +91,21 @@ def test_an_option_keeps_what_files_say_of_the_policy(tmp_path: Path) -> None:
     chat = CHAT | {"concurrency": 80, "sampling": {"temperature": 0.5}}
     base = written(tmp_path / "a.yaml", {"policy": {"name": "openai", "chat": chat}, "samples": 2})
     more = written(tmp_path / "b.yaml", {"policy": {"chat": {"sampling": {"top_p": 0.9}}}})
-    found = _run.settings([base, more], {"samples": None}, (None, None, "http://127.0.0.1:2/v1", None))
+    given = {"samples": None, "policy": {"chat": {"base_url": "http://127.0.0.1:2/v1"}}}
+    found = _run.settings([base, more], given)
     assert found.policy.chat == ChatConfig.model_validate(
         chat | {"base_url": "http://127.0.0.1:2/v1", "sampling": {"temperature": 0.5, "top_p": 0.9}}
     )
     assert found.samples == 2
-    assert _run.settings([base], {}, ("scripted", 0.1, None, None)).policy.chat is None
+    assert _run.settings([base], {"policy": {"name": "scripted", "mistakes": 0.1}}).policy.chat is None
     with pytest.raises(ConfigError, match="endpoint and a model"):
-        _run.settings([], {}, (None, None, None, "a-model"))
+        _run.settings([], {"policy": {"chat": {"model": "a-model"}}})
 
 
 def test_an_option_keeps_what_a_file_says_of_the_judge(tmp_path: Path) -> None:
     rubric = {"chat": CHAT | {"concurrency": 7}, "fact": {"sampling": {"max_tokens": 2048}}}
     file = written(tmp_path / "judge.yaml", {"name": "rubric", "rubric": rubric})
-    found = judge_choice(None, None, "another", file=file).rubric
+    found = judge_choice({"rubric": {"chat": {"model": "another"}}}, file=file).rubric
     assert found is not None
     assert (found.chat.model, found.chat.concurrency) == ("another", 7)
     assert found.fact.sampling.body() == {"temperature": 0.0, "max_tokens": 2048}

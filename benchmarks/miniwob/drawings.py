@@ -294,8 +294,10 @@ async def chase_circle(hand: Hand) -> None:
 async def moving_items(hand: Hand) -> None:
     while True:
         boxes = [box for box in await hand.boxes(".item") if 15 < box[0] < 130 and 55 < box[1] < 180]
-        if boxes:
-            await hand.click(middle(boxes[0]))
+        by_number = (hand.space, hand.options.mode) == ("paper", "marks")
+        seen = [box for box in boxes if not by_number or hand.mark(box)]
+        if seen:
+            await hand.click(Element(0, "", "", seen[0]) if by_number else middle(seen[0]))
         else:
             await hand.wait(0.3)
 

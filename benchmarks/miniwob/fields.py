@@ -128,7 +128,8 @@ async def multi_layouts(hand: Hand) -> None:
         })"""
     )
     for index, label in enumerate(names):
-        text = genre if "genre" in label.lower() else year if "year" in label.lower() else name
+        is_year = "year" in label.lower() or "released" in label.lower()
+        text = genre if "genre" in label.lower() else year if is_year else name
         await hand.type(At("#area input", index=index), text)
     end = "#area button, #area .ui-submit, #area .final, #area input[type=submit]"
     await hand.click(end)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 
 import msgspec
 
-from webgym.agent.wire import Refused, from_arguments, to_arguments
+from webgym.agent.computer_use import Refused, from_arguments, to_arguments
 from webgym.browser import PageOptions, Slot
 from webgym.core.action import (
     GRID,

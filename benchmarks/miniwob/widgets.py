@@ -206,8 +206,10 @@ async def social_media(hand: Hand) -> None:
     await bring_into_view(hand, "#area", At(f"{post} .controls > span"))
     if kind in {"reply", "retweet", "like"}:
         await hand.click(f"{post} .{kind}")
-    await hand.click(f"{post} .more")
     item = At(f"{post} li.{kind}")
+    for _ in range(3):  # its picture changes under the mouse: a press beside it opens nothing
+        if not await hand.shows(item.css):
+            await hand.click(f"{post} .more")
     await bring_into_view(hand, "#area", item)
     await hand.click(item)
 

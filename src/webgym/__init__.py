@@ -36,7 +36,8 @@ if TYPE_CHECKING:
     from webgym.offline import OfflineWeb
     from webgym.report import write_report
     from webgym.rollout.store import RunReader
-    from webgym.runs import RunConfig, TaskChoice, collect, resume
+    from webgym.run_config import RunConfig, TaskChoice
+    from webgym.runs import collect, resume
     from webgym.server import BrowserClient, ServerConfig, View, running_server
     from webgym.sync import LoopThread, SyncEnvironment
     from webgym.tasks import read_tasks, write_tasks
@@ -57,7 +58,8 @@ _HOMES = {
     "webgym.agent.config": ("AgentConfig",),
     "webgym.agent.policy": ("BasePolicy", "PolicySession", "Policy", "PolicyInput"),
     "webgym.agent.prompts": ("render_reply",),
-    "webgym.runs": ("RunConfig", "TaskChoice", "collect", "resume"),
+    "webgym.run_config": ("RunConfig", "TaskChoice"),
+    "webgym.runs": ("collect", "resume"),
     "webgym.core.action": (
         "Action",
         "Answer",

@@ -23,7 +23,7 @@ from webgym.core.verdict import Judgement, Verdict
 from webgym.environment import Environment, OnFault
 from webgym.judge.base import Pictures
 from webgym.rollout.driver import AttemptConfig
-from webgym.runs import PolicyChoice, RunConfig
+from webgym.run_config import PolicyChoice, RunConfig
 from webgym.server import SessionOptions, View
 
 _SIZE: Final = (64, 48)
@@ -118,7 +118,7 @@ def stand_in_environment(on_fault: OnFault = "nan") -> Environment:
     return _environment(StandInBrowsers(), StandInJudge(), on_fault)
 
 
-Adapt = Callable[[Environment], Any]
+AdaptiveConcurrency = Callable[[Environment], Any]
 """Makes what is checked of an environment that is open: it has ``reset(seed=…, options=…)``, ``step(action)``
 and, where it holds anything, ``close()``, as coroutines or not."""
 
@@ -126,7 +126,7 @@ and, where it holds anything, ``close()``, as coroutines or not."""
 class _Check:
     """The rules, one method each, and what was found."""
 
-    def __init__(self, adapt: Adapt) -> None:
+    def __init__(self, adapt: AdaptiveConcurrency) -> None:
         self._adapt = adapt
         self.faults: list[str] = []
 
@@ -250,7 +250,7 @@ class _Check:
             self.expect(info["step"] == _BUDGET - 1, "an environment does not count its own steps")
 
 
-async def check_environment(adapt: Adapt = lambda env: env) -> list[str]:
+async def check_environment(adapt: AdaptiveConcurrency = lambda env: env) -> list[str]:
     """Check an environment, or what wraps one: the reward comes once and only at the end; faults never become
     rewards; seeds reproduce; browsers are given back after an end, a failure, a cancelled step, and when they
     are forgotten; two environments never see each other's state. Browsers and judge are stand-ins.

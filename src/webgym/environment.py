@@ -42,8 +42,10 @@ from webgym.offline.web import CollectionName
 from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
-from webgym.runs import RunConfig, Secrets, choose_tasks, places, resolved
+from webgym.run_config import RunConfig, Secrets, resolved
+from webgym.run_services import places
 from webgym.server import View
+from webgym.task_choice import choose_tasks
 
 Info: TypeAlias = dict[str, Any]
 """What :meth:`Environment.reset` and :meth:`Environment.step` tell beside the view:
@@ -315,7 +317,7 @@ class Environment:
     def _choose(self, options: Mapping[str, Any]) -> Task:
         tasks = self._opened.tasks
         if unknown := options.keys() - {"task_id"}:
-            raise ConfigError(f"there is no option {sorted(unknown)[0]!r}", hint="options has task_id alone")
+            raise ConfigError(f"unknown option {sorted(unknown)[0]!r}", hint="options has task_id alone")
         task_id = options.get("task_id")
         if task_id is None:
             if not self._waiting:
@@ -498,8 +500,8 @@ def make(
 
     Args:
         name: ``offline-v1`` (655 websites as on the real web), ``offline-small-v1`` (360 websites of a few
-            large signs), ``offline-cross-v1`` (tasks over two of the large collection's websites), or the path of
-            a task file.
+            large signs), ``offline-cross-v1`` (tasks over two of the large collection's websites), or a task
+            file's path.
         split: which tasks; training never sees a test task unless it is asked for by this.
         config: settings, in which the name and the split are set.
         given: more of :class:`Environment`'s arguments.

@@ -86,7 +86,7 @@ def save(figure: Figure, path: Path) -> None:
     suffix = path.suffix.casefold()
     if suffix not in _METADATA:
         known = ", ".join(_METADATA)
-        raise UsageError(f"{path.name} names no format of figures", hint=f"end it in one of {known}")
+        raise UsageError(f"{path.name} does not name a figure format", hint=f"end it in one of {known}")
     try:
         figure.savefig(path, dpi=_DOTS, metadata=_METADATA[suffix])
     except OSError as error:

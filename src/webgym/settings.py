@@ -15,7 +15,7 @@ from typing import Any, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from webgym.core.errors import ConfigError
+from webgym.core.errors import ConfigError, WebGymError
 
 S = TypeVar("S", bound=BaseModel)
 
@@ -62,12 +62,12 @@ def without_none(options: Mapping[str, Any]) -> dict[str, Any]:
     return {key: each for key, each in told.items() if each is not None and each != {}}
 
 
-def read_settings(path: Path, hint: str) -> dict[str, Any]:
+def read_yaml(path: Path, hint: str) -> dict[str, Any]:
     """The settings in a YAML file, as plain data.
 
     Args:
         path: of the file.
-        hint: where an example is, for a file that holds no settings.
+        hint: where an example is, for a file that contains no settings.
 
     Raises:
         ConfigError: it cannot be read, or holds something else.
@@ -79,29 +79,60 @@ def read_settings(path: Path, hint: str) -> dict[str, Any]:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
     if not isinstance(held, dict):
-        raise ConfigError(f"{path} holds no settings", hint=hint)
+        raise ConfigError(f"{path} contains no settings", hint=hint)
     return held
 
 
-def settings_of(model: type[S], files: Sequence[Path], hint: str) -> S:
-    """Settings from YAML files, each laid over those before it.
+def read_files(files: Sequence[Path], hint: str) -> dict[str, Any]:
+    """Plain data from YAML files, each laid over those before it. Raises what :func:`read_yaml` does."""
+    held: dict[str, Any] = {}
+    for path in files:
+        held = merged(held, read_yaml(path, hint))
+    return held
+
+
+def load_settings(
+    model: type[S], files: Sequence[Path], hint: str, overrides: Mapping[str, Any] | None = None
+) -> S:
+    """Settings from YAML files, each laid over those before it, and from options, laid over all of them.
 
     Args:
-        model: what they are.
-        files: may be none, for the defaults.
-        hint: where an example is.
+        model: the settings' class.
+        files: in their order; none for the defaults.
+        hint: tells the user where an example is.
+        overrides: what options say, in the shape of the settings; ``None`` overrides nothing.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held: dict[str, Any] = {}
-    for path in files:
-        held = merged(held, read_settings(path, hint))
+    held = merged(read_files(files, hint), without_none(overrides or {}))
+    return validated(model, held, ", ".join(map(str, files)) or "options")
+
+
+def validated(
+    model: type[S],
+    held: Any,
+    source: str = "",
+    *,
+    failure: type[WebGymError] = ConfigError,
+    hint: str = "",
+) -> S:
+    """Plain data as settings.
+
+    Args:
+        model: the settings' class.
+        held: the data, in its shape.
+        source: where the data come from, such as a file's name; the error's message starts with it.
+        failure: the error's class.
+        hint: what the user should do.
+
+    Raises:
+        WebGymError: ``failure``; a setting is missing, unknown or out of range.
+    """
     try:
         return model.model_validate(held)
     except ValidationError as error:
-        told = ", ".join(map(str, files)) or "no file"
-        raise ConfigError(f"{told}: {first_problem(error, model)}") from error
+        raise failure(f"{source}: {first_problem(error, model)}".removeprefix(": "), hint=hint) from error
 
 
 def first_problem(error: ValidationError, model: type[BaseModel]) -> str:

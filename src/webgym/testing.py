@@ -21,7 +21,7 @@ from webgym.core.outcome import Ending
 from webgym.core.task import StepBudget, Task
 from webgym.core.trajectory import Episode, Reply, Step
 from webgym.judge import OfflineJudge
-from webgym.offline.engine.site import SmallWebsite
+from webgym.offline.small.site import SmallWebsite
 from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
@@ -43,16 +43,14 @@ def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:
     for index in range(StepBudget().for_task(task)):
         seen = browser.observe()
         act = solver.next(seen, "coordinates")
-        changed = None if isinstance(act.action, Answer) else False
+        step = Step(index, seen, (), Reply(act.description, "scripted"), action=act.action)
         if isinstance(act.action, Answer):
             answer = act.action.text
         else:
             browser.act(act.action)
             final = browser.observe()
-            changed = final.screenshot != seen.screenshot
-        steps.append(
-            Step(index, seen, (), Reply(act.description, "scripted"), action=act.action, changed=changed)
-        )
+            step = step.followed_by(final)
+        steps.append(step)
         if answer is not None:
             break
     return Episode(
@@ -107,7 +105,7 @@ async def check_family(
     """Check some websites of a family: tasks have ids and instructions of their own, and are what they claim.
 
     Args:
-        family: small websites (:class:`webgym.offline.engine.site.SmallWebsite`) are played without a
+        family: small websites (:class:`webgym.offline.small.site.SmallWebsite`) are played without a
             browser, all others in Chromium.
         seed: of the websites.
         websites: how many, for training and for testing each.
@@ -154,4 +152,4 @@ def _repeated(host: str, tasks: Sequence[Task]) -> Iterator[str]:
 
 
 async def _no_picture(name: str) -> bytes:
-    raise LookupError(f"the picture {name} is not at hand")
+    raise LookupError(f"the picture {name} is not available")

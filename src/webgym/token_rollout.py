@@ -30,7 +30,8 @@ from webgym.core.tokens import ReplyTokens
 from webgym.core.trajectory import Failure, Message, Reply, Trajectory
 from webgym.environment import Environment, config_of
 from webgym.inference.rendering import Pixels, Renderer, pictures_of
-from webgym.runs import RunConfig, choose_tasks
+from webgym.run_config import RunConfig
+from webgym.task_choice import choose_tasks
 from webgym.train.samples import SampleMaker
 
 

@@ -28,7 +28,8 @@ from webgym.offline.proofs import repeating_pages, typed_proofs
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.store import RunReader
-from webgym.runs import PolicyChoice, RunConfig, Secrets, ServerChoice, Show, TaskChoice, Tell, collect
+from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, Tell
+from webgym.runs import Show, collect
 from webgym.server import BrowserConfig
 from webgym.tasks import write_tasks
 
@@ -196,4 +197,4 @@ async def check_in_browsers(
 
 
 async def _no_picture(name: str) -> bytes:
-    raise JudgeError(f"the picture {name} is not at hand")
+    raise JudgeError(f"the picture {name} is not available")

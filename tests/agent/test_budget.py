@@ -20,7 +20,7 @@ from tests.llm.endpoint import Endpoint, serve
 
 from webgym.agent import Agent, AgentConfig, OpenAIPolicy, all_profiles
 from webgym.agent.budget import Cut, request_tokens, text_tokens
-from webgym.agent.context import Now, Request, build_request
+from webgym.agent.context import AttemptPosition, Request, build_request
 from webgym.agent.prompts import render_reply, system_prompt
 from webgym.core.action import Scroll
 from webgym.core.errors import PolicyBadReply, PolicyError
@@ -34,7 +34,7 @@ MEMORY = {f"fact {number}": "x" * 100 for number in range(5)}
 
 def build(**config: Any) -> Request:
     settings = AgentConfig(**{"rounds": 3} | config)
-    return build_request(task(), ROUNDS, Now(observation(9), 9, 15, MEMORY), settings, QWEN)
+    return build_request(task(), ROUNDS, AttemptPosition(observation(9), 9, 15, MEMORY), settings, QWEN)
 
 
 def replies(messages: tuple[Message, ...]) -> int:

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from tests.agent.shop import task
 
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import Now, Round, build_request, describe, picture_names
+from webgym.agent.context import AttemptPosition, Round, build_request, describe, picture_names
 from webgym.agent.parser import parse_reply
 from webgym.agent.profiles import choose_profile
 from webgym.agent.prompts import render_reply, system_prompt, tool_declaration
@@ -38,8 +38,8 @@ def past(index: int, *, changed: bool = True, text: str | None = None, **seen: A
     return Round(step, parse_reply(said, "coordinates", "memory"))
 
 
-def build(before: list[Round], /, now: Now | None = None, **config: Any) -> tuple[Message, ...]:
-    now = now or Now(observation(len(before)), len(before), 15)
+def build(before: list[Round], /, now: AttemptPosition | None = None, **config: Any) -> tuple[Message, ...]:
+    now = now or AttemptPosition(observation(len(before)), len(before), 15)
     settings = AgentConfig(**config)
     return build_request(TASK, before, now, settings, choose_profile(None, "test", settings.mode)).messages
 
@@ -96,7 +96,7 @@ def test_thoughts_are_left_out_of_the_history() -> None:
 
 def test_nothing_hidden_is_told() -> None:
     hidden = replace(observation(0), text="HIDDEN TEXT", elements=())
-    assert "HIDDEN" not in str(build([], Now(hidden, 0, 15)))
+    assert "HIDDEN" not in str(build([], AttemptPosition(hidden, 0, 15)))
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_an_unchanged_screen_is_told_once() -> None:
     (*_, last) = build([past(0, changed=False)])
     assert said(last).count("The screen is the same as before") == 1
     noticed = observation(1, notices=(Notice("unchanged", ""),))
-    (*_, last) = build([past(0, changed=False)], Now(noticed, 1, 15))
+    (*_, last) = build([past(0, changed=False)], AttemptPosition(noticed, 1, 15))
     assert said(last).count("The screen is the same as before") == 1
     (*_, last) = build([past(0, changed=True)])
     assert "The screen is the same" not in said(last)
@@ -143,7 +143,7 @@ def test_an_unreadable_reply_is_told_with_its_reason() -> None:
 
 def test_http_errors_and_scrolling_are_told() -> None:
     seen = observation(0, status=404, scroll=(200.0, 3000.0))
-    (_, user) = build([], Now(seen, 0, 15))
+    (_, user) = build([], AttemptPosition(seen, 0, 15))
     assert "HTTP error 404" in said(user)
     assert "scrolled to 200 of 3000 px" in said(user)
     assert "HTTP error" not in str(build([]))
@@ -151,7 +151,7 @@ def test_http_errors_and_scrolling_are_told() -> None:
 
 def test_the_memory_and_what_was_mended_are_told() -> None:
     revision = Revision(dropped=("a",), rewritten=("b",), refused=("c",))
-    now = Now(observation(1), 1, 15, {"a": 1, "ü": "€"}, revision)
+    now = AttemptPosition(observation(1), 1, 15, {"a": 1, "ü": "€"}, revision)
     messages = build([past(0)], now)
     assert 'Memory so far: {"a": 1, "ü": "€"}' in said(messages[1])
     assert "append-only" in said(messages[-1])
@@ -169,7 +169,7 @@ def test_long_things_are_cut() -> None:
     seen = observation(
         1, title="t" * 9000, url="http://h/" + "u" * 9000, notices=(Notice("dialog", "d" * 9000),)
     )
-    (_, user) = build(rounds, Now(seen, 1, 15), rounds=0, summary_line_max_chars=50)
+    (_, user) = build(rounds, AttemptPosition(seen, 1, 15), rounds=0, summary_line_max_chars=50)
     assert len(said(user)) < 2500
 
 
@@ -230,7 +230,7 @@ def test_files_of_the_task_are_named_where_they_can_be_chosen() -> None:
 
     def opening(**config: Any) -> str:
         settings = AgentConfig(**config)
-        now = Now(observation(0), 0, 15)
+        now = AttemptPosition(observation(0), 0, 15)
         profile = choose_profile(None, "test", settings.mode)
         return said(build_request(replace(TASK, files=files), [], now, settings, profile).messages[1])
 
@@ -240,7 +240,7 @@ def test_files_of_the_task_are_named_where_they_can_be_chosen() -> None:
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "", "..", "a\x00b", "x" * 300, "a\\b"])
 def test_a_file_has_a_plain_name(name: str) -> None:
-    with pytest.raises(ValueError, match="no name of a file"):
+    with pytest.raises(ValueError, match="not a valid file name"):
         Attachment(name)
 
 

@@ -23,8 +23,8 @@ from tests.browser.conftest import Site, serving
 from tests.llm.endpoint import Endpoint, serve
 
 from webgym.agent import Agent, AgentConfig, OpenAIPolicy, all_profiles, choose_profile
+from webgym.agent.computer_use import from_arguments
 from webgym.agent.prompts import render_reply
-from webgym.agent.wire import from_arguments
 from webgym.browser import BrowserConfig
 from webgym.browser.actions import point_of
 from webgym.core.action import LeftClick, Navigate, Target

@@ -13,7 +13,7 @@ import pytest
 from tests.llm.endpoint import Endpoint, serve
 from tests.rollout.test_summary import task
 
-from webgym import runs
+from webgym import run_config, runs, task_choice
 from webgym.agent.prompts import render_reply
 from webgym.agent.random_policy import RandomPolicy
 from webgym.core.action import LeftClick, Target
@@ -22,7 +22,8 @@ from webgym.judge.config import JudgeConfig
 from webgym.judge.factory import JudgeChoice
 from webgym.llm.config import ChatConfig, Retry
 from webgym.offline.app import SitesConfig
-from webgym.runs import PolicyChoice, RunConfig, TaskChoice, collect
+from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
+from webgym.runs import collect
 from webgym.tasks import write_tasks
 
 SMALL = SitesConfig(per_family=1)
@@ -171,14 +172,14 @@ async def test_a_large_file_is_drawn_from_and_that_is_told(tmp_path: Path, there
     given = RunConfig(
         tasks=TaskChoice(file=tmp_path / "tasks.jsonl", split="all"), judge=JudgeChoice(name="operator:eq")
     )
-    assert len(runs.choose_tasks(given).tasks) == drawn
+    assert len(task_choice.choose_tasks(given).tasks) == drawn
     told: list[str] = []
     with pytest.raises(WebGymError, match="far enough"):
         await collect(given, tmp_path / "run", tell=told.append)
     said = "20 of 101 tasks are drawn; --limit (tasks.count) takes another number, or all"
     assert told == ([said] if drawn < there else [])
     whole = given.model_copy(update={"tasks": given.tasks.model_copy(update={"count": "all"})})
-    assert len(runs.choose_tasks(whole).tasks) == there
+    assert len(task_choice.choose_tasks(whole).tasks) == there
 
 
 async def test_the_event_loop_goes_round_while_a_line_without_end_is_read(tmp_path: Path) -> None:
@@ -195,9 +196,9 @@ async def test_the_event_loop_goes_round_while_a_line_without_end_is_read(tmp_pa
 
 
 def test_a_run_without_a_count_is_small() -> None:
-    assert len(runs.choose_tasks(RunConfig(sites=SMALL)).tasks) == runs.FEW
-    every = runs.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(count="all"))).tasks
+    assert len(task_choice.choose_tasks(RunConfig(sites=SMALL)).tasks) == run_config.FEW
+    every = task_choice.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(count="all"))).tasks
     assert len(every) > 100
     assert {task.split for task in every} == {"train"}
     with pytest.raises(ConfigError, match="no task"):
-        runs.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(split="unsplit")))
+        task_choice.choose_tasks(RunConfig(sites=SMALL, tasks=TaskChoice(split="unsplit")))

@@ -13,12 +13,12 @@ from PIL import Image
 
 from webgym.agent import GENERIC, AgentConfig, Profile, all_profiles, choose_profile, profile_of, profiles
 from webgym.agent.image_codec import fit
-from webgym.agent.image_sizing import Multiples, Patches, Tiles
+from webgym.agent.image_sizing import MultipleOf, Patches, TiledScaling
 from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
 from webgym.agent.prompts import tool_declaration
 from webgym.core.errors import ConfigError
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.runs import PolicyChoice, RunConfig, resolved
+from webgym.run_config import PolicyChoice, RunConfig, resolved
 
 DOCS = Path(__file__).parents[2] / "docs" / "agent.md"
 
@@ -106,7 +106,7 @@ def test_the_real_processor_leaves_our_pictures_alone(name: str) -> None:
         "transformers.models.qwen2_vl.image_processing_pil_qwen2_vl", reason="transformers is not installed"
     )
     rule = all_profiles()[name].pictures
-    assert isinstance(rule, Multiples)
+    assert isinstance(rule, MultipleOf)
     patch = {"patch_size": rule.factor // 2, "merge_size": 2}
     area = {"shortest_edge": rule.min_pixels, "longest_edge": rule.max_pixels}
     processor = processors.Qwen2VLImageProcessorPil(**patch, size=area)
@@ -130,7 +130,7 @@ def test_what_a_rule_has_made_it_leaves_alone(name: str, width: int, height: int
     size = rule.size((width, height))
     assert rule.size(size) == size
     assert rule.tokens((width, height)) == rule.tokens(size) > 0
-    if isinstance(rule, Multiples):
+    if isinstance(rule, MultipleOf):
         assert {side % rule.factor for side in size} == {0}
         assert rule.min_pixels <= size[0] * size[1] <= rule.max_pixels
 
@@ -138,15 +138,15 @@ def test_what_a_rule_has_made_it_leaves_alone(name: str, width: int, height: int
 @pytest.mark.parametrize(
     ("rule", "size", "sent", "tokens"),
     [  # the examples of OpenAI's guide to images
-        (Tiles(base_tokens=85, tile_tokens=170), (1024, 1024), (768, 768), 765),
-        (Tiles(base_tokens=85, tile_tokens=170), (2048, 4096), (768, 1536), 1105),
-        (Tiles(base_tokens=85, tile_tokens=170), (1280, 768), (1280, 768), 1105),
+        (TiledScaling(base_tokens=85, tile_tokens=170), (1024, 1024), (768, 768), 765),
+        (TiledScaling(base_tokens=85, tile_tokens=170), (2048, 4096), (768, 1536), 1105),
+        (TiledScaling(base_tokens=85, tile_tokens=170), (1280, 768), (1280, 768), 1105),
         (Patches(patch_tokens=1), (1024, 1024), (1024, 1024), 1024),
         (Patches(patch_tokens=1), (1800, 2400), (1056, 1408), 1452),
     ],
 )
 def test_what_pictures_cost(
-    rule: Tiles | Patches, size: tuple[int, int], sent: tuple[int, int], tokens: int
+    rule: TiledScaling | Patches, size: tuple[int, int], sent: tuple[int, int], tokens: int
 ) -> None:
     assert (rule.size(size), rule.tokens(size)) == (sent, tokens)
 

@@ -6,16 +6,16 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
+from benchmarks.reward.hacks import HACKS, HackingPolicy, candidates, right_answer
+from benchmarks.reward.measure import Hacked, challenge_of, choose, table
 from tests.judge.judge_model import Asked, serve_judge
 from tests.judge.test_both_judges import Reader
 
-from webgym.bench.reward import Hacked, challenge_of, choose, table
-from webgym.bench.reward_hacks import HACKS, HackingPolicy, candidates, right_answer
 from webgym.core.outcome import Outcome
 from webgym.core.text import fold, says
 from webgym.core.truth import Give
 from webgym.judge.factory import JudgeChoice, open_judge
-from webgym.judge.rivals import rival
+from webgym.judge.hedging import other_candidate
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
@@ -23,7 +23,8 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.rejudge import judge_run, verdicts_of
 from webgym.rollout.store import RunReader
-from webgym.runs import RunConfig, TaskChoice, collect
+from webgym.run_config import RunConfig, TaskChoice
+from webgym.runs import collect
 from webgym.tables import markdown
 from webgym.tasks import write_tasks
 
@@ -42,7 +43,7 @@ class Strict(Reader):
         assert isinstance(last, Give)
         required, answer = task.truth.answer.required, asked.quotes["answer"]
         is_said = all(any(says(fold(answer), option) for option in options) for options in required)
-        return asked.verdict(is_said and not rival(answer, required, (task.instruction, last.text)))
+        return asked.verdict(is_said and not other_candidate(answer, required, (task.instruction, last.text)))
 
 
 @pytest.mark.browser

@@ -1,4 +1,4 @@
-"""``webgym bench settle`` in small: it runs, prints its table, and says what was not final."""
+"""``python -m benchmarks.settle`` in small: it runs, prints its table, and says what was not final."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import math
 from pathlib import Path
 
 import pytest
-from tests.conftest import Commands
-
-from webgym.bench.hardweb import PAGES
-from webgym.bench.settle import Trial, misses, settle_tables, summarize
+from benchmarks.settle.__main__ import command
+from benchmarks.settle.hardweb import PAGES
+from benchmarks.settle.trials import Trial, misses, settle_tables, summarize
+from tests.bench.conftest import Benchmark
 
 
 def trial(way: str, seconds: float, ideal: float | None) -> Trial:
@@ -35,12 +35,12 @@ def test_every_page_has_a_name_that_is_a_path() -> None:
 
 
 @pytest.mark.browser
-def test_the_command_prints_a_table(commands: Commands, tmp_path: Path) -> None:
+def test_the_command_prints_a_table(benchmark: Benchmark, tmp_path: Path) -> None:
     figures = tmp_path / "figures.json"
     pages = ("--page", "plain-click", "--page", "xhr-click")
     ways = ("--way", "ours", "--way", "load")
-    code, output = commands.run(
-        "bench", "settle", *pages, *ways, "--rounds", 1, "--slots", 1, "--json", figures, "--markdown"
+    code, output = benchmark(
+        command, *pages, *ways, "--rounds", 1, "--slots", 1, "--json", figures, "--markdown"
     )
     assert code == 0, output
     assert "| ours | 100.0% |" in output
@@ -48,7 +48,7 @@ def test_the_command_prints_a_table(commands: Commands, tmp_path: Path) -> None:
     assert len(json.loads(figures.read_text())["trials"]) == 4
 
 
-def test_an_unknown_page_is_an_error(commands: Commands) -> None:
-    code, output = commands.run("bench", "settle", "--page", "nowhere")
+def test_an_unknown_page_is_an_error(benchmark: Benchmark) -> None:
+    code, output = benchmark(command, "--page", "nowhere")
     assert code == 2
     assert "there is no page 'nowhere'" in output

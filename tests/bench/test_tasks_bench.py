@@ -1,4 +1,4 @@
-"""``webgym bench tasks`` in small: the set it makes, its tables, and what it says about its goals."""
+"""``python -m benchmarks.task_set`` in small: the set it makes, its tables, and its goals."""
 
 from __future__ import annotations
 
@@ -7,10 +7,20 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from tests.conftest import Calls
+from benchmarks.task_set.__main__ import command
+from benchmarks.task_set.made_up import Shape, make_lengths, make_tasks
+from benchmarks.task_set.stages import (
+    STAGES,
+    Run,
+    Stage,
+    TasksBench,
+    TasksFigures,
+    dominating,
+    missed,
+    tasks_tables,
+)
+from tests.bench.conftest import Benchmark
 
-from webgym.bench.tasks import STAGES, Run, Stage, TasksBench, TasksFigures, dominating, missed, tasks_tables
-from webgym.bench.taskset import Shape, make_lengths, make_tasks
 from webgym.core.task import LEVELS
 from webgym.core.websites import site_of
 from webgym.tasks.sources import SOURCES
@@ -63,10 +73,10 @@ def test_what_is_missed_and_what_dominates() -> None:
 
 
 @pytest.mark.slow  # seven processes, one after the other
-def test_every_stage_prints_its_table(calls: Calls, tmp_path: Path) -> None:
+def test_every_stage_prints_its_table(benchmark: Benchmark, tmp_path: Path) -> None:
     held = tmp_path / "figures.json"
     size = ("--tasks", 1_500, "--websites", 600, "--rounds", 1)
-    code, output = calls.run("bench", "tasks", *size, "--json", held, "--markdown")
+    code, output = benchmark(command, *size, "--json", held, "--markdown")
     assert code == 0, output
     assert "**What dominates in pipeline:" in output
     found = json.loads(held.read_bytes())
@@ -76,17 +86,17 @@ def test_every_stage_prints_its_table(calls: Calls, tmp_path: Path) -> None:
     assert all(run["peak"] > 10_000_000 for stage in found["stages"] for run in stage["runs"])
 
 
-def test_one_stage_alone(calls: Calls) -> None:
+def test_one_stage_alone(benchmark: Benchmark) -> None:
     size = ("--tasks", 400, "--websites", 150, "--rounds", 1)
-    code, output = calls.run("bench", "tasks", *size, "--only", "sample")
+    code, output = benchmark(command, *size, "--only", "sample")
     assert code == 0, output
     assert "400 tasks on 150 websites" in output
     assert "What dominates" not in output
-    code, output = calls.run("bench", "tasks", "--only", "lunch")
+    code, output = benchmark(command, "--only", "lunch")
     assert (code, "there is no stage 'lunch'" in output) == (2, True)
 
 
-def test_more_websites_than_tasks_make_no_sense(calls: Calls) -> None:
-    code, output = calls.run("bench", "tasks", "--tasks", 100, "--websites", 200)
+def test_more_websites_than_tasks_make_no_sense(benchmark: Benchmark) -> None:
+    code, output = benchmark(command, "--tasks", 100, "--websites", 200)
     assert code == 2
     assert "100 tasks are on 100 websites at most" in output

@@ -22,7 +22,7 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
 from webgym.browser import BrowserConfig, Egress, EgressConfig, Look, PageOptions, ProfileRoot, Slot
-from webgym.browser.egress import Door
+from webgym.browser.egress import ProxyListener
 from webgym.core.action import Navigate
 
 from .canary import HERE, Canary, Names, UdpCanary, canary, has_ipv6, udp_canary
@@ -354,7 +354,7 @@ async def test_of_several_addresses_only_the_allowed_are_tried(way: Way, pair: t
 # --- what is not HTTP -----------------------------------------------------------------------------------
 
 
-class _NoDoor(Door):
+class _WithoutFlags(ProxyListener):
     @property
     def browser_flags(self) -> tuple[str, ...]:
         return ()
@@ -363,10 +363,10 @@ class _NoDoor(Door):
 class _Unproxied(Egress):
     """The way out without what keeps packets in."""
 
-    async def open_door(self) -> Door:
-        door = await super().open_door()
-        door.__class__ = _NoDoor
-        return door
+    async def open_listener(self) -> ProxyListener:
+        listener = await super().open_listener()
+        listener.__class__ = _WithoutFlags
+        return listener
 
 
 DATAGRAMS = {

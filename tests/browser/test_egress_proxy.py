@@ -24,7 +24,7 @@ import uvloop
 from aiodns.error import ARES_ESERVFAIL, DNSError
 
 from webgym.browser import Egress, EgressConfig
-from webgym.browser.egress import Door
+from webgym.browser.egress import ProxyListener
 from webgym.browser.egress.hosts import Address
 from webgym.browser.egress.machine import Machine
 
@@ -53,7 +53,7 @@ async def proxy(*allow: str, machine: Machine | None = None, **limits: Any) -> A
     async with egress:
         yield egress
     assert not egress.waiting
-    assert not egress._books.transports
+    assert not egress._connections.transports
     assert egress.load.open == 0
 
 
@@ -73,7 +73,7 @@ async def until(what: Callable[[], object]) -> None:
             await asyncio.sleep(0.005)
 
 
-async def knock(egress: Egress | Door, say: bytes = b"") -> Streams:
+async def knock(egress: Egress | ProxyListener, say: bytes = b"") -> Streams:
     reader, writer = await asyncio.open_connection(HERE, egress.port)
     writer.write(say)
     return reader, writer
@@ -84,7 +84,7 @@ def request(host: str | bytes, port: int, command: int = 1) -> bytes:
     return b"\5\1\0" + bytes((5, command, 0, 3, len(name))) + name + port.to_bytes(2, "big")
 
 
-async def ask(egress: Egress | Door, host: str | bytes, port: int) -> tuple[int, Streams]:
+async def ask(egress: Egress | ProxyListener, host: str | bytes, port: int) -> tuple[int, Streams]:
     """The reply's code, and the connection."""
     streams = await knock(egress, request(host, port))
     said = await asyncio.wait_for(streams[0].readexactly(12), SECONDS)
@@ -195,7 +195,7 @@ def test_what_is_no_socks_is_turned_away(run: Run, said: bytes) -> None:
         async with proxy() as egress:
             answer = await closed(await knock(egress, said))
             assert answer in (b"", b"\5\0", b"\5\xff") or answer[:3] == b"\5\0\5"
-            await until(lambda: not egress._books.transports)
+            await until(lambda: not egress._connections.transports)
 
     run(scene())
 
@@ -243,7 +243,7 @@ def test_a_client_that_says_nothing_is_dropped_in_the_end(run: Run) -> None:
         async with proxy(handshake_seconds=0.05) as egress:
             for said in (b"", b"\5", b"\5\1\0", b"\5\1\0\5\1"):
                 assert await closed(await knock(egress, said)) in (b"", b"\5\0")
-            await until(lambda: not egress._books.transports)
+            await until(lambda: not egress._connections.transports)
 
     run(scene())
 
@@ -412,7 +412,7 @@ def test_a_frozen_reader_holds_up_the_server_and_costs_little(run: Run) -> None:
                 before = written
                 await asyncio.sleep(0.2)
             assert written < total // 2, "the rest waits at the server"
-            held = [one.get_write_buffer_size() for one in egress._books.transports]
+            held = [one.get_write_buffer_size() for one in egress._connections.transports]
             assert max(held) < MIB
             streams[1].transport.resume_reading()  # type: ignore[attr-defined]
             got = 0
@@ -477,7 +477,7 @@ def test_a_browser_that_goes_takes_the_connection_with_it(run: Run) -> None:
             await writer.drain()
             writer.close()
             await asyncio.wait_for(ended.wait(), SECONDS)
-            await until(lambda: not egress._books.transports)
+            await until(lambda: not egress._connections.transports)
 
     run(scene())
 
@@ -511,7 +511,7 @@ def test_what_a_server_says_before_it_goes_arrives(run: Run) -> None:
                 code, streams = await ask(egress, HERE, port)
                 assert code == 0
                 assert len(await closed(streams)) == 100_000
-            await until(lambda: not egress._books.transports)
+            await until(lambda: not egress._connections.transports)
 
     run(scene())
 
@@ -522,7 +522,9 @@ def test_servers_are_asked_whether_they_live(run: Run) -> None:
     async def scene() -> None:
         async with serve(echo) as port, proxy(keepalive_seconds=7, dead_seconds=27) as egress:
             _, (_, writer) = await ask(egress, HERE, port)
-            [server] = [one for one in egress._books.transports if one.get_extra_info("peername")[1] == port]
+            [server] = [
+                one for one in egress._connections.transports if one.get_extra_info("peername")[1] == port
+            ]
             raw = server.get_extra_info("socket")
             options = [
                 raw.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE),
@@ -563,7 +565,7 @@ def test_many_connections_come_and_go_and_leave_nothing(run: Run) -> None:
             before = descriptors()
             for _ in range(4):
                 await asyncio.gather(*(visit(egress, port) for _ in range(75)))
-            await until(lambda: not egress._books.transports)
+            await until(lambda: not egress._connections.transports)
             assert egress.load.results == {"connected": 301}
             await until(lambda: descriptors() <= before)
 
@@ -573,18 +575,18 @@ def test_many_connections_come_and_go_and_leave_nothing(run: Run) -> None:
 def test_a_page_whose_names_are_never_answered_holds_up_no_other_session(run: Run) -> None:
     async def scene() -> None:
         async with serve(echo) as port, proxy("*", machine=Silent({"here.test": [HERE]})) as egress:
-            door = await egress.open_door()
+            listener = await egress.open_listener()
             asking = [request(f"{nth}.domain-{nth % 50}.slow.test", 80) for nth in range(200)]
-            greedy = [await knock(door, asked) for asked in asking]
+            greedy = [await knock(listener, asked) for asked in asking]
             most = egress.config.session_lookups
             await until(lambda: egress.load.results["too_many"] == len(asking) - most)
             assert egress.waiting == most
-            neighbour = await egress.open_door()
+            neighbour = await egress.open_listener()
             said, one = await ask(neighbour, "here.test", port)
             assert said == 0
-            door.renew()  # the page is gone, and with it all that it waits for
+            listener.renew()  # the page is gone, and with it all that it waits for
             await until(lambda: not egress.waiting)
-            said, other = await ask(door, "here.test", port)
+            said, other = await ask(listener, "here.test", port)
             assert said == 0, "the next session has a whole budget"
             await hang_up(*greedy, one, other)
 
@@ -596,19 +598,19 @@ def test_a_session_has_so_many_connections_names_and_bytes(run: Run) -> None:
         limits = {"session_connections": 3, "session_names": 2, "session_bytes": 100_000}
         names = {f"{name}.test": [HERE] for name in "abc"}
         async with serve(echo) as port, proxy("*", machine=Names(names), **limits) as egress:
-            door = await egress.open_door()
-            first = [await ask(door, name, port) for name in ("a.test", "b.test", "b.test")]
+            listener = await egress.open_listener()
+            first = [await ask(listener, name, port) for name in ("a.test", "b.test", "b.test")]
             assert [said for said, _ in first] == [0, 0, 0]
-            said, fourth = await ask(door, "a.test", port)
+            said, fourth = await ask(listener, "a.test", port)
             assert said == 2, "a fourth at once"
-            door.renew()
-            second = [await ask(door, name, port) for name in ("a.test", "b.test", "c.test", "b.test")]
+            listener.renew()
+            second = [await ask(listener, name, port) for name in ("a.test", "b.test", "c.test", "b.test")]
             assert [said for said, _ in second] == [0, 0, 2, 0], "a third name"
-            door.renew()
-            _, (reader, writer) = await ask(door, "a.test", port)
+            listener.renew()
+            _, (reader, writer) = await ask(listener, "a.test", port)
             writer.write(b"x" * 150_000)
             assert len(await closed((reader, writer))) < 100_000
-            said, after = await ask(door, "a.test", port)
+            said, after = await ask(listener, "a.test", port)
             assert said == 2
             assert egress.load.open == len(first) + len(second) - 1
             await hang_up(fourth, after, *(streams for _, streams in (*first, *second)))
@@ -627,7 +629,7 @@ def test_browsers_that_go_in_the_middle_leave_nothing(run: Run) -> None:
                 await until(lambda: machine.asked and egress.waiting >= 5)
                 for _, writer in waiting:
                     writer.transport.abort()
-                await until(lambda: not egress.waiting and not egress._books.transports)
+                await until(lambda: not egress.waiting and not egress._connections.transports)
                 assert egress.load.results["abandoned"] >= 5
                 # Nobody waits for it: not asked any more, and forgotten a turn of the loop later.
                 await until(lambda: not egress._dialer._resolver._flights)
@@ -648,7 +650,7 @@ def test_stopped_it_ends_everything_at_once(run: Run) -> None:
             await egress.stop()
             for streams in (*standing, begun):
                 assert await closed(streams) == b""
-            await until(lambda: not egress._books.transports)
+            await until(lambda: not egress._connections.transports)
             assert not egress.waiting
 
     run(scene())

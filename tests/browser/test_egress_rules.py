@@ -221,9 +221,9 @@ def test_the_first_rule_that_matches_decides() -> None:
     ],
 )  # fmt: skip
 def test_what_is_no_rule_is_refused_at_once(rule: str) -> None:
-    with pytest.raises(ValidationError, match="is no rule"):
+    with pytest.raises(ValidationError, match="is not a rule"):
         EgressConfig(allow=(rule,))
-    with pytest.raises(ValidationError, match="is no rule"):
+    with pytest.raises(ValidationError, match="is not a rule"):
         EgressConfig().allowing(rule)
 
 

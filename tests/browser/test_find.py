@@ -189,7 +189,7 @@ def test_a_browser_that_hangs_is_ended_with_its_children(machine: Machine) -> No
     started = time.monotonic()
     with pytest.raises(BrowserNotFound, match=r"did not tell its version within 0\.3 s"):
         find_browser(path, limits=FindLimits(version_seconds=0.3))
-    assert time.monotonic() - started < 10
+    assert time.monotonic() - started < 50, "it did not wait for the minute that the child sleeps"
     # The child would have written its file by the time that another such program has ended.
     run_bounded(["/bin/sh", "-c", "sleep 1.2"], seconds=10)
     assert not marker.exists()

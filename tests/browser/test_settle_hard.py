@@ -1,4 +1,4 @@
-"""A handful of the hard pages: what is looked at is final. `webgym bench settle` has all of them."""
+"""A handful of the hard pages: what is looked at is final. `python -m benchmarks.settle` has all of them."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from collections.abc import AsyncIterator, Iterator
 import psutil
 import pytest
 import pytest_asyncio
+from benchmarks.settle.hardweb import PAGES, HardSite
+from benchmarks.settle.trials import SettleBench, run_trial
 from starlette.requests import Request
 from starlette.responses import Response
 
-from webgym.bench.hardweb import PAGES, HardSite
-from webgym.bench.settle import SettleBench, run_trial
 from webgym.browser import BrowserConfig, Slot
 from webgym.browser.memory import process_type
 from webgym.core.action import LeftClick, Navigate, Press, Target, Type

@@ -14,7 +14,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from webgym.browser import BrowserConfig
-from webgym.browser.wire import TargetInfo, Wire
+from webgym.browser.cdp_messages import CdpMessage, TargetInfo
 from webgym.core.action import GoBack, LeftClick
 from webgym.core.errors import BrowserCrashed
 
@@ -350,7 +350,7 @@ async def windows(tab: Tab) -> int:
     return len([one for one in same if one.type == "page"])
 
 
-class _Targets(Wire, frozen=True):
+class _Targets(CdpMessage, frozen=True):
     target_infos: tuple[TargetInfo, ...]
 
 

@@ -220,6 +220,62 @@ PAGES: dict[str, tuple[str, list[str]]] = {
         + LISTENS.format("click"),
         ["Tag x", "x"],
     ),
+    "days that are not offered": (
+        "<style>div{display:flex}div b{width:30px;height:30px}</style><div class=on><b>1</b><b>2</b><b>3</b>"
+        "<b class='day-disabled'>4</b><b aria-disabled=true>5</b><b style='cursor:not-allowed'>6</b></div>"
+        + LISTENS.format("click"),
+        ["1", "2", "3"],
+    ),
+    "a native button whose class says it is disabled": ("<button class=disabled>Send</button>", ["Send"]),
+    "cells of a sheet that the document listens for": (
+        "<style>td{user-select:none}</style><div tabindex=-1><table><tr><td>A<td>B</table></div>"
+        "<table><tr><td>Plain</table><script>document.addEventListener('mousedown', () => {})</script>",
+        ["A", "B"],
+    ),
+    "cells of a sheet that nothing listens for": (
+        "<style>td{user-select:none}</style><div tabindex=-1><table><tr><td>A<td>B</table></div>",
+        [],
+    ),
+    "bars of a plan that listens": (
+        "<style>.plan,div{user-select:none}.plan,.in{position:relative;height:90px;width:600px}i{position:absolute;"
+        "height:20px;top:9px;background:silver}</style><div class='plan on'><div class=in></div>"
+        "<div class=in style='margin-top:-90px'><i style='width:90px'>Plan</i>"
+        "<i style='left:120px;width:200px'>Build</i><i style='left:400px;width:60px'>Ship</i></div></div>"
+        + LISTENS.format("click"),
+        ["Plan", "Build", "Ship"],
+    ),
+    "delegated by a jQuery that is bundled": (
+        "<div id=box><p>Plain</p><p class=item>Item</p></div><script>box.jQuery3 = "
+        "{ events: { click: [{ selector: '.item' }] } }</script>",
+        ["Item"],
+    ),
+    "what an earlier React, Inferno and Svelte listen for": (
+        "<p id=a>One</p><p id=b>Two</p><p id=c>Three</p><p id=d>Plain</p><script>"
+        "a.__reactEventHandlers$x = { onClick() {} }; b.$EV = { onClick() {} };"
+        "c[Symbol('events')] = { click() {} }; d.__reactEventHandlers$x = { onKeyDown() {} }</script>",
+        ["One", "Two", "Three"],
+    ),
+    "where React listens for all": (
+        "<style>div{display:flex}b{width:30px;height:30px}</style>"
+        "<div class=on id=root><b>1</b><b>2</b><b>3</b></div>"
+        "<script>root._reactListeningx = true</script>" + LISTENS.format("click"),
+        [],
+    ),
+    "a tag that cannot be selected around what has a pointer": (
+        "<span class=on style='user-select:none'>Tag <i class=on style='cursor:pointer'>x</i></span>"
+        + LISTENS.format("click"),
+        ["x"],
+    ),
+    "a track around a handle with a pointer": (
+        "<div class=on style='width:300px;height:14px;background:silver'><i tabindex=0 style='display:block;"
+        "cursor:pointer;width:9px;height:14px;background:red'></i></div>" + LISTENS.format("mousedown"),
+        ["", ""],
+    ),
+    "a pad that is aimed at": (
+        "<div title=Colours style='cursor:crosshair;width:90px;height:90px;background:red'></div>"
+        "<script>document.addEventListener('mousedown', () => {})</script>",
+        ["Colours"],
+    ),
     "a label's own name": ("<i id=l aria-label=Town>x</i><input aria-labelledby=l>", ["Town"]),
 }
 

@@ -9,9 +9,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from webgym.browser.cdp_messages import RequestWillBeSent
 from webgym.browser.config import BrowserConfig
 from webgym.browser.traffic import Traffic
-from webgym.browser.wire import RequestWillBeSent
 
 
 class _Session:

@@ -18,7 +18,8 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.offline import OfflineWeb
 from webgym.rollout.store import RunReader
-from webgym.runs import RunConfig, collect
+from webgym.run_config import RunConfig
+from webgym.runs import collect
 from webgym.server import ServerConfig, running_server
 from webgym.tasks import draw, write_tasks
 

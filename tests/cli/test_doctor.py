@@ -15,7 +15,7 @@ from rich.console import Console
 
 from webgym.browser.find import find_browser
 from webgym.cli import doctor
-from webgym.cli._trial import SAMPLES, SIZE, Trial, try_browser
+from webgym.cli._launch_check import SAMPLES, SIZE, LaunchCheck, try_browser
 from webgym.cli.doctor import Check, DoctorLimits
 from webgym.core.errors import BrowserError
 
@@ -103,10 +103,10 @@ def test_a_browser_that_tells_its_version_and_cannot_start(tmp_path: Path) -> No
     assert "install-deps" in checks["Rendering"].fix
 
 
-def trial(**changes: object) -> Trial:
+def trial(**changes: object) -> LaunchCheck:
     whole = {"Latin": True, "CJK": True, "emoji": True}
     values = {"seconds": 1.0, "size": SIZE, "sandbox": True, "sandbox_reason": "", "fonts": whole}
-    return Trial(**(values | changes))  # type: ignore[arg-type]
+    return LaunchCheck(**(values | changes))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

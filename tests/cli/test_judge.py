@@ -188,7 +188,7 @@ def test_what_was_paid_for_attempts_without_a_verdict_is_told(
         (["--judge", "nowhere.at.all:f"], "cannot load"),
         (["--config", "missing.yaml"], "cannot read missing.yaml"),
         (["--judge", ANY, "--compare", "x"], "no judge of this run is called 'x'"),
-        (["--judge", ANY, "--price", "x"], "no price"),
+        (["--judge", ANY, "--price", "x"], "not a price"),
         (["--judge", "offline"], "the offline judge cannot judge 12 of 12 tasks"),  # they have no truth
     ],
 )
@@ -233,7 +233,7 @@ def test_who_waits_for_the_judges_model_is_told_why(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("webgym.llm.trouble._LOOK_SECONDS", 0.01)
+    monkeypatch.setattr("webgym.llm.health._POLL_SECONDS", 0.01)
     judge_model._endpoint.fails_left = 1
     url = judge_model.url.replace("/judge/", "/flaky/")
     chat = f"{{base_url: '{url}', model: judge-1, retry: {{first_seconds: 2}}}}"

@@ -20,9 +20,9 @@ from typing import Any
 
 import pytest
 import yaml
+from benchmarks.stand_ins import TOKEN, StandInModel
 from tests.rollout.running import a_world, until
 
-from webgym.bench.stand_ins import TOKEN, StandInModel
 from webgym.cli import _run
 from webgym.core.errors import StoreFull
 from webgym.judge.factory import JudgeChoice

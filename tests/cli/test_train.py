@@ -16,8 +16,8 @@ from rich.console import Console
 from tests.conftest import Calls
 from tests.report.training import build_training
 
-from webgym.cli import _training
-from webgym.cli._training import TrainingView
+from webgym.cli import _training_output
+from webgym.cli._training_output import TrainingView
 from webgym.core.errors import StoreFull
 from webgym.rollout.progress import Progress
 from webgym.train.figures import told_iteration
@@ -34,8 +34,8 @@ def shown(console: Console) -> str:
 def test_one_sees_iteration_stage_success_and_time_left(
     monkeypatch: pytest.MonkeyPatch, is_terminal: bool
 ) -> None:
-    monkeypatch.setattr(_training, "LINE_SECONDS", 0.01)
-    monkeypatch.setattr(_training, "REFRESH_SECONDS", 0.01)
+    monkeypatch.setattr(_training_output, "LINE_SECONDS", 0.01)
+    monkeypatch.setattr(_training_output, "REFRESH_SECONDS", 0.01)
     console = Console(file=io.StringIO(), force_terminal=is_terminal, width=110)
     progress = TrainingProgress(
         iterations=4, finished=1, collected="success 40.0%", evaluated="success 31.0%"
@@ -111,7 +111,7 @@ def test_a_stop_says_how_to_go_on(
             raise stop
         yield
 
-    monkeypatch.setattr(_training, "open_training", begun)
+    monkeypatch.setattr(_training_output, "open_training", begun)
     settings = tmp_path / "train.yaml"
     settings.write_text(yaml.safe_dump({"learn": {"model": "m"}}))
     folder = tmp_path / "a training"

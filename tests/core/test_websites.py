@@ -50,7 +50,7 @@ def test_the_registrable_domain_decides(website: str, site: str) -> None:
 
 @pytest.mark.parametrize("website", ["", "   ", "https://", "a b.com", "http://[zz]/", "-.-/.", "ex..com"])
 def test_what_names_no_website_says_so(website: str) -> None:
-    with pytest.raises(ValueError, match="names no website"):
+    with pytest.raises(ValueError, match="does not name a website"):
         host_of(website)
 
 

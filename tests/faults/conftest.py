@@ -93,7 +93,7 @@ class Bench:
     async def open(self, path: str = "/", **options: Any) -> tuple[Session, Slot]:
         """A session on this page, and the slot that it runs in."""
         session = await self.client.open(SessionOptions(text=True, elements=True, **options))
-        grant = session._grant
+        grant = session.grant
         lease = self.server.service.leases.check(grant.session_id, grant.secret, str(grant.generation))
         if path:
             await session.step(Navigate(self.pages + path))
@@ -102,10 +102,6 @@ class Bench:
     def descriptors(self, kind: str) -> list[str]:
         """Open descriptors of this process, of one kind."""
         return [name for name in open_descriptors() if name.startswith(kind)]
-
-    def abandon(self, session: Session) -> None:
-        """From now on nobody renews the session's lease, as if its holder were dead."""
-        session._renewal.cancel()
 
     async def until(self, holds: Callable[[], object], seconds: float = 30.0) -> None:
         async with asyncio.timeout(seconds):

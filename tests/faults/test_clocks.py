@@ -53,7 +53,7 @@ async def test_a_server_that_stood_still_blames_no_holder(apart: Apart) -> None:
         living = await client.open(SessionOptions(ttl_seconds=1))
         dead = await client.open(SessionOptions(ttl_seconds=1))
         server.send(signal.SIGSTOP)
-        dead._renewal.cancel()
+        await dead.abandon()
         await asyncio.sleep(4)
         server.send(signal.SIGCONT)
         for _ in range(5):

@@ -36,7 +36,7 @@ def head(bench: Bench, path: str, length: int, session: Session | None = None) -
         f"content-length: {length}",
     ]
     if session is not None:
-        grant = session._grant
+        grant = session.grant
         lines += [f"{SECRET_HEADER}: {grant.secret}", f"{GENERATION_HEADER}: {grant.generation}"]
     return "\r\n".join([*lines, "", ""]).encode()
 
@@ -111,7 +111,7 @@ async def test_a_reset_in_the_middle_of_a_step(fault: Around) -> None:
         await bench.until(lambda: bench.server.service.gate.permits.running)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, HANG)
         sock.close()
-        bench.abandon(session)
+        await session.abandon()
         await bench.until(lambda: len(bench.server.service.leases) == 0)
         with pytest.raises(LeaseLost) as caught:
             await session.metadata()

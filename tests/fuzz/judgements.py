@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from datetime import date, timedelta
 from typing import Any
 
-from webgym.judge.comparing import Match
 from webgym.judge.reference import hold_against
+from webgym.judge.value_comparison import Match
 from webgym.judge.verdicts import Finding, Words, may_be_echoed, read_verdict
 from webgym.judge.webjudge import read_status
 

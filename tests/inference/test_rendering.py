@@ -58,7 +58,7 @@ def test_a_text_that_holds_the_placeholder_is_refused(instruct: Renderer) -> Non
 
 
 def test_a_picture_that_is_none_is_refused(instruct: Renderer) -> None:
-    with pytest.raises(PolicyError, match="no picture"):
+    with pytest.raises(PolicyError, match="cannot be read as an image"):
         instruct.prompt(REQUEST[1:2], {"a": b"<html>"})
 
 

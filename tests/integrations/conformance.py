@@ -18,7 +18,7 @@ import webgym.testing
 from webgym import Action, Answer, RunConfig, Scroll
 from webgym.offline.app import SitesConfig
 from webgym.offline.web import OfflineWeb
-from webgym.runs import TaskChoice
+from webgym.run_config import TaskChoice
 
 BUDGET: Final = 4
 FAULTS: Final = ("browser", "judge", "no_reward", "blocked", "unreadable")

@@ -17,7 +17,8 @@ from tests.integrations.engine import example
 
 from webgym.offline.app import SitesConfig
 from webgym.rollout.export import export
-from webgym.runs import RunConfig, ServerChoice, TaskChoice, collect
+from webgym.run_config import RunConfig, ServerChoice, TaskChoice
+from webgym.runs import collect
 
 PYTHON = os.environ.get("WEBGYM_LLAMAFACTORY_PYTHON", "")
 
@@ -25,7 +26,7 @@ PYTHON = os.environ.get("WEBGYM_LLAMAFACTORY_PYTHON", "")
 @pytest.mark.skipif(not PYTHON, reason="WEBGYM_LLAMAFACTORY_PYTHON names no Python with llamafactory 0.9.5")
 def test_its_loader_reads_every_step(tmp_path: Path) -> None:
     config = RunConfig(
-        server=ServerChoice(rehearsed=True),
+        server=ServerChoice(static=True),
         sites=SitesConfig(collection="small", per_family=1),
         tasks=TaskChoice(count=3),
     )
@@ -48,7 +49,7 @@ def test_its_loader_reads_every_step(tmp_path: Path) -> None:
 
 def test_the_example(tmp_path: Path) -> None:
     sites = SitesConfig(collection="small", per_family=1)
-    config = RunConfig(server=ServerChoice(rehearsed=True), sites=sites, tasks=TaskChoice(count=2))
+    config = RunConfig(server=ServerChoice(static=True), sites=sites, tasks=TaskChoice(count=2))
     example("llamafactory_data").main(tmp_path, config)
     names = json.loads((tmp_path / "data" / "dataset_info.json").read_text())
     samples = json.loads((tmp_path / "data" / names["webgym"]["file_name"]).read_text())

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from unittest.mock import MagicMock
 
 import httpx
@@ -47,6 +47,7 @@ class Answered:
     """An answer of that client."""
 
     ok, status = True, 200
+    cookies: ClassVar[dict[str, str]] = {}
 
     def __init__(self, text: str) -> None:
         content = [{"type": "output_text", "text": text, "annotations": []}]
@@ -57,7 +58,6 @@ class Answered:
             "status": "completed",
             "content": content,
         }
-        self.cookies: dict[str, str] = {}
         self._said = {
             "id": "r",
             "created_at": 0,

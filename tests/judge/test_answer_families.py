@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from benchmarks.reference_answers import Families, Known, offline_references, source_references
 
-from webgym.judge.comparing import Match
+from webgym.judge.value_comparison import Match
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 

@@ -20,7 +20,8 @@ from webgym.offline.app import SitesConfig
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.rejudge import RECORDED, compare, judge_run, verdicts_of
 from webgym.rollout.store import RunReader
-from webgym.runs import PolicyChoice, RunConfig, TaskChoice, collect
+from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
+from webgym.runs import collect
 from webgym.tasks import draw, write_tasks
 
 pytestmark = pytest.mark.browser

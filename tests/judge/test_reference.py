@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from webgym.judge.comparing import Match
 from webgym.judge.config import WAYS_BY_SOURCE, Way
 from webgym.judge.reference import READ_CHARS, as_set, exact, hold_against, is_reference, normalised
+from webgym.judge.value_comparison import Match
 from webgym.judge.values import tokens
 
 WAYS: tuple[Way, ...] = ("normalised", "set")

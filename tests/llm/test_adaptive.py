@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 from tests.llm.endpoint import Endpoint
 
-from webgym.llm import Adapt, ChatClient, ChatConfig, Retry
-from webgym.llm.adaptive import Gate
+from webgym.llm import AdaptiveConcurrency, ChatClient, ChatConfig, Retry
+from webgym.llm.adaptive import ConcurrencyLimiter
 
 MESSAGES = [{"role": "user", "content": "Hello?"}]
 PATIENT = Retry(first_seconds=0.02, longest_seconds=0.05, refused_tries=1000)
-AS_IT_IS = Adapt(first=1000, shrink=1, slower=1e9)
+AS_IT_IS = AdaptiveConcurrency(first=1000, shrink=1, slower=1e9)
 
 
 def config(base_url: str, **changes: Any) -> ChatConfig:
@@ -39,7 +39,7 @@ async def test_refusals_cut_the_limit_and_nobody_is_lost(endpoint: Endpoint) -> 
     async with ChatClient(config(endpoint.url("limited"), concurrency=32)) as client:
         limits = await ask_often(client, 80)
     assert endpoint.answered == 80
-    assert min(limits) < Adapt().first
+    assert min(limits) < AdaptiveConcurrency().first
 
     async with ChatClient(config(endpoint.url("limited"), concurrency=32, adapt=AS_IT_IS)) as client:
         limits = await ask_often(client, 80)
@@ -49,7 +49,7 @@ async def test_refusals_cut_the_limit_and_nobody_is_lost(endpoint: Endpoint) -> 
 
 async def test_retry_after_of_one_holds_all_back(endpoint: Endpoint) -> None:
     endpoint.fails_left, endpoint.retry_after = 1, "1"
-    async with ChatClient(config(endpoint.url("flaky"), adapt=Adapt(first=1))) as client:
+    async with ChatClient(config(endpoint.url("flaky"), adapt=AdaptiveConcurrency(first=1))) as client:
         await ask_often(client, 5)
     first, *others = endpoint.times
     assert len(others) == 5
@@ -76,7 +76,7 @@ async def test_a_spent_quota_is_not_waited_for(endpoint: Endpoint) -> None:
 
 
 async def test_what_was_sent_before_a_cut_does_not_cut_again() -> None:
-    gate = Gate(100, Adapt(first=100, shrink=0.5))
+    gate = ConcurrencyLimiter(100, AdaptiveConcurrency(first=100, shrink=0.5))
     before = [gate.turn() for _ in range(100)]
     turns = [await turn.__aenter__() for turn in before]
     for turn in turns:
@@ -89,7 +89,7 @@ async def test_what_was_sent_before_a_cut_does_not_cut_again() -> None:
     assert gate.limit == 25
 
 
-async def refused_by_four(gate: Gate, count: int) -> tuple[list[int], int]:
+async def refused_by_four(gate: ConcurrencyLimiter, count: int) -> tuple[list[int], int]:
     """The limits after each of so many answers of an endpoint that serves four at once and refuses others,
     and how often it refused. Its time is turns of the event loop, so that every run is the same.
     """
@@ -125,14 +125,14 @@ async def refused_by_four(gate: Gate, count: int) -> tuple[list[int], int]:
 
 
 async def test_it_finds_out_what_an_endpoint_allows() -> None:
-    limits, adapted = await refused_by_four(Gate(32, Adapt()), 80)
+    limits, adapted = await refused_by_four(ConcurrencyLimiter(32, AdaptiveConcurrency()), 80)
     assert set(limits[40:]) <= {3, 4, 5}
-    limits, refused = await refused_by_four(Gate(32, AS_IT_IS), 80)
+    limits, refused = await refused_by_four(ConcurrencyLimiter(32, AS_IT_IS), 80)
     assert set(limits) == {32}
     assert 0 < adapted < refused / 2
 
 
-async def played(gate: Gate, count: int, pace: Callable[[int], float]) -> list[int]:
+async def played(gate: ConcurrencyLimiter, count: int, pace: Callable[[int], float]) -> list[int]:
     """The limits after each of so many answers, whose pace depends on how many are in flight."""
     limits: list[int] = []
 
@@ -149,7 +149,7 @@ async def played(gate: Gate, count: int, pace: Callable[[int], float]) -> list[i
 
 
 async def test_it_grows_where_nothing_holds_it_back() -> None:
-    gate = Gate(200, Adapt(first=2))
+    gate = ConcurrencyLimiter(200, AdaptiveConcurrency(first=2))
     limits = await played(gate, 2000, lambda _: 1.0)
     assert limits[:3] == [3, 4, 5]
     assert max(limits) == 200
@@ -157,14 +157,14 @@ async def test_it_grows_where_nothing_holds_it_back() -> None:
 
 async def test_an_endpoint_that_only_queues_is_not_crowded() -> None:
     """One that does five at a time, and lets the others wait."""
-    gate = Gate(1000, Adapt(first=2, slower=3))
+    gate = ConcurrencyLimiter(1000, AdaptiveConcurrency(first=2, slower=3))
     limits = await played(gate, 20_000, lambda in_flight: max(1.0, in_flight / 5))
     assert max(limits[1000:]) <= 17
     assert min(limits[1000:]) >= 12
 
 
 async def test_a_slower_endpoint_is_accepted_in_time() -> None:
-    gate = Gate(50, Adapt(first=50, slower=2))
+    gate = ConcurrencyLimiter(50, AdaptiveConcurrency(first=50, slower=2))
     await played(gate, 500, lambda _: 1.0)
     lowest = min(await played(gate, 5000, lambda _: 5.0))
     assert lowest < 30
@@ -173,7 +173,7 @@ async def test_a_slower_endpoint_is_accepted_in_time() -> None:
 
 
 async def test_it_does_not_grow_unused() -> None:
-    gate = Gate(100, Adapt(first=4))
+    gate = ConcurrencyLimiter(100, AdaptiveConcurrency(first=4))
     for _ in range(50):
         async with gate.turn() as turn:
             turn.answered(1.0)
@@ -181,7 +181,7 @@ async def test_it_does_not_grow_unused() -> None:
 
 
 async def test_it_grows_by_one_a_round_after_a_cut() -> None:
-    gate = Gate(100, Adapt(first=10, shrink=0.8, round_replies=1))
+    gate = ConcurrencyLimiter(100, AdaptiveConcurrency(first=10, shrink=0.8, round_replies=1))
 
     contexts = [gate.turn() for _ in range(10)]
     turns = [await context.__aenter__() for context in contexts]
@@ -194,7 +194,7 @@ async def test_it_grows_by_one_a_round_after_a_cut() -> None:
 
 
 async def test_who_waits_and_leaves_takes_nobodys_place() -> None:
-    gate = Gate(1, Adapt())
+    gate = ConcurrencyLimiter(1, AdaptiveConcurrency())
     order: list[str] = []
 
     async def take(name: str, again: bool = False) -> None:
@@ -215,7 +215,7 @@ async def test_who_waits_and_leaves_takes_nobodys_place() -> None:
 
 
 async def test_who_leaves_while_being_let_in_passes_the_place_on() -> None:
-    gate = Gate(1, Adapt())
+    gate = ConcurrencyLimiter(1, AdaptiveConcurrency())
 
     async def take() -> None:
         async with gate.turn():

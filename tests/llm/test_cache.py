@@ -175,7 +175,7 @@ def make_newer(path: Path) -> None:
         (lambda path: path.write_text("MODEL: {prompt: 1}\n" * 100), "not a database"),
         (lambda path: path.write_bytes(b"SQLite format 3\0" + b"\xff" * 5000), "cannot be used"),
         (lambda path: path.mkdir(), "unable to open"),
-        (make_foreign, "somebody else's database"),
+        (make_foreign, "database of another program"),
         (make_newer, "version 99"),
     ],
 )

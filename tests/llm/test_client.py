@@ -280,8 +280,8 @@ async def test_who_waits_is_told_what_for(
     patient = config(endpoint.url(behaviour), retry=Retry(first_seconds=5))
     async with ChatClient(patient) as client, asyncio.timeout(10):
         asking = asyncio.create_task(client.complete(MESSAGES))
-        while not re.search(told, client.trouble):
+        while not re.search(told, client.problem):
             await asyncio.sleep(0.01)
         asking.cancel()
         await asyncio.gather(asking, return_exceptions=True)
-        assert client.trouble == ""
+        assert client.problem == ""

@@ -79,7 +79,7 @@ def test_prices_from_a_table(cache: Path, tmp_path: Path, capsys: pytest.Capture
         (["usage", "nothing.sqlite"], 2, "there is no file"),
         (["usage", "foreign"], 1, "not a database"),
         (["import", "replies.sqlite", "nothing.jsonl"], 2, "cannot be read"),
-        (["import", "replies.sqlite", "good.jsonl", "--price", "free"], 2, "is no price"),
+        (["import", "replies.sqlite", "good.jsonl", "--price", "free"], 2, "is not a price"),
         (["import", "replies.sqlite", "good.jsonl", "--price", "1,2", "--prices", "x"], 2, "one of them"),
     ],
 )

@@ -187,5 +187,5 @@ def test_what_is_no_table_of_prices(tmp_path: Path, text: str) -> None:
 
 @pytest.mark.parametrize("text", ["", "1", "a,b", "1,2,3,4", "-1,2", "nan,1", "inf,1"])
 def test_what_is_no_price(text: str) -> None:
-    with pytest.raises(ConfigError, match="is no price"):
+    with pytest.raises(ConfigError, match="is not a price"):
         Prices.parse(text)

@@ -271,10 +271,6 @@ def visit(path: str, method: str = "GET", **query: str) -> Visit:
     return Visit(method, path, query, {key: [value] for key, value in query.items()}, {}, {})
 
 
-def test_a_test_website_is_no_family() -> None:
-    assert Inn not in FAMILIES
-
-
 def test_words_of_addresses_belong_to_the_website() -> None:
     found = {inn(seed=seed).path("/~room/best") for seed in range(30)}
     assert found == {"/room/best", "/chamber/best", "/suite/best"}

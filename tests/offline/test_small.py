@@ -18,21 +18,22 @@ from webgym.core.truth import AnswerTruth, Click, Done, Evidence, Give, Remember
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
 from webgym.offline.data import load
-from webgym.offline.engine.compose import Mix, compose
-from webgym.offline.engine.design import HELD_OUT, design, design_data, side
-from webgym.offline.engine.questions import Phrases
-from webgym.offline.engine.screen import COLUMNS, ROWS, Tile, bar_room, capacity, placed
-from webgym.offline.engine.signs import Sign, number_sign
 from webgym.offline.parts import Assignment, Fact, Part, Place, write
 from webgym.offline.seeds import stream
 from webgym.offline.small import FAMILIES, WORDING, small_vocabulary
 from webgym.offline.small.board import Board
+from webgym.offline.small.compose import Mix, compose
+from webgym.offline.small.design import HELD_OUT, design, design_data, side
 from webgym.offline.small.market import Market
+from webgym.offline.small.questions import Phrases
+from webgym.offline.small.screen import COLUMNS, ROWS, Tile, bar_room, capacity, placed
+from webgym.offline.small.signs import Sign, number_sign
 from webgym.offline.small.wording import words_of
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.website import Split, Visit, Website
 from webgym.rollout.driver import AttemptConfig
-from webgym.runs import RunConfig, TaskChoice, collect, resolved
+from webgym.run_config import RunConfig, TaskChoice, resolved
+from webgym.runs import collect
 from webgym.tasks import write_tasks
 from webgym.testing import check_family, check_tasks, play
 

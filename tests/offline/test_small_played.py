@@ -13,7 +13,8 @@ from webgym.offline.app import SitesConfig
 from webgym.offline.small import FAMILIES
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.store import RunReader
-from webgym.runs import PolicyChoice, RunConfig, TaskChoice, collect
+from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
+from webgym.runs import collect
 from webgym.tasks import draw, write_tasks
 from webgym.testing import play
 from webgym.validation import pushovers, unexpected

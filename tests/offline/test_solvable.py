@@ -17,7 +17,8 @@ from webgym.offline.families import FAMILIES
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.store import RunReader
-from webgym.runs import PolicyChoice, RunConfig, TaskChoice, collect
+from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
+from webgym.runs import collect
 from webgym.tasks import draw, write_tasks
 from webgym.validation import cut_off, pushovers, spoilt, unexpected
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections import Counter
 from importlib.util import module_from_spec, spec_from_file_location
@@ -10,6 +11,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from markupsafe import escape
 
 from webgym.core.errors import SitesError
 from webgym.core.task import Task
@@ -19,7 +21,7 @@ from webgym.offline import OfflineWeb
 from webgym.offline.data import load_beside
 from webgym.offline.engine.spec import Spec, spec_of
 from webgym.offline.engine.specified import SpecifiedWebsite
-from webgym.offline.families import SPECIFIED
+from webgym.offline.families import FAMILIES
 from webgym.offline.families.bank import Bank
 from webgym.offline.families.clinic import Clinic
 from webgym.offline.families.lettings import Lettings
@@ -44,7 +46,7 @@ def tasks_of(family: type, websites: int) -> list[Task]:
     return [task for host in hosts for task in web.tasks_of(host)]
 
 
-@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
 def test_tasks_are_well_posed(family: type[SpecifiedWebsite]) -> None:
     tasks = tasks_of(family, len(SEEDS))
     assert len(tasks) >= 30 * len(SEEDS)
@@ -63,7 +65,7 @@ def test_tasks_are_well_posed(family: type[SpecifiedWebsite]) -> None:
         assert not any(says(fold(given.text), fold(wrong)) for wrong in task.truth.answer.forbidden), task.id
 
 
-@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
 def test_nothing_is_proven_by_what_is_typed(family: type[SpecifiedWebsite]) -> None:
     web = OfflineWeb(families=(family,), per_family=2)
     host = next(iter(web.specs))
@@ -84,7 +86,7 @@ def test_every_sector_has_its_words() -> None:
         assert record.name.endswith(sector.follows["category"][category])
 
 
-@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_filters_and_orders_hold(family: type[SpecifiedWebsite], seed: int) -> None:
     site = made(family, seed)
@@ -98,7 +100,24 @@ def test_filters_and_orders_hold(family: type[SpecifiedWebsite], seed: int) -> N
         assert ranks == sorted(ranks, reverse=way == "down")
 
 
-@pytest.mark.parametrize("family", SPECIFIED, ids=lambda family: family.family)
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
+def test_no_link_leads_nowhere(family: type[SpecifiedWebsite], visitor: Any) -> None:
+    guest, seen, of_kind = visitor(made(family)), {"/"}, Counter[str]()
+    queue = ["/"]
+    while queue:
+        url = queue.pop()
+        assert guest.ask(url).status == 200, url
+        for link in sorted(guest.links(url) - seen):
+            first, *others = link.partition("?")[0][1:].split("/")
+            kind = f"{first} {len(others)}"
+            if of_kind[kind] < 4:
+                of_kind[kind] += 1
+                seen.add(link)
+                queue.append(link)
+    assert len(seen) > 15
+
+
+@pytest.mark.parametrize("family", FAMILIES, ids=lambda family: family.family)
 def test_no_two_things_have_one_name(family: type[SpecifiedWebsite]) -> None:
     for seed in range(12):
         site = made(family, seed)
@@ -199,7 +218,7 @@ def test_the_search_suggests_names(visitor: Any) -> None:
 
 
 def test_the_same_seed_gives_the_same_pages(visitor: Any) -> None:
-    for family in SPECIFIED:
+    for family in FAMILIES:
         one, two = made(family), made(family)
         for url in ("/", one.finder.path, one.href(one.items.records[0]), "/suggest?q=a"):
             visit = Visit("GET", url.partition("?")[0], {}, {}, {}, {})
@@ -286,3 +305,42 @@ def test_days_are_chosen_in_a_calendar_on_some_websites() -> None:
         assert task.truth is not None
         ways.add(any(isinstance(move, Click) and move.name == "Next month" for move in task.truth.moves))
     assert ways == {True, False}
+
+
+# --- files, charts, maps, sliders, frames ------------------------------------------------------------
+
+
+def test_chosen_files_are_moved_and_no_others(visitor: Any) -> None:
+    site = made(Bank)
+    guest, place, (one, two, *_) = visitor(site), site.path("/~files"), site.files
+    assert guest.ask(place, {f"file-{slug(one)}": "yes", "folder": "Elsewhere"}).status == 404
+    assert site.report(guest.state)["files"] == {}
+    folder = next(each for each in site.spec.files.folders if each != site.files[one])
+    guest.follow(place, {f"file-{slug(one)}": "yes", "file-nothing": "yes", "folder": folder})
+    assert site.report(guest.state)["files"] == {one: folder}
+    body = guest.ask(place).body.decode()
+    assert re.search(rf"<td>{one}</td><td>{folder}</td>", body)
+    assert re.search(rf"<td>{two}</td><td>{site.files[two]}</td>", body)
+
+
+def test_bars_and_pins_tell_nothing_before_they_are_chosen(visitor: Any) -> None:
+    site = made(Lettings)
+    guest, record = visitor(site), site.items.records[0]
+    (value, *_) = site.chart(record).values()
+    assert len({each.text for each in site.chart(record).values()}) == len(site.chart(record))
+    assert fold(value.text) not in guest.follow(site.href(record))[1].split("click a bar")[0].split()
+    _, text = guest.follow(site.path("/~map"))
+    assert not any(fold(each.record.name) in text for each in site.pins)
+
+
+def test_a_section_in_a_frame_stands_there_alone(visitor: Any) -> None:
+    site = next(site for seed in range(20) if (site := made(Bank, seed)).framed)
+    record = site.items.records[0]
+    address = f"{site.href(record)}/in/{site.framed}"
+    answer = visitor(site).ask(address)
+    for of in site.in_section(site.framed):
+        assert str(escape(record.fields[of].text)) in answer.body.decode()
+    assert str(escape(record.fields[site.in_section(site.framed)[0]].text)) not in (
+        visitor(site).ask(site.href(record)).body.decode()
+    )
+    assert visitor(site).ask(f"{site.href(record)}/in/nothing").status == 404

@@ -36,9 +36,9 @@ from webgym.judge.history import action_history
 from webgym.report.charts import Histogram, LogAxis, outcome_bar, rate_bar
 from webgym.report.config import ReportConfig
 from webgym.report.content import page, row
+from webgym.report.formatting import duration, milliseconds, number, percent
 from webgym.report.template import Page, inert
 from webgym.report.thumbnails import thumbnails
-from webgym.report.words import duration, milliseconds, number, percent
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import quantiles
 

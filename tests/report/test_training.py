@@ -17,8 +17,8 @@ from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.report import ReportConfig, is_training, write_training_report
 from webgym.report.curves import Curves, Line, Point, nice_ticks
+from webgym.report.formatting import percent, points
 from webgym.report.training import Training
-from webgym.report.words import percent, points
 
 
 @pytest.fixture(scope="module")

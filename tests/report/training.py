@@ -19,7 +19,7 @@ from webgym.core.trajectory import Trajectory
 from webgym.train.config import LearnConfig, ReplayConfig
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import EvaluationConfig, LoopConfig, TrainConfig
-from webgym.train.replay import Draw
+from webgym.train.replay import ReplaySample
 
 
 def tasks(count: int) -> list[Task]:
@@ -58,7 +58,7 @@ class World(MadeUp):
         )
         return msgspec.structs.replace(made, episode=episode)
 
-    def learn(self, number: int, draw: Draw, folder: TrainingFolder) -> Mapping[str, Any]:
+    def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
         folder.weights(number).mkdir(parents=True)
         dropped = {"request too long": 2} if number == 2 else {}
         return {

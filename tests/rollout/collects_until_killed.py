@@ -15,11 +15,12 @@ import sys
 import threading
 from pathlib import Path
 
+from benchmarks.stand_ins import TOKEN
 from pydantic import SecretStr
 
-from webgym.bench.stand_ins import TOKEN
 from webgym.rollout.files import CONFIG, TRAJECTORIES, Log
-from webgym.runs import RunConfig, Secrets, collect, resume
+from webgym.run_config import RunConfig, Secrets
+from webgym.runs import collect, resume
 
 
 async def main(run: Path, config: Path) -> None:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from aiohttp import web
+from benchmarks.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
 from pydantic import SecretStr
 from tests.rollout.test_summary import task
 
 from webgym.agent.config import AgentConfig
-from webgym.bench.stand_ins import TOKEN, StandInBrowsers, StandInModel, serving_app
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
 from webgym.judge.factory import JudgeChoice
@@ -23,7 +23,8 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
-from webgym.runs import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, collect, resume
+from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
+from webgym.runs import collect, resume
 from webgym.tasks import write_tasks
 
 SECONDS = 60

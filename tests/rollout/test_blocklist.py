@@ -11,7 +11,9 @@ from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.websites import host_of
 from webgym.offline.app import SitesConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
-from webgym.runs import RunConfig, ServerChoice, TaskChoice, choose_tasks, collect
+from webgym.run_config import RunConfig, ServerChoice, TaskChoice
+from webgym.runs import collect
+from webgym.task_choice import choose_tasks
 from webgym.tasks import write_tasks
 
 
@@ -95,7 +97,7 @@ def test_tasks_of_blocked_websites_are_not_drawn(tmp_path: Path) -> None:
 async def test_a_run_says_who_is_left_alone_and_until_when(tmp_path: Path) -> None:
     kept = BlocklistConfig(file=tmp_path / "blocked.jsonl")
     config = RunConfig(
-        server=ServerChoice(rehearsed=True),
+        server=ServerChoice(static=True),
         sites=SitesConfig(collection="small", per_family=1),
         tasks=TaskChoice(count=1),
         blocklist=kept,

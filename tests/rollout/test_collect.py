@@ -30,16 +30,8 @@ from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
-from webgym.runs import (
-    PolicyChoice,
-    RunConfig,
-    Secrets,
-    ServerChoice,
-    TaskChoice,
-    collect,
-    read_config,
-    resume,
-)
+from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, read_config
+from webgym.runs import collect, resume
 from webgym.tasks import draw, write_tasks
 from webgym.validation import unexpected
 

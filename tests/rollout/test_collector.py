@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from benchmarks.stand_ins import TOKEN, StandInModel
 from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes, until
 from tests.rollout.stand_in_judge import ADDRESS
 
-from webgym.bench.stand_ins import TOKEN, StandInModel
 from webgym.core.errors import LeaseLost, ServerUnreachable
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.files import TRAJECTORIES, Log
@@ -326,7 +326,7 @@ async def test_what_calls_wait_and_take_is_recorded(tmp_path: Path, world: World
     assert calls["policy"]["served_seconds"] >= 18 * 0.05
     assert calls["policy"]["waited_seconds"] > calls["judge"]["waited_seconds"]
     assert any(json.loads(line)["calls"]["policy"]["waiting"] for line in lines)
-    assert json.loads(lines[-1])["loop_lag_milliseconds"]["p99"] >= 0
+    assert isinstance(json.loads(lines[-1])["loop_lag_milliseconds"]["p99"], float)
 
 
 async def test_prometheus_reads_a_collectors_figures() -> None:

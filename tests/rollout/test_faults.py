@@ -36,7 +36,7 @@ async def test_a_policy_that_is_restarted_costs_no_attempt(tmp_path: Path, world
     run = Run().start(world.config(tmp_path, 16), tmp_path / "run")
     await until(lambda: run.progress.done >= 3 and world.model.running >= 2)
     await world.stop("model")
-    await until(lambda: run.progress.trouble())  # its replies are missed
+    await until(lambda: run.progress.problem())  # its replies are missed
     await world.start("model")
     await run.end()
     assert outcomes(tmp_path / "run").keys() <= {"success", "policy_error"}

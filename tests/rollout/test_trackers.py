@@ -14,7 +14,8 @@ import pytest
 from webgym.core.errors import ConfigError
 from webgym.offline.app import SitesConfig
 from webgym.rollout.trackers import FOLDER, numbers_in, tracking
-from webgym.runs import RunConfig, ServerChoice, TaskChoice, collect, resume
+from webgym.run_config import RunConfig, ServerChoice, TaskChoice
+from webgym.runs import collect, resume
 
 
 def row(iteration: int, rate: float | None) -> dict[str, Any]:
@@ -84,7 +85,7 @@ def test_tensorboard_shows_every_iteration_once_also_after_a_resume(tmp_path: Pa
 
 async def test_a_run_tells_what_its_metrics_hold_also_after_a_resume(tmp_path: Path) -> None:
     config = RunConfig(
-        server=ServerChoice(rehearsed=True),
+        server=ServerChoice(static=True),
         sites=SitesConfig(collection="small", per_family=1),
         tasks=TaskChoice(count=3),
         trackers=("tensorboard",),
@@ -155,7 +156,7 @@ async def test_a_tracker_that_fails_or_hangs_stops_nothing_and_is_told(
         "wandb gets no more figures until this is resumed with --resume: RuntimeError: 402 not paid"
     ]
     config = RunConfig(
-        server=ServerChoice(rehearsed=True),
+        server=ServerChoice(static=True),
         sites=SitesConfig(collection="small", per_family=1),
         tasks=TaskChoice(count=3),
         trackers=("wandb",),

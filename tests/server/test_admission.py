@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 import pytest
 
-from webgym.server.admission import Gatekeeper
+from webgym.server.admission import AdmissionController
 from webgym.server.config import Admission
 from webgym.server.operations import QueueName
 from webgym.server.saturation import Processors
@@ -31,7 +31,7 @@ class Machine(Processors):
 class Calls:
     """Calls that hold their permit until they are let go."""
 
-    def __init__(self, gate: Gatekeeper) -> None:
+    def __init__(self, gate: AdmissionController) -> None:
         self.gate = gate
         self.order: list[str] = []
         self._release = asyncio.Event()
@@ -46,8 +46,8 @@ class Calls:
 
 
 @asynccontextmanager
-async def keeper(config: Admission, busy: float = 1.0) -> AsyncIterator[Gatekeeper]:
-    gate = Gatekeeper(config, Machine(busy))
+async def keeper(config: Admission, busy: float = 1.0) -> AsyncIterator[AdmissionController]:
+    gate = AdmissionController(config, Machine(busy))
     try:
         yield gate
     finally:
@@ -112,7 +112,7 @@ async def test_more_run_while_the_processors_have_time_to_spare() -> None:
 
 async def test_fewer_run_once_the_processors_are_saturated() -> None:
     machine = Machine(0.1)
-    gate = Gatekeeper(FEW, machine)
+    gate = AdmissionController(FEW, machine)
     async with asyncio.TaskGroup() as group:
         calls = Calls(gate)
         for number in range(10):
@@ -178,7 +178,7 @@ async def _toy(queues: Any, seconds: int, *, in_whole_seconds: bool) -> list[tup
     Args:
         in_whole_seconds: results are handed over once a second, as the paper counts them.
     """
-    gate = Gatekeeper(Admission(queues=queues, fewest=1, most=1), Machine(1.0))
+    gate = AdmissionController(Admission(queues=queues, fewest=1, most=1), Machine(1.0))
     loop = asyncio.get_running_loop()
     back = [[0, 0] for _ in range(1000)]
 
@@ -218,7 +218,7 @@ def test_the_papers_toy_with_a_queue_per_operation() -> None:
 
 def test_dear_calls_get_no_more_time_than_cheap_ones_and_idleness_earns_no_credit() -> None:
     async def both() -> tuple[dict[str, int], list[str]]:
-        gate = Gatekeeper(Admission(fewest=2, most=2), Machine(1.0))
+        gate = AdmissionController(Admission(fewest=2, most=2), Machine(1.0))
         order: list[str] = []
 
         async def call(queue: QueueName, takes: float) -> None:
@@ -249,7 +249,7 @@ def test_a_step_gives_its_place_back_between_acting_and_looking() -> None:
     """Stopped while somebody else has the place, and not for a moment if nobody wants it."""
 
     async def steps(others: int) -> tuple[list[str], float]:
-        gate = Gatekeeper(Admission(fewest=1, most=1), Machine(1.0))
+        gate = AdmissionController(Admission(fewest=1, most=1), Machine(1.0))
         told: list[str] = []
 
         @contextmanager
@@ -290,7 +290,7 @@ def test_a_step_gives_its_place_back_between_acting_and_looking() -> None:
 @pytest.mark.parametrize("cancelled_after", [0.5, 1.5, 2.5])
 def test_a_step_that_is_cancelled_anywhere_leaves_no_permit_behind(cancelled_after: float) -> None:
     async def step() -> None:
-        gate = Gatekeeper(Admission(fewest=1, most=1), Machine(1.0))
+        gate = AdmissionController(Admission(fewest=1, most=1), Machine(1.0))
 
         @contextmanager
         def stopped() -> Any:

@@ -48,8 +48,8 @@ from webgym.server.messages import (
     Watched,
 )
 from webgym.server.operations import METADATA, OPERATIONS, STEP
-from webgym.server.queue import Line
-from webgym.server.routing import Way
+from webgym.server.queue import SlotQueue
+from webgym.server.routing import SessionRoute
 
 from .conftest import LOCAL, TOKEN, Site, quick
 
@@ -144,7 +144,7 @@ async def test_through_the_gateway_all_is_the_same(site: Site, relayed: BrowserC
     assert (await session.screenshot()).startswith(b"\x89PNG")
     assert (await session.navigate(site.url("/next"))).title == "Next"
     assert (await session.heartbeat()).ttl_seconds > 0
-    stale = session._grant
+    stale = session.grant
     forged = type(stale)(session.id, "wrong", stale.generation, "", 60)
     with pytest.raises(LeaseLost):
         await relayed.call(STEP, StepReply, StepRequest(), grant=forged)
@@ -180,7 +180,7 @@ async def test_one_line_first_come_first_served(gateway: RunningGateway, client:
 
 
 async def test_the_line_has_an_end() -> None:
-    line = Line({}, 2)
+    line = SlotQueue({}, 2)
     waiting = [asyncio.create_task(line.turn(10)) for _ in range(2)]
     await asyncio.sleep(0)
     with pytest.raises(TooManyWaiting, match="2 callers wait"):
@@ -208,7 +208,7 @@ async def test_a_client_has_its_limit_over_all_workers(client: BrowserClient) ->
 
 async def test_a_lease_that_runs_out_makes_room(gateway: RunningGateway, client: BrowserClient) -> None:
     session = await client.open(SessionOptions(ttl_seconds=0.3))
-    session._renewal.cancel()  # the client is gone, without goodbye
+    await session.abandon()  # the client is gone, without goodbye
     await until_free(gateway)
     with pytest.raises(LeaseLost):
         await session.metadata()
@@ -298,7 +298,7 @@ async def test_every_call_of_a_session_is_fenced_at_both_doors(
     gateway: RunningGateway, client: BrowserClient
 ) -> None:
     session = await client.open()
-    grant = session._grant
+    grant = session.grant
     right = {SECRET_HEADER: grant.secret, GENERATION_HEADER: str(grant.generation)}
     forged: list[tuple[str, dict[str, str]]] = [
         (grant.session_id, {}),
@@ -351,7 +351,7 @@ async def test_a_straight_way_that_is_gone_is_left(site: Site, client: BrowserCl
     session = await client.open()
     with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
         nowhere = f"http://127.0.0.1:{listener.getsockname()[1]}"
-    session._way = Way(nowhere, True)
+    session._route = SessionRoute(nowhere, True)
     assert (await session.navigate(site.url())).title == "Home"
     assert not session.is_direct
 
@@ -359,7 +359,7 @@ async def test_a_straight_way_that_is_gone_is_left(site: Site, client: BrowserCl
 async def test_nothing_is_done_twice_when_the_straight_way_breaks(site: Site, client: BrowserClient) -> None:
     """A way that carries a call there, and never its answer back."""
     session = await client.open()
-    there = session._way.base_url
+    there = session._route.base_url
     await session.navigate(site.url("/counter"))
 
     async def carry(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -372,12 +372,12 @@ async def test_nothing_is_done_twice_when_the_straight_way_breaks(site: Site, cl
     carrier = await asyncio.start_server(carry, "127.0.0.1", 0)
     address = f"http://127.0.0.1:{carrier.sockets[0].getsockname()[1]}"
     async with carrier:
-        session._way = Way(address, True)
+        session._route = SessionRoute(address, True)
         with pytest.raises(ServerUnreachable, match="look before you act again"):
             await session.execute(LeftClick(Target(coordinate=(20, 20))))
         assert not session.is_direct
         assert (await session.metadata()).title == "1"
-        session._way = Way(address, True)
+        session._route = SessionRoute(address, True)
         assert (await session.metadata()).title == "1", "asking again does no harm"
 
 
@@ -393,8 +393,8 @@ async def test_a_stranger_at_the_workers_address_is_not_taken_for_it(client: Bro
     address = f"http://127.0.0.1:{stranger.sockets[0].getsockname()[1]}"
     session = await client.open()
     async with stranger:
-        grant = msgspec.structs.replace(session._grant, endpoint=address)
-        assert not (await client._ways.find(grant)).is_straight
+        grant = msgspec.structs.replace(session.grant, endpoint=address)
+        assert not (await client._router.find(grant)).is_straight
     [request] = heard
     assert TOKEN.encode() not in request
 

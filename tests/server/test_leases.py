@@ -12,7 +12,7 @@ from starlette.requests import Request
 
 from webgym.browser import BrowserConfig, Egress, ProfileRoot, Slot
 from webgym.core.errors import LeaseLost, Unauthorized
-from webgym.server.http import Front
+from webgym.server.http import HttpFrontend
 from webgym.server.leases import Leases
 from webgym.server.metrics import CallMetrics
 from webgym.server.operations import INFO
@@ -147,7 +147,7 @@ async def test_secrets_are_compared_in_constant_time(monkeypatch: pytest.MonkeyP
 
     leases = Leases(Taken())
     lease = leases.grant(idle_slot(), 60, 60)
-    front = Front(Tokens("a-token-for-tests-only"), 100, "", CallMetrics(CollectorRegistry()))
+    front = HttpFrontend(Tokens("a-token-for-tests-only"), 100, "", CallMetrics(CollectorRegistry()))
     header = [(b"authorization", b"Bearer a-token-for-tests-only")]
     request = Request({"type": "http", "headers": header})
     front.admit(INFO, request)

@@ -18,7 +18,7 @@ from starlette.types import Receive, Scope, Send
 
 from webgym.core.errors import ProtocolError, WebGymError
 from webgym.server import ServerConfig
-from webgym.server.http import Front, decode
+from webgym.server.http import HttpFrontend, decode
 from webgym.server.listening import listen, serving
 from webgym.server.messages import StepRequest, error_of
 from webgym.server.metrics import CallMetrics
@@ -40,7 +40,7 @@ class Served:
     """A front with one operation that takes a body, and what became of its calls."""
 
     def __init__(self, config: ServerConfig) -> None:
-        self.front = Front(Tokens(TOKEN), config.body_bytes, "", CallMetrics(CollectorRegistry()))
+        self.front = HttpFrontend(Tokens(TOKEN), config.body_bytes, "", CallMetrics(CollectorRegistry()))
         self.release = asyncio.Event()
         take = Route("/take", self.front.endpoint(STEP, self._take), methods=["POST"])
         hold = Route("/hold", self.front.endpoint(INFO, self._hold), methods=["GET"])

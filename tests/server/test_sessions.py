@@ -23,7 +23,7 @@ from webgym.server import (
     SessionOptions,
     running_server,
 )
-from webgym.server.admission import Gatekeeper
+from webgym.server.admission import AdmissionController
 from webgym.server.config import Admission
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepReply, StepRequest
 from webgym.server.operations import STEP
@@ -84,7 +84,7 @@ async def test_an_unchanged_picture_is_sent_once(site: Site, session: Session, s
     first = await session.step()
     second = await session.step()
     assert second.image is first.image
-    grant = session._grant
+    grant = session.grant
     headers = {"authorization": f"Bearer {TOKEN}", SECRET_HEADER: grant.secret, GENERATION_HEADER: "1"}
     headers[GENERATION_HEADER] = str(grant.generation)
     async with httpx.AsyncClient(headers=headers, trust_env=False) as http:
@@ -102,8 +102,8 @@ async def test_pictures_are_jpeg_where_that_is_asked_for(
     assert view.image.startswith(b"\xff\xd8\xff")
     assert view.observation.screenshot == hashlib.sha256(view.image).hexdigest()
     assert (await session.step()).observation.screenshot == view.observation.screenshot, "nothing changed"
-    headers = {"authorization": f"Bearer {TOKEN}", SECRET_HEADER: session._grant.secret}
-    headers[GENERATION_HEADER] = str(session._grant.generation)
+    headers = {"authorization": f"Bearer {TOKEN}", SECRET_HEADER: session.grant.secret}
+    headers[GENERATION_HEADER] = str(session.grant.generation)
     async with httpx.AsyncClient(headers=headers, trust_env=False) as http:
         bare = await http.post(f"{server.url}/v1/sessions/{session.id}/screenshot")
     assert bare.headers["content-type"] == "image/jpeg"
@@ -156,17 +156,17 @@ async def test_a_caller_that_leaves_the_line_takes_no_slot(
 async def test_an_old_holder_cannot_touch_its_successor(site: Site, client: BrowserClient) -> None:
     other = await client.open()  # so that both below get the same slot
     old = await client.open()
-    stale = old._grant
+    stale = old.grant
     await old.close()
     new = await client.open()
     await new.navigate(site.url())
-    assert new._grant.generation > stale.generation
+    assert new.grant.generation > stale.generation
     forged = [
         stale,
-        type(stale)(new.id, stale.secret, new._grant.generation, "", 60),
-        type(stale)(new.id, new._grant.secret, stale.generation, "", 60),
-        type(stale)(new.id, "", new._grant.generation, "", 60),
-        type(stale)("nobody", new._grant.secret, new._grant.generation, "", 60),
+        type(stale)(new.id, stale.secret, new.grant.generation, "", 60),
+        type(stale)(new.id, new.grant.secret, stale.generation, "", 60),
+        type(stale)(new.id, "", new.grant.generation, "", 60),
+        type(stale)("nobody", new.grant.secret, new.grant.generation, "", 60),
     ]
     for grant in forged:
         with pytest.raises(LeaseLost):
@@ -178,7 +178,7 @@ async def test_an_old_holder_cannot_touch_its_successor(site: Site, client: Brow
 async def test_a_client_gone_without_goodbye_loses_its_lease(site: Site, client: BrowserClient) -> None:
     session = await client.open(SessionOptions(ttl_seconds=0.3))
     await session.navigate(site.url())
-    session._renewal.cancel()  # the client is dead
+    await session.abandon()  # the client is dead
     async with asyncio.timeout(5):
         while (await client.pressure()).slots.free < 2:
             await asyncio.sleep(0.02)
@@ -201,7 +201,7 @@ async def test_an_endless_address_is_not_opened(site: Site, client: BrowserClien
 
 async def test_nobody_holds_a_lease_for_longer_than_he_may(client: BrowserClient) -> None:
     session = await client.open(SessionOptions(ttl_seconds=1e9))
-    assert session._grant.ttl_seconds == ServerConfig().longest_ttl_seconds
+    assert session.grant.ttl_seconds == ServerConfig().longest_ttl_seconds
     await session.close()
 
 
@@ -216,7 +216,7 @@ async def test_a_thinking_model_keeps_its_lease(site: Site, client: BrowserClien
 async def test_a_holder_can_ask_how_long_its_call_waits(
     session: Session, server: RunningServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    gate = Gatekeeper(Admission(fewest=1, most=1))
+    gate = AdmissionController(Admission(fewest=1, most=1))
     monkeypatch.setattr(server.service, "gate", gate)
     async with asyncio.timeout(60):
         async with gate.permit("navigate"):
@@ -232,7 +232,7 @@ async def test_what_a_look_waits_and_takes_is_not_its_actions(
     site: Site, client: BrowserClient, server: RunningServer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = await client.open()
-    gate = Gatekeeper(Admission(fewest=1, most=1))
+    gate = AdmissionController(Admission(fewest=1, most=1))
     monkeypatch.setattr(server.service, "gate", gate)
     async with asyncio.timeout(60):
         step = asyncio.create_task(session.step(Navigate(site.url())))

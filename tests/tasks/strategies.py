@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.truth import AnswerTruth, Click, Evidence, FactTruth, StateCheck, Truth
-from webgym.tasks.absent import is_absent, is_no_fact
 from webgym.tasks.files import NO_FACTS
+from webgym.tasks.missing_values import is_missing_value, is_no_fact
 from webgym.tasks.published import task_of
 
 text = st.text(st.characters(exclude_categories=["Cs"]), max_size=12)
-spoken = text.filter(lambda said: not is_no_fact(said) and not is_absent(said))
+spoken = text.filter(lambda said: not is_no_fact(said) and not is_missing_value(said))
 addresses = st.from_regex(r"(https?://)?[a-z]{2,9}\.example(:80)?(/[ -~]{0,9})?", fullmatch=True)
 json_values = st.recursive(
     st.none()

@@ -30,10 +30,10 @@ from webgym.llm import ReplyCache, import_results
 from webgym.tasks import read_tasks
 from webgym.tasks.construction import (
     BuildConfig,
-    Finished,
-    Noted,
-    Place,
-    Stages,
+    BuildPaths,
+    FinishedBuild,
+    PendingBatches,
+    StageProgress,
     read_config,
     run_batch,
     run_build,
@@ -41,7 +41,7 @@ from webgym.tasks.construction import (
 )
 from webgym.tasks.validate import validate
 
-QUIET = Stages(Console(file=io.StringIO()))
+QUIET = StageProgress(Console(file=io.StringIO()))
 STOPPED = "interrupted: what was paid for is kept, and the same command goes on from here\n"
 DEADLINE = 90.0
 TODAY = "2025-01-01"
@@ -86,9 +86,9 @@ class Command:
     def settings(self, **changes: Any) -> BuildConfig:
         return read_config(self.config, changes)
 
-    async def build(self, out: Path, **changes: Any) -> Finished:
+    async def build(self, out: Path, **changes: Any) -> FinishedBuild:
         """Build in this process."""
-        return await run_build(self.settings(**changes), Place.of(out), QUIET)
+        return await run_build(self.settings(**changes), BuildPaths.of(out), QUIET)
 
     async def start(self, out: Path, *options: str) -> asyncio.subprocess.Process:
         arguments = [
@@ -257,7 +257,7 @@ PRICES = {"*": {"prompt": 1, "completion": 4}}
 async def test_a_dry_run_counts_before_it_asks_and_measures_what_is_there(tmp_path: Path) -> None:
     async with serve() as endpoint:
         command = Command(endpoint, tmp_path, count=6)
-        place = Place.of(tmp_path / "out")
+        place = BuildPaths.of(tmp_path / "out")
         before = await run_dry(command.settings(prices=PRICES), place, QUIET)
         assert not endpoint.paid
         assert not place.out.exists()
@@ -278,11 +278,11 @@ async def test_a_dry_run_counts_before_it_asks_and_measures_what_is_there(tmp_pa
         assert sum(endpoint.paid.values()) == paid
 
         half = {name: {"at_most": 3} for name in command.sources}
-        other = Place.of(tmp_path / "other", tmp_path / "half.sqlite")
+        other = BuildPaths.of(tmp_path / "other", tmp_path / "half.sqlite")
         await run_build(command.settings(sources=half, split={"test_tasks": 3}), other, QUIET)
         few = {"measured_from": 10}
         trial = await run_dry(
-            command.settings(assumptions=few), Place.of(tmp_path / "whole", other.cache), QUIET
+            command.settings(assumptions=few), BuildPaths.of(tmp_path / "whole", other.cache), QUIET
         )
         assert "measured" in trial.lines[1].basis, "a trial run's replies tell what the whole will take"
         assert 0 < trial.lines[1].there < trial.lines[1].things
@@ -312,13 +312,13 @@ async def test_batch_files_in_place_of_calls(tmp_path: Path) -> None:
         out, folder = tmp_path / "out", tmp_path / "batches"
         rounds = 0
         while True:
-            done = await run_batch(command.settings(), Place.of(out), folder, QUIET)
-            if isinstance(done, Finished):
+            done = await run_batch(command.settings(), BuildPaths.of(out), folder, QUIET)
+            if isinstance(done, FinishedBuild):
                 break
             rounds += 1
             assert sum(file.requests for file in done.files) == done.build.pending
-            again = await run_batch(command.settings(), Place.of(out), folder, QUIET)
-            assert isinstance(again, Noted)
+            again = await run_batch(command.settings(), BuildPaths.of(out), folder, QUIET)
+            assert isinstance(again, PendingBatches)
             assert again.files == [], "what stands in a file already is not written twice"
             await answer_batches(endpoint, [file.path for file in done.files], out)
         assert not endpoint.paid, "nothing was asked"
@@ -378,13 +378,13 @@ async def test_the_day_of_the_first_run_stays_and_the_config_is_there_to_read(tm
         await command.build(out)
         settings = command.settings().model_copy(update={"today": None})
         before = files(out)
-        await run_build(settings, Place.of(out), QUIET)
+        await run_build(settings, BuildPaths.of(out), QUIET)
         assert files(out) == before
         assert json.loads(before["manifest.json"])["today"] == TODAY
         assert read_config(out / "config.yaml", {}) == command.settings()
         (out / "config.yaml").write_text("- nothing")
         with pytest.raises(ConfigError, match="no config of a build"):
-            await run_build(settings, Place.of(out), QUIET)
+            await run_build(settings, BuildPaths.of(out), QUIET)
 
 
 async def test_too_few_websites_for_the_test_set_is_told(tmp_path: Path) -> None:
@@ -443,7 +443,7 @@ async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
     published.write_text(as_lines(rows))
     given = {"sources": {"webgym": str(published)}, "split": {"test_tasks": 3}}
     out = tmp_path / "out"
-    finished = await run_build(read_config(None, given), Place.of(out), QUIET)
+    finished = await run_build(read_config(None, given), BuildPaths.of(out), QUIET)
     assert len(finished.build.tasks) == 8
     assert validate(all_tasks(out)).ok
     assert lines(out / "remarks.jsonl"), "what a source brings along is looked at as well"
@@ -451,7 +451,7 @@ async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no model is given for the rubric stage"):
         await run_build(
             read_config(None, given | {"sources": {"deepshop": str(bare)}, "split": {"test_tasks": 1}}),
-            Place.of(out),
+            BuildPaths.of(out),
             QUIET,
         )
 
@@ -468,7 +468,7 @@ async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
         ),
         (("--source", "deepshop={deepshop}", "--test-size", "1"), "--base-url"),
         (("--source", "deepshop={deepshop}", "--base-url", "nonsense", "--model", "x"), "base URL"),
-        (("--source", "deepshop={deepshop}", "--price", "cheap"), "no price"),
+        (("--source", "deepshop={deepshop}", "--price", "cheap"), "not a price"),
         (("--source", "deepshop={deepshop}", "--dry-run", "--batch", "b"), "do not go together"),
         (("--source", "deepshop={browsecomp}", "--test-size", "0"), "holds no task of deepshop; the first"),
         (("--config", "none.yaml"), "cannot read none.yaml"),

@@ -23,9 +23,9 @@ from webgym.core.errors import (
     NotCached,
 )
 from webgym.llm import EndpointRefused
-from webgym.tasks.construction import PURPOSES, BuildConfig, Stages, read_config
-from webgym.tasks.construction.asking import Done, Failed, Pending, ask_all
-from webgym.tasks.construction.books import Books, BooksDoNotBalance
+from webgym.tasks.construction import PURPOSES, BuildConfig, StageProgress, read_config
+from webgym.tasks.construction.accounting import CountMismatch, TaskAccounting
+from webgym.tasks.construction.bulk_requests import Done, Failed, Pending, ask_all
 from webgym.tasks.construction.importing import draw
 from webgym.tasks.rules import RULES
 from webgym.tasks.sources import SourceTask
@@ -75,7 +75,7 @@ def test_sources_stand_in_the_order_of_the_paper() -> None:
     ("text", "words"),
     [
         ("sources: [", "is not YAML"),
-        ("- a", "holds no settings"),
+        ("- a", "contains no settings"),
         ("seed: 1", "--source NAME=PATH"),
         ("sources: {deepshopp: a}", "unknown source deepshopp"),
         ("sources: {deepshop: a}\nsede: 1", "sede"),
@@ -139,14 +139,16 @@ def test_a_larger_draw_takes_the_same_tasks_and_more() -> None:
     assert draw(tasks, 10, seed=2) != few
 
 
-# --- books --------------------------------------------------------------------------------------------------
+# --- accounting ---------------------------------------------------------------------------------------------
 
 
 def test_books_that_balance_are_kept() -> None:
-    books = Books(["a", "b"])
-    books.enter("import", came=Counter(a=5, b=1), lost=Counter({("a", "no task"): 2}), left=Counter(a=3, b=1))
-    books.enter("derive", came=Counter(a=3, b=1), made=Counter(a=4), left=Counter(a=7, b=1))
-    assert [(row.stage, row.source, row.came, row.made, row.lost, row.left) for row in books.rows] == [
+    accounting = TaskAccounting(["a", "b"])
+    accounting.enter(
+        "import", came=Counter(a=5, b=1), lost=Counter({("a", "no task"): 2}), left=Counter(a=3, b=1)
+    )
+    accounting.enter("derive", came=Counter(a=3, b=1), made=Counter(a=4), left=Counter(a=7, b=1))
+    assert [(row.stage, row.source, row.came, row.made, row.lost, row.left) for row in accounting.rows] == [
         ("import", "a", 5, 0, {"no task": 2}, 3),
         ("import", "b", 1, 0, {}, 1),
         ("derive", "a", 3, 4, {}, 7),
@@ -168,12 +170,12 @@ def test_books_that_balance_are_kept() -> None:
     ],
 )
 def test_books_that_do_not_balance_are_refused(rows: list[dict[str, Any]], words: str) -> None:
-    books = Books(["a", "b"])
+    accounting = TaskAccounting(["a", "b"])
     *good, bad = rows
     for row in good:
-        books.enter("before", **row)
-    with pytest.raises(BooksDoNotBalance, match=words):
-        books.enter("after", **bad)
+        accounting.enter("before", **row)
+    with pytest.raises(CountMismatch, match=words):
+        accounting.enter("after", **bad)
 
 
 # --- asking -------------------------------------------------------------------------------------------------
@@ -257,7 +259,7 @@ async def test_failures_in_a_row_end_it_and_replies_between_them_do_not() -> Non
 
 def test_off_a_terminal_there_are_a_few_plain_lines() -> None:
     out = io.StringIO()
-    stages = Stages(Console(file=out, width=200))
+    stages = StageProgress(Console(file=out, width=200))
     with stages.shown():
         with stages.stage("rubrics", 1000) as advance:
             for _ in range(1000):
@@ -271,7 +273,7 @@ def test_off_a_terminal_there_are_a_few_plain_lines() -> None:
 
 def test_on_a_terminal_there_is_a_bar_for_each_stage() -> None:
     out = io.StringIO()
-    stages = Stages(Console(file=out, width=100, force_terminal=True))
+    stages = StageProgress(Console(file=out, width=100, force_terminal=True))
     with stages.shown():
         for name in ("import", "rubrics"):
             with stages.stage(name, 3) as advance:

@@ -169,11 +169,11 @@ def test_sample_chooses(calls: Calls, tmp_path: Path, whole: Path) -> None:
     assert sorted(each.level for each in drawn) == ["easy"] * 2 + ["hard"] * 4 + ["medium"] * 2
     assert not [each for each in drawn if each.domain == "Entertainment" or "//www.site3." in each.website]
     for wrong, said in (
-        (("--ratio", "2:1"), "is no ratio"),
-        (("--shard", "2"), "names no shard"),
+        (("--ratio", "2:1"), "is not a ratio"),
+        (("--shard", "2"), "is not a shard"),
         (("--shard", "2/2"), "there is no shard 2 of 2"),
-        (("--domain", "Cooking"), "there is no domain 'Cooking'"),
-        (("--block", "no website"), "names no website"),
+        (("--domain", "Cooking"), "unknown domain 'Cooking'"),
+        (("--block", "no website"), "does not name a website"),
         (("--split", "all", "--count", "1", "--domain", "News", "--without", "News"), "no task to draw"),
     ):
         code, output = calls.run("tasks", "sample", whole, *wrong)

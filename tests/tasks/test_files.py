@@ -61,7 +61,7 @@ def test_an_instruction_and_an_address_make_a_task(tmp_path: Path) -> None:
             b'{"instructoin": 7, "website": 7}',
             "did you mean instruction.*website: expected.*missing",
         ),
-        (own(website="not a url"), "'not a url' names no website"),
+        (own(website="not a url"), "'not a url' does not name a website"),
         (own(website="file:///etc/passwd"), "no http or https address"),
         (own(website="javascript:alert(1)"), "no http or https address"),
         (own(website="http://169.254.169.254/latest/meta-data"), "metadata service"),
@@ -103,7 +103,7 @@ def test_marks_returns_and_missing_ends_are_survived(tmp_path: Path) -> None:
 def test_a_file_without_tasks_is_an_error(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "tasks.jsonl"
     path.write_bytes(content)
-    with pytest.raises(TaskFileError, match="holds no task"):
+    with pytest.raises(TaskFileError, match="contains no task"):
         read_tasks(path)
 
 

@@ -20,7 +20,8 @@ from tests.tasks.strategies import task_lists
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Attachment, FactGroup, Rubric, Task
 from webgym.offline import OfflineWeb
-from webgym.runs import RunConfig, TaskChoice, choose_tasks
+from webgym.run_config import RunConfig, TaskChoice
+from webgym.task_choice import choose_tasks
 from webgym.tasks import Format, read_tasks, write_tasks
 
 NAMES: dict[str, Format] = {

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from tests.tasks.strategies import task_lists
 
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.tasks.index import FACETS, TaskIndex, Wanted, website_key
+from webgym.tasks.index import FACETS, TaskIndex, TaskQuery, website_key
 
 
 def task(name: str, facts: int = 1, **changes: Any) -> Task:
@@ -56,7 +56,7 @@ INDEX = TaskIndex(TASKS)
     ],
 )
 def test_what_is_wanted_is_found(wanted: dict[str, str], found: str) -> None:
-    assert INDEX.find(Wanted(**wanted)) == [int(place) for place in found]
+    assert INDEX.find(TaskQuery(**wanted)) == [int(place) for place in found]
 
 
 def test_counts_and_families() -> None:
@@ -90,7 +90,7 @@ def test_finding_agrees_with_looking_at_every_task(tasks: list[Task], wanted: st
                 for place, task in enumerate(tasks)
                 if not value or value.casefold() in {each.casefold() for each in values[facet](task)}
             ]
-            assert index.find(Wanted(**{facet: value})) == expected
+            assert index.find(TaskQuery(**{facet: value})) == expected
     for task in tasks:
-        assert tasks.index(task) in index.find(Wanted(website=task.website))
+        assert tasks.index(task) in index.find(TaskQuery(website=task.website))
         assert website_key(task.website) == website_key(website_key(task.website))

@@ -246,7 +246,7 @@ def test_every_form_of_a_column(tmp_path: Path, column: str, value: Any, field: 
             lines({k: v for k, v in ROW.items() if k != "evaluator_reference"}).strip(),
             "no evaluator_reference",
         ),
-        (lines(row(evaluator_reference=[{"facts": [{"a": 1}]}])).strip(), "is no text"),
+        (lines(row(evaluator_reference=[{"facts": [{"a": 1}]}])).strip(), "is not text"),
         (lines(ROW).strip(), "second task with the id 'deepshop/Shop--1'"),
         (lines(row(task_name="\ud800")).strip(), "surrogate"),
         (b'{"task_name": ' + b"[" * 100_000, "recursion"),

@@ -12,7 +12,8 @@ from webgym.core.errors import ConfigError, NothingToDraw
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.offline import OfflineWeb
 from webgym.offline.app import SitesConfig
-from webgym.runs import RunConfig, TaskChoice, choose_tasks
+from webgym.run_config import RunConfig, TaskChoice
+from webgym.task_choice import choose_tasks
 from webgym.tasks import read_tasks, write_tasks
 from webgym.tasks.files import write_lines
 from webgym.tasks.sampling import Sampler, SamplerConfig

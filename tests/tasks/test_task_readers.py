@@ -15,7 +15,7 @@ from tests.conftest import Calls
 from webgym.cli import export
 from webgym.core.task import Task
 from webgym.offline import OfflineWeb
-from webgym.runs import RunConfig
+from webgym.run_config import RunConfig
 from webgym.tasks import read_tasks, write_tasks
 
 DOCS = Path(__file__).parents[2] / "docs/task-files.md"
@@ -72,11 +72,11 @@ def test_tasks_that_come_with_webgym_are_exported_by_their_name(
     held = list(OfflineWeb(per_family=1, collection="small").tasks())[:5]
     asked: list[RunConfig] = []
 
-    def all_tasks(config: RunConfig) -> list[Task]:
+    def given(config: RunConfig) -> list[Task]:
         asked.append(config)
         return held
 
-    monkeypatch.setattr(export, "all_tasks", all_tasks)
+    monkeypatch.setattr(export, "all_tasks", given)
     code, said = calls.run("export", "offline-small-v1", "--split", "all", "--out", tmp_path / "out")
     assert code == 0, said
     assert asked[0].sites.collection == "small"

@@ -17,9 +17,9 @@ from webgym.core.trajectory import Episode
 from webgym.judge import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
-from webgym.rehearsal import Rehearsal, Rehearsals
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.plan import Planned
+from webgym.static_browsers import StaticBrowsers, StaticCollector
 from webgym.tiny.demonstrators import DEMONSTRATORS, Demonstrators, Habits
 from webgym.tiny.recipe import agent_of
 from webgym.tiny.tokenizer import cell_centres, make_tokenizer
@@ -37,7 +37,7 @@ def some_tasks(count: int, *, parts: int = 1) -> list[Task]:
 async def attempt(task: Task, policy: Demonstrators, prompt_format: PromptFormat = "compact") -> Episode:
     agent = agent_of(policy, prompt_format)
     config = AttemptConfig(budget_easy=12, budget_medium=24, budget_hard=36)
-    return await Rehearsals(Rehearsal(WEB, None), agent, config, seed=5).make(Planned(task, 0))
+    return await StaticCollector(StaticBrowsers(WEB, None), agent, config, seed=5).make(Planned(task, 0))
 
 
 async def successes(

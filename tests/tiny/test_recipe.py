@@ -1,4 +1,4 @@
-"""First weights: rehearsed pages are the browsers' own, and the recipe goes on where it was killed."""
+"""First weights: static pages look as in browsers, and the recipe continues where it was killed."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ pytest.importorskip("torch")
 
 from webgym.core.errors import ConfigError
 from webgym.offline.web import OfflineWeb
-from webgym.rehearsal import Rehearsal, Rehearsals
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.rollout.store import RunReader
-from webgym.runs import RunConfig, collect
+from webgym.run_config import RunConfig
+from webgym.runs import collect
+from webgym.static_browsers import StaticBrowsers, StaticCollector
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.recipe import RecipeConfig, agent_of, follow
 
@@ -33,8 +34,8 @@ def pixels(png: bytes) -> Any:
         return np.asarray(picture.convert("RGB")).astype(np.int16)
 
 
-def test_a_rehearsal_is_what_browsers_would_have_made(tmp_path: Path) -> None:
-    """Requests, replies, pictures and changes of the same attempts, rehearsed and collected."""
+def test_static_browsers_give_what_browsers_give(tmp_path: Path) -> None:
+    """Requests, replies, pictures and changes of the same attempts, without and with browsers."""
     config = RunConfig.model_validate(
         {
             "seed": 3,
@@ -47,18 +48,18 @@ def test_a_rehearsal_is_what_browsers_would_have_made(tmp_path: Path) -> None:
     async def both() -> None:
         await collect(config, tmp_path / "run", policy=Demonstrators())
         run, web = RunReader(tmp_path / "run"), OfflineWeb(7, per_family=6, collection="small")
-        async with Rehearsal(web, tmp_path / "pictures") as rehearsal:
-            assert rehearsal.drawings is not None
+        async with StaticBrowsers(web, tmp_path / "pictures") as browsers:
+            assert browsers.page_images is not None
             agent = agent_of(Demonstrators())
-            rehearsals = Rehearsals(rehearsal, agent, AttemptConfig(), config.seed)
+            collectors = StaticCollector(browsers, agent, AttemptConfig(), config.seed)
             for made in run.trajectories():
                 task = run.tasks[made.episode.task_id]
-                rehearsed = await rehearsals.make(Planned(task, made.episode.sample))
-                drawn = rehearsal.drawings.pictures()
-                assert rehearsed.answer == made.episode.answer
-                assert rehearsed.final_state == made.episode.final_state
-                assert rehearsed.seed == made.episode.seed
-                for ours, theirs in zip(rehearsed.steps, made.episode.steps, strict=True):
+                static = await collectors.make(Planned(task, made.episode.sample))
+                drawn = browsers.page_images.pictures()
+                assert static.answer == made.episode.answer
+                assert static.final_state == made.episode.final_state
+                assert static.seed == made.episode.seed
+                for ours, theirs in zip(static.steps, made.episode.steps, strict=True):
                     assert ours.reply.text == theirs.reply.text
                     assert ours.changed == theirs.changed
                     assert texts(ours.messages) == texts(theirs.messages)
@@ -117,5 +118,5 @@ def test_a_recipe_that_was_killed_ends_with_the_same_weights(
     weights = [tmp_path / name / "model/model.safetensors" for name in ("whole", "killed")]
     assert weights[0].read_bytes() == weights[1].read_bytes()
     other = config.model_copy(update={"attempts": 4})
-    with pytest.raises(ConfigError, match=r"lessons\.msgpack is of other settings"):
+    with pytest.raises(ConfigError, match=r"demonstrations\.msgpack is of other settings"):
         asyncio.run(follow(other, tmp_path / "whole", tell=tell, advance=advance))

@@ -20,7 +20,7 @@ from webgym.rollout.summary import Summary
 from webgym.train.config import FrontierConfig, LearnConfig, ReplayConfig
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.loop import EvaluationConfig, LoopConfig, TrainConfig
-from webgym.train.replay import Draw
+from webgym.train.replay import ReplaySample
 
 TASKS = [task(f"a{number}") for number in range(12)] + [task(f"b{number}", "test") for number in range(3)]
 
@@ -61,7 +61,7 @@ class World(MadeUp):
         outcome = self._outcome or (Outcome.SUCCESS, Outcome.FAILURE, Outcome.BLOCKED)[number % 3]
         return trajectory(0, of=task.id.removeprefix("t/"), outcome=outcome)
 
-    def learn(self, number: int, draw: Draw, folder: TrainingFolder) -> Mapping[str, Any]:
+    def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
         self.do(f"learn {number} from {len(draw.steps)}")
         weights = folder.weights(number)
         weights.mkdir(parents=True, exist_ok=True)

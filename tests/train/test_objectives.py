@@ -185,13 +185,13 @@ def test_objectives_are_found_by_name_and_by_import_path() -> None:
 @pytest.mark.parametrize(
     ("name", "options", "said"),
     [
-        ("filtered_cb", {}, "there is no objective 'filtered_cb'"),
+        ("filtered_cb", {}, "unknown objective 'filtered_cb'"),
         ("group_is", {"clipp": 0.3}, "does not take its options: clipp"),
         ("group_is", {"clip": -1}, "does not take its options: clip"),
         ("filtered_bc", {"clip": 0.3}, "does not take its options"),
         ("nowhere:Objective", {}, "cannot import the objective nowhere:Objective"),
         ("collections:Nothing", {}, "cannot import"),
-        ("collections:Counter", {}, "is no objective"),
+        ("collections:Counter", {}, "is not an objective"),
     ],
 )
 def test_what_names_no_objective_is_one_line(name: str, options: dict[str, Any], said: str) -> None:

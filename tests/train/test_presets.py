@@ -13,7 +13,7 @@ from webgym.agent.profiles import choose_profile
 from webgym.cli import _run
 from webgym.tasks.sampling import SamplerConfig
 from webgym.train.loop import TrainConfig
-from webgym.train.start import read_settings_of
+from webgym.train.start import load_train_config
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 PRESET = CONFIGS / "train/qwen3-vl-8b.yaml"
@@ -62,7 +62,7 @@ def in_columns(config: TrainConfig) -> Row:
 
 
 def test_the_preset_has_the_papers_hyper_parameters() -> None:
-    config = read_settings_of([PRESET])
+    config = load_train_config([PRESET])
     update, replay = config.learn.update, config.learn.replay
     assert config.learn.model == "Qwen/Qwen3-VL-8B-Instruct"
     assert (update.learning_rate, update.batch, update.micro_batch) == (1e-6, 192, 3)
@@ -88,7 +88,7 @@ def test_the_preset_has_the_papers_hyper_parameters() -> None:
 @pytest.mark.parametrize("name", ROWS)
 def test_a_row_of_the_study_is_an_overlay_with_its_values(name: str) -> None:
     overlay = STUDY / f"{name}.yaml"
-    config = read_settings_of([PRESET, overlay])
+    config = load_train_config([PRESET, overlay])
     assert in_columns(config) == ROWS[name]
     held = yaml.safe_load(overlay.read_text())
     keys = {f"{part}.{each}" for part in ("learn", "rollout") for each in held[part]} | set(held)
@@ -121,7 +121,7 @@ def test_every_file_of_the_study_is_a_row_of_it() -> None:
 
 def test_overlays_can_follow_each_other() -> None:
     """The last one wins whole: a ratio is laid over another one level by level, so it names all levels."""
-    config = read_settings_of([PRESET, STUDY / "instruct-8b.yaml", STUDY / "only-easy.yaml"])
+    config = load_train_config([PRESET, STUDY / "instruct-8b.yaml", STUDY / "only-easy.yaml"])
     assert in_columns(config) == ROWS["only-easy"]
     assert isinstance(config.sampler, SamplerConfig)
 

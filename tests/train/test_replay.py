@@ -15,7 +15,7 @@ from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.train.config import ReplayConfig
 from webgym.train.objectives import FilteredBC, GroupIS
-from webgym.train.replay import Draw, Replay, StepRef
+from webgym.train.replay import Replay, ReplaySample, StepRef
 
 SUCCESS, FAILURE = Outcome.SUCCESS, Outcome.FAILURE
 
@@ -222,7 +222,7 @@ def made_by(*versions: str) -> Made:
     return Made([msgspec.structs.replace(won, episode=episode), lost])
 
 
-def of_winner(draw: Draw) -> list[int]:
+def of_winner(draw: ReplaySample) -> list[int]:
     return [ref.index for ref in draw.steps if ref.attempt_id == "t/a#0.0"]
 
 

@@ -8,7 +8,7 @@ from tests.train.making import PICTURES, request, step, stored
 
 from webgym.core.trajectory import Message, Reply, TextPart
 from webgym.inference.rendering import Renderer
-from webgym.train.samples import Dropped, DropReason, Sample, SampleMaker, rebuild_reply
+from webgym.train.samples import DropReason, Sample, SampleMaker, UntrainableStep, rebuild_reply
 
 END = "<|im_end|>"
 
@@ -29,7 +29,7 @@ def made(renderer: Renderer, reply: Reply, **settings: bool | int) -> Sample:
 
 
 def dropped(renderer: Renderer, reply: Reply, **settings: bool | int) -> DropReason:
-    with pytest.raises(Dropped) as caught:
+    with pytest.raises(UntrainableStep) as caught:
         made(renderer, reply, **settings)
     return caught.value.reason
 
@@ -76,7 +76,7 @@ def test_pictures_whose_tokens_are_right_in_sum_but_not_one_by_one_are_dropped(i
     first, last = ids.index(instruct.image_id), len(ids) - 1 - ids[::-1].index(instruct.image_id)
     shifted = [*ids[:first], instruct.image_id, *ids[first:last], *ids[last + 1 :]]
     reply = stored(instruct, "click", prompt_ids=shifted)
-    with pytest.raises(Dropped, match="image_tokens"):
+    with pytest.raises(UntrainableStep, match="image_tokens"):
         SampleMaker(instruct).of(step(reply=reply, messages=two), PICTURES.__getitem__)
 
 
@@ -220,7 +220,7 @@ def test_an_empty_reply_that_ended_by_itself_is_its_end_token(instruct: Renderer
 
 def test_a_request_that_holds_the_placeholder_is_dropped(instruct: Renderer) -> None:
     messages = (Message("user", (TextPart("<|image_pad|>"),)),)
-    with pytest.raises(Dropped, match="no_request"):
+    with pytest.raises(UntrainableStep, match="no_request"):
         SampleMaker(instruct).of(step(messages=messages), PICTURES.__getitem__)
 
 

@@ -27,7 +27,7 @@ from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import load_model
 from webgym.inference.vllm import Served, VllmApi, VllmConfig, VllmPolicy
 from webgym.llm import ChatConfig
-from webgym.llm.trouble import watched
+from webgym.llm.health import watch_clients
 from webgym.train.config import LoraConfig
 from webgym.train.logprobs import ReplyLogProbs, collate
 from webgym.train.samples import SampleMaker
@@ -188,9 +188,9 @@ async def test_a_run_sees_what_holds_the_served_policy_up(monkeypatch: pytest.Mo
     """Its client was opened before the run, once for the whole training."""
     policy = VllmPolicy("tiny")
     client = OpenAIPolicy(ChatConfig(base_url="http://127.0.0.1:9/v1", model="tiny"))
-    monkeypatch.setattr(OpenAIPolicy, "trouble", property(lambda _: "the endpoint is busy"))
-    with watched() as trouble:
+    monkeypatch.setattr(OpenAIPolicy, "problem", property(lambda _: "the endpoint is busy"))
+    with watch_clients() as problem:
         async with policy:
-            assert trouble() == "replies wait for new weights"
+            assert problem() == "replies wait for new weights"
             policy.switch(Served(VllmApi("http://127.0.0.1:9/v1", SecretStr("")), "tiny", "1", client))
-            assert trouble() == "the endpoint is busy"
+            assert problem() == "the endpoint is busy"

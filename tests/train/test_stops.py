@@ -26,7 +26,7 @@ from tests.train.test_loop import World
 from webgym.agent.random_policy import RandomPolicy
 from webgym.core.errors import StoreError, StoreFull, TrainingError, WebGymError
 from webgym.rollout import files
-from webgym.runs import Secrets, ServerChoice, resolved
+from webgym.run_config import Secrets, ServerChoice, resolved
 from webgym.tasks import write_tasks
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.learner import Learner
@@ -78,7 +78,7 @@ def weights(folder: TrainingFolder, number: int) -> dict[str, torch.Tensor]:
     return load_file(folder.weights(number) / "model.safetensors")
 
 
-# --- a loss that is no number ------------------------------------------------------------------------------
+# --- a loss that is not a number ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("poison", [float("nan"), float("inf")])
@@ -233,7 +233,7 @@ def test_what_cannot_be_trained_is_refused_before_browsers_start(
     assert "did you mean learn.update.learning_rate?" in refused(
         learn={"model": str(model), "update": {"learning_rat": 1}}
     )
-    assert "there is no objective 'ppo'" in refused(learn={"model": str(model), "objective": {"name": "ppo"}})
+    assert "unknown objective 'ppo'" in refused(learn={"model": str(model), "objective": {"name": "ppo"}})
     (tmp_path / "none").mkdir()
     assert "tasks.jsonl" in refused(rollout={"tasks": {"file": str(tmp_path / "none" / "tasks.jsonl")}})
 

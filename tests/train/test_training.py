@@ -23,8 +23,10 @@ from webgym.offline.small.wording import small_vocabulary
 from webgym.rollout.attempt import Attempt
 from webgym.rollout.store import RunReader
 from webgym.rollout.trackers import numbers_in
-from webgym.runs import Secrets, ServerChoice, all_tasks, services
+from webgym.run_config import Secrets, ServerChoice
+from webgym.run_services import services
 from webgym.server import Session
+from webgym.task_choice import all_tasks
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.model import TinyConfig, make_model, save_model
 from webgym.train.folder import TrainingFolder

@@ -21,7 +21,9 @@ import torch
 from tests.train import test_loop
 from tests.train.test_training import Breakable, Serving, settings
 
-from webgym.runs import Secrets, ServerChoice, all_tasks, services
+from webgym.run_config import Secrets, ServerChoice
+from webgym.run_services import services
+from webgym.task_choice import all_tasks
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training, make_run

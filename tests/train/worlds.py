@@ -12,7 +12,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Trajectory
 from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
-from webgym.runs import RunConfig, Secrets, ServerChoice
+from webgym.run_config import RunConfig, Secrets, ServerChoice
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig, Training
 from webgym.train.objectives import make_objective

@@ -1,4 +1,4 @@
-"""The agent: one policy, one way to ask it, many attempts at once."""
+"""The agent: asks one policy for the actions of many concurrent attempts."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Self
 
-import msgspec
-
 from webgym.agent.config import AgentConfig
-from webgym.agent.context import Now, Round, build_request, picture_names, thinking_of
+from webgym.agent.context import AttemptPosition, Round, build_request, picture_names, thinking_of
 from webgym.agent.image_codec import fit
 from webgym.agent.memory import merge
 from webgym.agent.parser import ParsedReply, ParseError, parse_reply
@@ -120,7 +118,7 @@ class Dialogue:
         past = _with_effect(self._rounds, observation)
         index = len(past)
         revision = self.revisions.get(index - 1, Revision())
-        now = Now(observation, index, self._budget, self.memory, revision, self.progress)
+        now = AttemptPosition(observation, index, self._budget, self.memory, revision, self.progress)
         request = build_request(self._task, past, now, config, profile)
         sent = profile.picture_size(observation.viewport, config.image_max_side)
         if observation.screenshot not in self._images and sent != observation.viewport:
@@ -252,10 +250,8 @@ def _with_effect(rounds: list[Round], observation: Observation) -> list[Round]:
     """The rounds, the last one now knowing whether it changed the screen."""
     if not rounds:
         return []
-    last = rounds[-1]
-    changed = last.step.observation.screenshot != observation.screenshot
-    step = msgspec.structs.replace(last.step, changed=changed)
-    return [*rounds[:-1], Round(step, last.parsed)]
+    *earlier, last = rounds
+    return [*earlier, Round(last.step.followed_by(observation), last.parsed)]
 
 
 def _meaning(parsed: ParsedReply | ParseError) -> dict[str, Any]:

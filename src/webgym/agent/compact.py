@@ -19,8 +19,8 @@ import re
 from collections.abc import Mapping
 from typing import Any, Final
 
+from webgym.agent.computer_use import Refused, from_arguments, to_arguments
 from webgym.agent.image_sizing import Size
-from webgym.agent.wire import Refused, from_arguments, to_arguments
 from webgym.core.action import GRID, Action, Mode
 
 COMPACT_FORMATS: Final = frozenset({"compact", "compact_official"})

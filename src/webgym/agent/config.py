@@ -1,4 +1,4 @@
-"""What an agent is told about how to look, talk and remember."""
+"""Settings of the agent: interaction mode, prompt format, context window, memory."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class AgentConfig(Settings):
     """How observations become requests and replies become actions (paper §5, appendix C)."""
 
     profile: str | None = None
-    """The family of models that the policy's is of (``webgym.agent.profiles``): picture sizes, grid, think
-    tags, sampling. By default it is known by the model's name, and ``generic`` if it is not."""
+    """Family of the policy's model: image sizes, coordinate grid, think tags, sampling
+    (:mod:`webgym.agent.profiles`). By default chosen by the model's name, else ``generic``."""
 
     mode: Mode | None = None
-    """Points (``coordinates``) or numbers of marked elements (``marks``, Set-of-Marks). By default what the
-    profile says: points but for GPT-class models."""
+    """Interaction mode: points (``coordinates``) or numbers of marked elements (``marks``, Set-of-Marks). By
+    default the profile's: points except for GPT-class models."""
 
     prompt_format: PromptFormat = "memory"
     """What a reply consists of. The memory prompt is worth three points of success (paper §5)."""

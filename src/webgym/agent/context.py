@@ -17,13 +17,13 @@ import msgspec
 
 from webgym.agent.budget import Cut, fit_request
 from webgym.agent.compact import COMPACT_FORMATS, action_line, memory_line, progress_line
+from webgym.agent.computer_use import to_arguments
 from webgym.agent.config import WITH_MEMORY, AgentConfig
 from webgym.agent.image_sizing import Size
 from webgym.agent.memory import to_json
 from webgym.agent.parser import ParsedReply, ParseError, said_aloud
 from webgym.agent.profile import Profile, Thinking
 from webgym.agent.prompts import system_prompt
-from webgym.agent.wire import to_arguments
 from webgym.core.action import GRID, Action
 from webgym.core.observation import Notice, NoticeKind, Observation
 from webgym.core.task import Task
@@ -42,7 +42,7 @@ class Round(msgspec.Struct, frozen=True):
     parsed: ParsedReply | ParseError
 
 
-class Now(msgspec.Struct, frozen=True):
+class AttemptPosition(msgspec.Struct, frozen=True):
     """Where the attempt stands.
 
     Attributes:
@@ -90,7 +90,7 @@ class Request(msgspec.Struct, frozen=True):
 
 
 def build_request(
-    task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile
+    task: Task, past: Sequence[Round], now: AttemptPosition, config: AgentConfig, profile: Profile
 ) -> Request:
     """The request for the next reply.
 
@@ -118,7 +118,7 @@ def build_request(
 
 
 def _render(
-    task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile, cut: Cut
+    task: Task, past: Sequence[Round], now: AttemptPosition, config: AgentConfig, profile: Profile, cut: Cut
 ) -> tuple[Message, ...]:
     if config.prompt_format in COMPACT_FORMATS:
         return _render_compact(task, past, now, config, profile, cut)
@@ -143,7 +143,7 @@ def _render(
 
 
 def _render_compact(
-    task: Task, past: Sequence[Round], now: Now, config: AgentConfig, profile: Profile, cut: Cut
+    task: Task, past: Sequence[Round], now: AttemptPosition, config: AgentConfig, profile: Profile, cut: Cut
 ) -> tuple[Message, ...]:
     """As the full formats, but in single words: the picture first, the task in the last message."""
     rounds = min(config.rounds, len(past)) - cut.rounds
@@ -159,14 +159,14 @@ def _render_compact(
     if config.prompt_format in WITH_MEMORY:
         lines.append(f"memory {memory_line(dict(list(now.memory.items())[cut.entries :]))}".rstrip())
         lines.append(f"progress {progress_line(now.progress)}".rstrip())
-    lines.append(_last_line(past[-1] if past else None, now.observation, screen))
+    lines.append(_last_line(past[-1] if past else None, screen))
     lines += [f"note {kind}" for kind in _compact_notices(now.observation)]
     lines.append(f"step {now.index + 1} of {now.budget}")
     shown_now = (_picture(now.observation, config, profile), TextPart("\n".join(lines)))
     return (*messages, Message("user", shown_now))
 
 
-def _last_line(before: Round | None, observation: Observation, screen: Size) -> str:
+def _last_line(before: Round | None, screen: Size) -> str:
     match before.parsed if before else None:
         case None:
             return "last nothing"
@@ -174,8 +174,8 @@ def _last_line(before: Round | None, observation: Observation, screen: Size) -> 
             return "last unreadable"
         case ParsedReply(action=action):
             assert before is not None
-            changed = before.step.observation.screenshot != observation.screenshot
-            return f"last {action_line(action, screen)} {'changed' if changed else 'unchanged'}"
+            effect = "changed" if before.step.changed else "unchanged"
+            return f"last {action_line(action, screen)} {effect}"
 
 
 def _compact_notices(observation: Observation) -> list[str]:
@@ -205,7 +205,7 @@ def _user(text: str, picture: ImageRef | None) -> Message:
 
 
 def _opening(
-    task: Task, older: Sequence[Round], now: Now, config: AgentConfig, screen: Size, cut: Cut
+    task: Task, older: Sequence[Round], now: AttemptPosition, config: AgentConfig, screen: Size, cut: Cut
 ) -> str:
     parts = [f"Task: {task.instruction}", f"It starts on: {task.website}"]
     if task.files and config.actions == "extended":

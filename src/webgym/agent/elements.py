@@ -11,7 +11,7 @@ from webgym.core.observation import Element, Observation
 from webgym.core.text import fold, says
 from webgym.core.truth import Click
 
-TEXT_ROLES: Final = frozenset({"textbox", "searchbox", "combobox", "spinbutton", "textarea"})
+TEXT_ROLES: Final = frozenset({"textbox", "searchbox", "combobox", "spinbutton", "textarea", "slider"})
 LIST_ROLES: Final = frozenset({"combobox", "listbox"})
 
 _SLIVER_PX: Final = 8

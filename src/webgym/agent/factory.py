@@ -40,4 +40,4 @@ def create_policy(
                 raise ConfigError("the openai policy does not know its endpoint", hint=hint)
             return OpenAIPolicy(chat, profile)
         case _:
-            raise ConfigError(f"there is no policy {name!r}", hint=f"choose one of {', '.join(POLICY_NAMES)}")
+            raise ConfigError(f"unknown policy {name!r}", hint=f"choose one of {', '.join(POLICY_NAMES)}")

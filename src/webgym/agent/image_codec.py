@@ -23,7 +23,7 @@ def media_type(data: bytes) -> str:
             return found
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         return "image/webp"
-    raise ProtocolError("a screenshot is no PNG, JPEG or WebP picture", hint="is the server up to date?")
+    raise ProtocolError("a screenshot is not a PNG, JPEG or WebP image", hint="is the server up to date?")
 
 
 def fit(data: bytes, size: Size) -> bytes:
@@ -43,5 +43,5 @@ def fit(data: bytes, size: Size) -> bytes:
             picture.convert("RGB").resize(size, Image.Resampling.BICUBIC).save(out, "PNG", compress_level=1)
     except (UnidentifiedImageError, OSError) as error:
         hint = "is the server up to date?"
-        raise ProtocolError("a screenshot is no picture that can be read", hint=hint) from error
+        raise ProtocolError("a screenshot cannot be read as an image", hint=hint) from error
     return out.getvalue()

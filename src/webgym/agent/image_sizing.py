@@ -27,7 +27,7 @@ class PictureRule(Protocol):
         ...
 
 
-class AsTaken(msgspec.Struct, frozen=True, kw_only=True):
+class Unscaled(msgspec.Struct, frozen=True, kw_only=True):
     """A picture is sent as it is, and costs a token per square.
 
     Attributes:
@@ -45,7 +45,7 @@ class AsTaken(msgspec.Struct, frozen=True, kw_only=True):
         return math.ceil(size[0] / self.square) * math.ceil(size[1] / self.square)
 
 
-class Multiples(msgspec.Struct, frozen=True, kw_only=True):
+class MultipleOf(msgspec.Struct, frozen=True, kw_only=True):
     """Both sides become multiples of a factor, the shape nearly stays, the area is kept between two bounds.
 
     This is what the Qwen-VL processors do (``smart_resize`` in their configuration files' terms): patches
@@ -78,7 +78,7 @@ class Multiples(msgspec.Struct, frozen=True, kw_only=True):
         return (width // self.factor) * (height // self.factor) + 2
 
 
-class Tiles(msgspec.Struct, frozen=True, kw_only=True):
+class TiledScaling(msgspec.Struct, frozen=True, kw_only=True):
     """A picture is scaled down into a box and to a shortest side, then cut into tiles.
 
     The rule of GPT-4o, GPT-4.1 and GPT-5 at ``detail: high``, after OpenAI's guide to images.

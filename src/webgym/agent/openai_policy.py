@@ -61,9 +61,9 @@ class OpenAIPolicy:
         return self._client.config.model
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """What holds its requests up at this moment; empty for nothing."""
-        return self._client.trouble
+        return self._client.problem
 
     def begin(self, task: Task, seed: int) -> OpenAIPolicy:  # noqa: ARG002
         """Itself: nothing is kept from turn to turn, and an endpoint draws its own random numbers."""

@@ -10,7 +10,7 @@ text does not spell out. It is linear in the length of the reply. Its rules:
    ignored, unless it holds another.
 3. Between the two stands one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and
    an object as ``arguments``. No key stands twice; NaN and infinity are no JSON.
-4. The arguments are read by :mod:`webgym.agent.wire`.
+4. The arguments are read by :mod:`webgym.agent.computer_use`.
    The compact formats have a line in their place (:mod:`webgym.agent.compact`); the rest holds for them too.
 5. The sections before the call (Memory, Progress, Intention, Action) never spoil a good call: one that
    is missing or unreadable is ``None`` or empty.
@@ -25,10 +25,10 @@ from typing import Any, NoReturn
 import msgspec
 
 from webgym.agent.compact import COMPACT_FORMATS, parse_compact
+from webgym.agent.computer_use import TOOL_NAME, ParseProblem, Refused, from_arguments
 from webgym.agent.config import WITH_MEMORY, PromptFormat
 from webgym.agent.image_sizing import Size
 from webgym.agent.profile import Thinking
-from webgym.agent.wire import TOOL_NAME, ParseProblem, Refused, from_arguments
 from webgym.core.action import GRID, Action, Mode, Space
 
 _THINK, _END_THINK = "<think>", "</think>"
@@ -197,7 +197,7 @@ def _read_json(text: str) -> Any:
 
 
 def _refuse_constant(name: str) -> NoReturn:
-    raise json.JSONDecodeError(f"{name} is no number", name, 0)
+    raise json.JSONDecodeError(f"{name} is not a number", name, 0)
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What a policy is: something that is shown a turn and replies.
+"""The interface of a policy: it is shown an input and replies.
 
 A policy serves many attempts at once; each attempt has a player of its own, which may remember what it
 did. A model behind an endpoint needs no memory of its own, because the request holds everything; a

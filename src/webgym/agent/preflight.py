@@ -1,4 +1,4 @@
-"""Before a run: does the policy reply at all, and in the format that it is asked for?
+"""A check before a run: does the policy reply at all, and in the requested format?
 
 A wrong key, model name, chat template or prompt format costs one request here; found out by the run, it costs
 browsers and hours, and ends in attempts without a reward.

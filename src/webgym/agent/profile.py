@@ -1,4 +1,4 @@
-"""What one family of models wants: how it looks, where it points, how it thinks, how it is sampled."""
+"""What a family of models needs: image sizes, coordinates, thinking tags, sampling parameters."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Final, Literal, TypeAlias
 
 import msgspec
 
-from webgym.agent.image_sizing import AsTaken, PictureRule, Size, within
+from webgym.agent.image_sizing import PictureRule, Size, Unscaled, within
 from webgym.core.action import GRID, Mode
 from webgym.llm.config import Sampling
 
@@ -43,7 +43,7 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
 
     name: str
     models: tuple[str, ...] = ()
-    pictures: PictureRule = AsTaken()
+    pictures: PictureRule = Unscaled()
     grid: Literal["thousand", "pixels"] = "thousand"
     mode: Mode = "coordinates"
     thinking: Thinking = "tagged"

@@ -1,4 +1,4 @@
-"""The words that a model reads before it acts, and the shape of what it writes (paper §5, appendix E).
+"""The system prompts, and the format of the replies that they ask for (paper §5, appendix E).
 
 Two prompt formats, each in two modes. Wording and examples are ours; the tool's name, screen and
 arguments follow the computer-use convention of Qwen3-VL.
@@ -12,9 +12,9 @@ from collections.abc import Mapping
 from typing import Any, get_args
 
 from webgym.agent.compact import COMPACT_FORMATS, render_compact
+from webgym.agent.computer_use import TOOL_NAME, keys_of, to_arguments
 from webgym.agent.config import WITH_MEMORY, AgentConfig, PromptFormat
 from webgym.agent.image_sizing import Size
-from webgym.agent.wire import TOOL_NAME, keys_of, to_arguments
 from webgym.core.action import (
     DIRECTIONS,
     GRID,

@@ -1,4 +1,4 @@
-"""A policy that does anything: the floor that every other policy must beat, and a tireless tester."""
+"""A policy of random actions: the baseline that every other policy must beat, and a stress test."""
 
 from __future__ import annotations
 

@@ -13,15 +13,15 @@ from pathlib import Path
 
 from webgym.browser import BrowserConfig, Egress, ProfileRoot
 from webgym.browser.cdp import CommandFailed, Session
+from webgym.browser.cdp_messages import BrowserContext, CdpMessage, CreatedTarget, EmptyReply, Screenshot
 from webgym.browser.process import BrowserProcess, launch_sandboxed
-from webgym.browser.wire import BrowserContext, CreatedTarget, Nothing, Screenshot, Wire
 
 PAUSE_SECONDS = 0.05
 _CALL_SECONDS = 60.0
 _WIDTH, _HEIGHT = 1280, 768
 
 
-class _Attached(Wire, frozen=True):
+class _Attached(CdpMessage, frozen=True):
     session_id: str
 
 
@@ -37,7 +37,7 @@ class BareTab:
     async def open(self, url: str) -> None:
         """Go to a page and wait for its load event."""
         loaded = asyncio.Event()
-        forget = self._session.on("Page.loadEventFired", Nothing, lambda _: loaded.set())
+        forget = self._session.on("Page.loadEventFired", EmptyReply, lambda _: loaded.set())
         await self._do("Page.navigate", url=url)
         await loaded.wait()
         forget()

@@ -17,7 +17,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response, StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from webgym.server.listening import Quiet
+from webgym.server.listening import QuietServer
 
 _BUTTON = "<button style='position:fixed;inset:0;width:100%;height:100%'>Go</button>"
 _CLICKED = _BUTTON + "<script>document.querySelector('button').onclick = () => {{ {} }}</script>"
@@ -132,7 +132,7 @@ async def serving_hostile_pages() -> AsyncIterator[str]:
         config = uvicorn.Config(
             hostile_site, lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1
         )
-        server = Quiet(config)
+        server = QuietServer(config)
         task = asyncio.create_task(server.serve(sockets=[listener]))
         try:
             yield f"http://127.0.0.1:{listener.getsockname()[1]}"

@@ -8,13 +8,13 @@ from typing import Literal
 
 import msgspec
 
+from webgym.browser.cdp_messages import History, HistoryEntry
+from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, strokes
 from webgym.browser.page import BLANK, Page, Returned
 from webgym.browser.pointer import Point, click, drag, held, press, scroll
 from webgym.browser.settle import settle
 from webgym.browser.upload import upload
-from webgym.browser.wire import History, HistoryEntry
-from webgym.browser.worlds import DocumentGone
 from webgym.core.action import (
     GRID,
     MAX_WAIT_SECONDS,
@@ -220,7 +220,9 @@ async def type_at(
             return
         case "keys" | "none" | "frame":
             if len(text) > config.typed_keys:
-                raise ActionFailed(f"this is no text field; it takes {config.typed_keys} key presses at most")
+                raise ActionFailed(
+                    f"this is not a text field; it takes {config.typed_keys} key presses at most"
+                )
             await _write(page, text)
         case "text" if text:
             if not replace:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast
 
 import msgspec
 
-from webgym.browser.wire import Nothing
+from webgym.browser.cdp_messages import EmptyReply
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout
 
 log = logging.getLogger(__name__)
@@ -275,7 +275,7 @@ class Session:
 
     async def do(self, method: str, params: dict[str, Any] | None = None, *, seconds: float) -> None:
         """A command whose reply says nothing."""
-        await self.call(method, params, reply=Nothing, seconds=seconds)
+        await self.call(method, params, reply=EmptyReply, seconds=seconds)
 
     def send(self, method: str, params: dict[str, Any] | None = None) -> None:
         """See :meth:`Connection.send`."""

@@ -53,7 +53,7 @@ class Cookie(msgspec.Struct, frozen=True, omit_defaults=True):
     def __post_init__(self) -> None:
         for part, pattern in _COOKIE.items():
             if not pattern.fullmatch(getattr(self, part)):
-                raise ValueError(f"this is no {part} of a cookie: {getattr(self, part)[:_SAID_LENGTH]!r}")
+                raise ValueError(f"invalid {part} of a cookie: {getattr(self, part)[:_SAID_LENGTH]!r}")
         if (
             len((self.name + self.value).encode()) > _COOKIE_BYTES
             or len(quote(self.path)) > _COOKIE_PATH_BYTES
@@ -96,14 +96,14 @@ class BrowserConfig(Settings):
     """How a slot's browser is started, how long it may take, and when it is replaced."""
 
     executable: Path | None = None
-    """The Chromium to run; ``None`` looks for one."""
+    """The Chromium to run; by default the first that is found."""
 
     egress: EgressConfig = Field(default_factory=EgressConfig)
     """What pages may connect to."""
 
     sandbox: SandboxSetting = "auto"
-    """``auto``: on wherever the machine allows it, off with a warning elsewhere (always as root, where
-    Chromium refuses to run with it). ``on``: a browser that cannot have it does not start."""
+    """Chromium's sandbox. ``auto``: on where the machine allows it, off with a warning elsewhere (always as
+    root, where Chromium refuses to run with it). ``on``: a browser that cannot have it does not start."""
 
     temporary_root: Path | None = None
     """Where profiles live; ``None`` is the system's temporary folder."""
@@ -290,8 +290,10 @@ class BrowserConfig(Settings):
     more does not stop there."""
 
     cgroup: Path | None = None
-    """A cgroup (version 2) that we may divide: every browser gets one of its own in it, of twice
-    ``slot_bytes`` and of ``slot_tasks``. It must hold no process itself."""
+    """A cgroup (version 2) to divide: each browser gets a child of it that limits its memory and processes.
+
+    The limits are twice ``slot_bytes``, and ``slot_tasks``. The cgroup itself must hold no process.
+    """
 
     slot_tasks: int = Field(default=1024, gt=0)
     """Most processes and threads of a browser that has a cgroup. A busy one has 200."""

@@ -1,5 +1,8 @@
-"""Did an action do anything? A page does not say so when it did not, and the picture of one that moves by
-itself is another all the same."""
+"""Whether an action had any effect.
+
+A page does not report that it had none, and the screenshot of a page that moves by itself
+differs in any case.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ Effect: TypeAlias = Literal["some", "none", "unseen"]
 """``unseen``: there is something whose changes only a picture shows."""
 
 
-class Trace:
+class EffectCheck:
     """Tells the agent of a click or a scroll that has no effect.
 
     An effect is a change of the document that it did not show by itself before, another focus or selection, a

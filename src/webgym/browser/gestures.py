@@ -1,4 +1,4 @@
-"""What a hand can do beside the agent's actions: low-level gestures, for programs that drive a
+"""Low-level mouse and keyboard gestures beyond the agent's actions, for programs that drive a
 browser themselves and for the compatibility layer.
 
 Places are targets as actions have them: a point of the 0-1000 grid, or the number of an element. An

@@ -48,7 +48,7 @@ class Browser(Protocol):
         """End this renderer, or the whole browser."""
 
 
-class Size(msgspec.Struct):
+class MemoryUse(msgspec.Struct):
     """Of one browser, bytes.
 
     Attributes:
@@ -77,9 +77,9 @@ class Census:
         self._group_of: dict[int, int] = {}
         self._types: dict[int, bytes] = {}
 
-    def sizes(self, groups: Iterable[int]) -> dict[int, Size]:
+    def sizes(self, groups: Iterable[int]) -> dict[int, MemoryUse]:
         """How large the processes of these groups are. Blocks for some milliseconds."""
-        found = {group: Size() for group in groups}
+        found = {group: MemoryUse() for group in groups}
         living = {int(name) for name in os.listdir(_PROC) if name.isdigit()}  # noqa: PTH208 - names alone
         for pid in self._group_of.keys() - living:
             del self._group_of[pid]
@@ -197,7 +197,7 @@ class MemoryWatch:
             why = f"the machine had only {available // MIB} MiB of memory left, and it took the most"
             self._relieve(everyone[pid], size, why)
 
-    def _relieve(self, browser: Browser, size: Size, why: str) -> None:
+    def _relieve(self, browser: Browser, size: MemoryUse, why: str) -> None:
         self.relieved += 1
         log.warning("browser %d, %d MiB: %s", browser.pid, size.total // MIB, why)
         # A renderer that holds the smaller part would not help.

@@ -6,20 +6,17 @@ import asyncio
 import hashlib
 import time
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, TypeVar
+from typing import NamedTuple, TypeVar
 
 import msgspec
 
 from webgym.browser.cdp import CommandFailed
+from webgym.browser.cdp_messages import Screenshot
+from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
 from webgym.browser.settle import settle
-from webgym.browser.wire import Screenshot
-from webgym.browser.worlds import DocumentGone
 from webgym.core.errors import BrowserTimeout
 from webgym.core.observation import Element, Notice, Observation
-
-if TYPE_CHECKING:
-    from webgym.browser.early import Early
 
 T = TypeVar("T")
 
@@ -96,25 +93,35 @@ class Seen(msgspec.Struct, frozen=True):
         return (Notice("shortened", named),) if named else ()
 
 
+class Early(NamedTuple):
+    """What was found while the page was still waited for.
+
+    Attributes:
+        seen: what the document says of itself.
+        picture: returns the screenshot that shows it.
+    """
+
+    seen: Seen
+    picture: Callable[[], Awaitable[bytes]]
+
+
 async def look(page: Page, settled: str, milliseconds: dict[str, float], early: Early | None = None) -> Look:
     """Look at the page as it is now.
 
     Args:
         settled: why the wait for it ended.
         milliseconds: wall time of the operations so far; completed here.
-        early: what was pictured during the wait.
+        early: a screenshot taken during the wait that still shows the page as it is, if there is one.
 
     Raises:
         BrowserTimeout: no picture within the deadline.
     """
     page.popups.close_blank()
     start = time.perf_counter()
-    seen = early.seen if early is not None and early.is_good else None
-    pictured = early.picture if early is not None and seen is not None else lambda: capture_marked(page)
-    seen = seen or await ask(page, **wanted_of(page))
+    seen = early.seen if early else await ask(page, **wanted_of(page))
     page.points = {element.number: _middle(element.box) for element in seen.elements or ()}
     between = time.perf_counter()
-    image = await pictured()
+    image = await (early.picture() if early else capture_marked(page))
     end = time.perf_counter()
     name = hashlib.sha256(image).hexdigest()
     page.pictured(name)

@@ -1,4 +1,4 @@
-"""The one tab of an episode, and everything that happens to it."""
+"""The tab of an episode: its documents, navigations, dialogs and notices."""
 
 from __future__ import annotations
 
@@ -14,28 +14,28 @@ from urllib.parse import urldefrag
 import msgspec
 
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
-from webgym.browser.config import BrowserConfig, PageOptions
-from webgym.browser.egress import Egress
-from webgym.browser.popups import Popups
-from webgym.browser.timers import Idlers, Timers
-from webgym.browser.traffic import Traffic
-from webgym.browser.wire import (
+from webgym.browser.cdp_messages import (
     DialogOpening,
     DownloadWillBegin,
+    EmptyReply,
     FileChooser,
     FrameNavigated,
     Navigated,
     NavigatedWithinDocument,
     NavigationStarted,
-    Nothing,
     RequestedNavigation,
     RequestFailed,
     RequestPaused,
     ResponseReceived,
     ScheduledNavigation,
 )
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress import Egress
+from webgym.browser.isolated_worlds import DocumentGone, Worlds
+from webgym.browser.popups import Popups
+from webgym.browser.timers import IdleTimers, Timers
+from webgym.browser.traffic import Traffic
 from webgym.browser.workers import AUTO_ATTACH, Workers
-from webgym.browser.worlds import DocumentGone, Worlds
 from webgym.core.errors import BrowserTimeout, EgressRefused, NavigationFailed
 from webgym.core.observation import Notice, NoticeKind
 
@@ -118,7 +118,7 @@ class Page:
         self.timers = timers
         self.timers_set = 0
         """Timers that the document had set when it was last seen quiet."""
-        self.idlers = Idlers()
+        self.idlers = IdleTimers()
         """Timers that were waited for and brought nothing to see."""
         self.acted = time.monotonic()
         """When the last action began, seconds of ``time.monotonic()``."""
@@ -153,7 +153,7 @@ class Page:
         """What asks for files, while an action waits for that."""
         self.worlds = Worlds(session, target_id, config)
         self.popups = Popups(self)
-        self.workers = Workers(self)
+        self.workers = Workers(session, self.traffic, config)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
         session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_wanted)
         session.on("Page.frameRequestedNavigation", RequestedNavigation, self._on_wanted)
@@ -162,11 +162,11 @@ class Page:
         session.on("Page.javascriptDialogOpening", DialogOpening, self._on_dialog)
         session.on("Page.downloadWillBegin", DownloadWillBegin, self._on_download)
         session.on("Page.fileChooserOpened", FileChooser, self._on_file_chooser)
-        session.on("Network.requestWillBeSent", Nothing, self._on_asked)
-        session.on("Network.webSocketFrameSent", Nothing, self._on_asked)
+        session.on("Network.requestWillBeSent", EmptyReply, self._on_asked)
+        session.on("Network.webSocketFrameSent", EmptyReply, self._on_asked)
         session.on("Network.responseReceived", ResponseReceived, self._on_response)
         session.on("Network.loadingFailed", RequestFailed, self._on_request_failed)
-        session.on("Inspector.targetCrashed", Nothing, self._on_crashed)
+        session.on("Inspector.targetCrashed", EmptyReply, self._on_crashed)
         self._ended = asyncio.Event()
         """Set while there is no renderer: nothing can be waited for."""
         self._forget_browser = session.connection.when_lost(self._on_ended)
@@ -446,7 +446,7 @@ class Page:
         if event.frame_id == self.target_id:
             self.url = event.url
 
-    def _on_asked(self, _: Nothing) -> None:
+    def _on_asked(self, _: EmptyReply) -> None:
         self.requests += 1
 
     def _on_response(self, event: ResponseReceived) -> None:
@@ -493,7 +493,7 @@ class Page:
             how = "upload chooses one of the task's" if self.files else "files cannot be uploaded"
             self.note("action_failed", f"the page asked for a file; {how}")
 
-    def _on_crashed(self, _: Nothing) -> None:
+    def _on_crashed(self, _: EmptyReply) -> None:
         self.session.crashed = TargetGone("the page crashed")
         self.worlds.forget()
         self._on_ended()

@@ -12,10 +12,10 @@ from typing import Any, Literal, TypeAlias
 
 import msgspec
 
+from webgym.browser.cdp_messages import CdpMessage, EmptyReply
 from webgym.browser.chords import chord, keys_of, modifier_bits
+from webgym.browser.isolated_worlds import DocumentGone
 from webgym.browser.page import Page
-from webgym.browser.wire import Nothing, Wire
-from webgym.browser.worlds import DocumentGone
 from webgym.core.action import Modifier, Side
 from webgym.core.errors import ActionFailed
 
@@ -52,7 +52,7 @@ class _List(msgspec.Struct, frozen=True):
     wheel: Wheel | None = None
 
 
-class _DragIntercepted(Wire, frozen=True):
+class _DragIntercepted(CdpMessage, frozen=True):
     data: dict[str, Any]
 
 
@@ -60,7 +60,7 @@ async def mouse(page: Page, kind: str, point: Point, **more: Any) -> None:
     """One mouse event of the protocol, until the page has taken it."""
     params = {"type": kind, "x": point[0], "y": point[1], **more}
     await page.session.call(
-        "Input.dispatchMouseEvent", params, reply=Nothing, seconds=page.config.execute_seconds
+        "Input.dispatchMouseEvent", params, reply=EmptyReply, seconds=page.config.execute_seconds
     )
 
 

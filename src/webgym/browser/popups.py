@@ -11,23 +11,42 @@ import base64
 import contextlib
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
-from webgym.browser.wire import AttachedToTarget, Request, RequestPaused, WindowOpen
+from webgym.browser.cdp import Session
+from webgym.browser.cdp_messages import AttachedToTarget, Request, RequestPaused, WindowOpen
+from webgym.browser.config import BrowserConfig
+from webgym.browser.traffic import Traffic
 from webgym.core.errors import BrowserError, NavigationFailed
-
-if TYPE_CHECKING:
-    from webgym.browser.page import Page
+from webgym.core.observation import NoticeKind
 
 _SAID_LENGTH = 300
 _REQUESTED = frozenset({"http", "https", "about"})
 """Schemes of windows that ask for a document, at once or when their page says what for."""
 
 
+class Opener(Protocol):
+    """The page that opens windows, as far as :class:`Popups` needs it: :class:`webgym.browser.page.Page`."""
+
+    session: Session
+    target_id: str
+    config: BrowserConfig
+    traffic: Traffic
+    is_closed: bool
+
+    def note(self, kind: NoticeKind, text: str) -> None:
+        """Tell the agent of something with the next observation."""
+        ...
+
+    async def navigate(self, url: str, referrer: str = "") -> None:
+        """Open a URL."""
+        ...
+
+
 class Popups:
     """The windows that one page opens."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page: Opener) -> None:
         self._page = page
         self._open: dict[str, str] = {}
         """Session by target, of windows that have not yet said where they go."""

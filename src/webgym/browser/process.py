@@ -14,13 +14,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from webgym.browser.cdp import CommandFailed, Connection
+from webgym.browser.cdp_messages import Version
 from webgym.browser.cgroups import Cgroup, new_cgroup
 from webgym.browser.config import BrowserConfig
-from webgym.browser.egress import Door
+from webgym.browser.egress import ProxyListener
 from webgym.browser.memory import bound
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState, examined, is_to_blame, planned_sandbox, remedy
-from webgym.browser.wire import Version
 from webgym.core.errors import (
     BrowserCrashed,
     BrowserError,
@@ -288,9 +288,9 @@ def _tail(profile: Path) -> str:
     return " | ".join(reasons[-_LOG_LINES:] or lines[-_LOG_LINES:])
 
 
-def _arguments(executable: Path, profile: Path, sandbox: SandboxState, door: Door) -> list[str]:
+def _arguments(executable: Path, profile: Path, sandbox: SandboxState, listener: ProxyListener) -> list[str]:
     folder = f"--user-data-dir={profile}{os.sep}profile"
-    arguments = [str(executable), *_FLAGS, *door.browser_flags, folder]
+    arguments = [str(executable), *_FLAGS, *listener.browser_flags, folder]
     if not sandbox.on:
         arguments.append("--no-sandbox")
     return arguments
@@ -359,7 +359,7 @@ async def _new_profile(root: ProfileRoot) -> Path:
 
 
 async def _started(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, door: Door
+    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, listener: ProxyListener
 ) -> tuple[BrowserProcess, socket.socket]:
     """A browser and our end of its pipe, or nothing at all of it."""
     profile = await _new_profile(root)
@@ -371,7 +371,7 @@ async def _started(
             undo.callback(ours.close)
             ours.setblocking(False)
             with theirs:
-                arguments = _arguments(executable, profile, sandbox, door)
+                arguments = _arguments(executable, profile, sandbox, listener)
                 pid = _spawn(cgroup.command(arguments) if cgroup else arguments, theirs, profile)
             process = BrowserProcess(pid, Connection(), profile, root, config.kill_seconds, cgroup)
         except OSError as error:
@@ -391,14 +391,14 @@ async def _started(
 
 
 async def launch(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, door: Door
+    config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, listener: ProxyListener
 ) -> BrowserProcess:
-    """Start a browser that reaches the network through ``door`` alone, and wait for its first answer.
+    """Start a browser that reaches the network through ``listener`` alone, and wait for its first answer.
 
     Raises:
         BrowserLaunchFailed: it cannot be started, ended at once, or did not answer in time.
     """
-    process, ours = await _started(config, executable, root, sandbox, door)
+    process, ours = await _started(config, executable, root, sandbox, listener)
     connection = process.connection
     try:
         await asyncio.get_running_loop().create_unix_connection(lambda: connection, sock=ours)
@@ -422,7 +422,7 @@ async def launch_sandboxed(
     executable: Path,
     root: ProfileRoot,
     sandbox: SandboxState | None,
-    door: Door,
+    listener: ProxyListener,
 ) -> tuple[BrowserProcess, SandboxState]:
     """Start a browser with its sandbox if that can be had; what was found out is said in the log.
 
@@ -434,9 +434,9 @@ async def launch_sandboxed(
     """
     state = sandbox or planned_sandbox(config)
     if sandbox is not None or not state.on:
-        process = await launch(config, executable, root, state, door)
+        process = await launch(config, executable, root, state, listener)
     else:
-        process, state = await _launch_first(config, executable, root, door)
+        process, state = await _launch_first(config, executable, root, listener)
     if sandbox is None and not state.on:
         fix = "" if config.sandbox == "off" else f"; to fix it: {remedy()}"
         log.warning("Chromium runs WITHOUT its sandbox: %s%s", state.reason, fix)
@@ -444,11 +444,11 @@ async def launch_sandboxed(
 
 
 async def _launch_first(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, door: Door
+    config: BrowserConfig, executable: Path, root: ProfileRoot, listener: ProxyListener
 ) -> tuple[BrowserProcess, SandboxState]:
     """Start a browser with its sandbox, or without it if that is the only way and allowed."""
     try:
-        return await _launch_examined(config, executable, root, SandboxState(True), door)
+        return await _launch_examined(config, executable, root, SandboxState(True), listener)
     except BrowserLaunchFailed as error:
         if not is_to_blame(error.message):
             raise
@@ -458,15 +458,15 @@ async def _launch_first(
             ) from error
         log.info("%s", error.message)
     state = SandboxState(False, "this machine does not let Chromium build it")
-    process, _ = await _launch_examined(config, executable, root, state, door)
+    process, _ = await _launch_examined(config, executable, root, state, listener)
     return process, state
 
 
 async def _launch_examined(
-    config: BrowserConfig, executable: Path, root: ProfileRoot, planned: SandboxState, door: Door
+    config: BrowserConfig, executable: Path, root: ProfileRoot, planned: SandboxState, listener: ProxyListener
 ) -> tuple[BrowserProcess, SandboxState]:
     """Start a browser, see that it renders, and whether its pages are contained."""
-    process = await launch(config, executable, root, planned, door)
+    process = await launch(config, executable, root, planned, listener)
     try:
         seen = await examined(process.connection, process.processes, config.open_seconds)
         if config.sandbox == "on" and not seen.on:

@@ -16,8 +16,8 @@ from pathlib import Path
 import msgspec
 
 from webgym.browser.cdp import Connection
+from webgym.browser.cdp_messages import Attached, BrowserContext, CreatedTarget, EmptyReply, TargetCrashed
 from webgym.browser.config import BrowserConfig
-from webgym.browser.wire import Attached, BrowserContext, CreatedTarget, Nothing, TargetCrashed
 from webgym.core.errors import BrowserCrashed, BrowserLaunchFailed
 
 _REFUSED = re.compile(
@@ -93,12 +93,12 @@ async def examined(
     # A renderer that has run a script has closed its sandbox.
     script = {"expression": "0"}
     await connection.call(
-        "Runtime.evaluate", script, reply=Nothing, seconds=seconds, session_id=page.session_id
+        "Runtime.evaluate", script, reply=EmptyReply, seconds=seconds, session_id=page.session_id
     )
     state = await asyncio.to_thread(_containment, processes)
     unsubscribe()
     connection.send("Target.setDiscoverTargets", {"discover": False})
-    await connection.call("Target.disposeBrowserContext", where, reply=Nothing, seconds=seconds)
+    await connection.call("Target.disposeBrowserContext", where, reply=EmptyReply, seconds=seconds)
     return state
 
 

@@ -16,9 +16,9 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
+from webgym.browser.isolated_worlds import DocumentActivity, DocumentGone
 from webgym.browser.page import Page
 from webgym.browser.timers import Timer
-from webgym.browser.worlds import DocumentGone, Still
 from webgym.core.errors import BrowserTimeout
 
 Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy", "deadline"]
@@ -107,11 +107,11 @@ class _Settling:
         self._last_fruit = 0.0
         """When a timer that was waited for last brought something."""
         self._known_timers: int | None = None
-        """Timers that the document had set when the books were last read."""
+        """Timers that the document had set when the trace was last read."""
         self._handles = 0
         """The same, our own included."""
         self._missed_at = -1
-        """Changes of the document when timers were known to be missing in the books."""
+        """Changes of the document when some timers were known to be missing from the trace."""
         self._waited_until = 0.0
         """Timers that were due before this have fired, or will not."""
         self._awaited: list[Timer] = []
@@ -166,7 +166,7 @@ class _Settling:
         if self._known_timers is None or seen.reason == "busy":
             return True
         try:
-            still = await self._page.run("still", reply=Still)
+            still = await self._page.run("still", reply=DocumentActivity)
         except DocumentGone:
             return False
         return still.changes == seen.changes and self._page.traffic.is_idle(self._patience)
@@ -260,7 +260,7 @@ class _Settling:
         self._known_timers, self._handles = seen.timers, seen.handles
 
     def _has_set_timers(self, seen: _Quiet) -> bool:
-        """Whether the page may have set timers since the books were read, or since the action."""
+        """Whether the page may have set timers since the trace was read, or since the action."""
         if self._known_timers is not None:
             return seen.timers != self._known_timers
         if self._has_loaded:

@@ -16,11 +16,18 @@ from typing import TypeVar
 
 from webgym.browser.actions import is_led_on
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
+from webgym.browser.cdp_messages import (
+    AttachedToTarget,
+    BrowserContext,
+    CreatedTarget,
+    DetachedFromTarget,
+    EmptyReply,
+)
 from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
-from webgym.browser.early import Early
-from webgym.browser.effect import Trace
-from webgym.browser.egress import Door, Egress
+from webgym.browser.early_screenshot import EarlyScreenshot
+from webgym.browser.effect import EffectCheck
+from webgym.browser.egress import Egress, ProxyListener
 from webgym.browser.gestures import AnyAction, attempt
 from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page
@@ -30,13 +37,6 @@ from webgym.browser.sandbox import SandboxState
 from webgym.browser.settle import settle_timed
 from webgym.browser.timers import Timers
 from webgym.browser.upload import lay_out
-from webgym.browser.wire import (
-    AttachedToTarget,
-    BrowserContext,
-    CreatedTarget,
-    DetachedFromTarget,
-    Nothing,
-)
 from webgym.core.action import GoBack, Navigate
 from webgym.core.errors import (
     BrowserCrashed,
@@ -77,7 +77,7 @@ class Slot:
         self._executable = executable
         self._profiles = profiles
         self._egress = egress
-        self._door: Door | None = None
+        self._listener: ProxyListener | None = None
         self._process: BrowserProcess | None = None
         self._context = ""
         self._page: Page | None = None
@@ -184,10 +184,10 @@ class Slot:
             BrowserLaunchFailed: it does not come up.
         """
         await self.stop()
-        self._door = await self._egress.open_door()
+        self._listener = await self._egress.open_listener()
         try:
             self._process, self.sandbox = await launch_sandboxed(
-                self.config, self._executable, self._profiles, self.sandbox, self._door
+                self.config, self._executable, self._profiles, self.sandbox, self._listener
             )
         except BaseException:
             await self.stop()
@@ -201,7 +201,7 @@ class Slot:
         attach = {"autoAttach": True, "waitForDebuggerOnStart": True, "flatten": True, "filter": _PAGES_ONLY}
         try:
             await connection.call(
-                "Target.setAutoAttach", attach, reply=Nothing, seconds=self.config.launch_seconds
+                "Target.setAutoAttach", attach, reply=EmptyReply, seconds=self.config.launch_seconds
             )
         except BaseException:
             await self.stop()
@@ -217,9 +217,9 @@ class Slot:
             await page.close()
         if process is not None:
             await process.kill()
-        door, self._door = self._door, None
-        if door is not None:
-            await door.close()
+        listener, self._listener = self._listener, None
+        if listener is not None:
+            await listener.close()
 
     def _on_attached(self, attached: AttachedToTarget) -> None:
         wanted = self._attached
@@ -276,8 +276,8 @@ class Slot:
         await self.warm()
         assert self._page is not None
         assert self._process is not None
-        assert self._door is not None
-        self._door.renew()
+        assert self._listener is not None
+        self._listener.renew()
         try:
             await self._page.begin(options)
             if options.files:
@@ -329,7 +329,7 @@ class Slot:
             await self._process.connection.call(
                 "Target.disposeBrowserContext",
                 {"browserContextId": self._context},
-                reply=Nothing,
+                reply=EmptyReply,
                 seconds=self.config.close_seconds,
             )
         except (BrowserTimeout, BrowserCrashed, CommandFailed):
@@ -345,7 +345,7 @@ class Slot:
         """
         await self._act(self._living_page(), action)
 
-    async def _act(self, page: Page, action: AnyAction, early: Early | None = None) -> None:
+    async def _act(self, page: Page, action: AnyAction, early: EarlyScreenshot | None = None) -> None:
         self._milliseconds = {}
         self._was_revived = False
         operation = "navigate" if isinstance(action, Navigate) else "execute"
@@ -354,7 +354,7 @@ class Slot:
         try:
             if page.is_crashed:
                 await self._bring_back(page)
-            trace = Trace(page, action)
+            trace = EffectCheck(page, action)
             await trace.begin()
             await attempt(page, action)
             self._milliseconds[operation] = (time.perf_counter() - start) * 1000
@@ -403,11 +403,13 @@ class Slot:
         """
         return await self._observe(None)
 
-    async def _observe(self, early: Early | None) -> Look:
+    async def _observe(self, early: EarlyScreenshot | None) -> Look:
         page = self._living_page()
         milliseconds, self._milliseconds = self._milliseconds, {}
         try:
-            return await self._look_at(page, lambda: look(page, self._settled, milliseconds, early))
+            return await self._look_at(
+                page, lambda: look(page, self._settled, milliseconds, early.result if early else None)
+            )
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
 
@@ -430,10 +432,10 @@ class Slot:
         if action is None:
             return await self.observe()
         page = self._living_page()
-        early = Early(page)
+        early = EarlyScreenshot(page)
         try:
             await self._act(page, action, early)
-            if not early.is_good:
+            if early.result is None:
                 await early.drop()
                 if between is not None:
                     await between()

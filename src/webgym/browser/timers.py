@@ -1,4 +1,4 @@
-"""What a page has planned: the timers that it has set and that are not due yet.
+"""A page's pending timers: those that it has set and that are not due yet.
 
 No script of ours can see them without replacing the page's own functions, which pages look for. The
 browser's own trace names every timer that is set, fires or is removed, in all frames and workers, and the
@@ -17,8 +17,8 @@ from collections.abc import Iterable
 import msgspec
 
 from webgym.browser.cdp import Connection
+from webgym.browser.cdp_messages import CdpMessage
 from webgym.browser.config import BrowserConfig
-from webgym.browser.wire import Wire
 
 log = logging.getLogger(__name__)
 
@@ -61,7 +61,7 @@ class Timer(msgspec.Struct, frozen=True):
         return msgspec.structs.replace(self, due=self.due + times * self.delay)
 
 
-class _Call(Wire, frozen=True):
+class _Call(CdpMessage, frozen=True):
     url: str = ""
     script_id: str = ""
     line_number: int = 0
@@ -71,7 +71,7 @@ class _Call(Wire, frozen=True):
         return f"{self.url or self.script_id}:{self.line_number}:{self.column_number}"
 
 
-class _Data(Wire, frozen=True):
+class _Data(CdpMessage, frozen=True):
     timer_id: int = 0
     timeout: float = 0.0
     single_shot: bool = True
@@ -99,7 +99,7 @@ class _Collected(msgspec.Struct, frozen=True):
     value: tuple[_Event, ...]
 
 
-class _Complete(Wire, frozen=True):
+class _Complete(CdpMessage, frozen=True):
     data_loss_occurred: bool = False
 
 
@@ -107,7 +107,7 @@ _NAMES = frozenset({"TimerInstall", "TimerRemove", "TimerFire", "CommitLoad"})
 _read_args = msgspec.json.Decoder(_Args).decode
 
 
-class Idlers:
+class IdleTimers:
     """Timers that bring nothing to see, known by the code that sets them and by what was acted on. Neither
     the delay nor the line alone tells a search that waits for the next key from what counts clicks."""
 
@@ -178,7 +178,7 @@ class Timers:
         await self._end()
 
     async def read(self) -> float | None:
-        """Bring the books up to date. Where that takes too long they stay as they are.
+        """Read the trace and update the known timers. If that takes too long, they stay as they are.
 
         What happens while the trace is read, for some milliseconds, is not seen.
 
@@ -220,7 +220,7 @@ class Timers:
         found = (timer for timer in self._set.values() if timer.root >= since)
         return sorted(found, key=lambda timer: timer.due)
 
-    # --- the books ----------------------------------------------------------------------------------
+    # --- the records --------------------------------------------------------------------------------
 
     def _enter(self, events: list[_Event]) -> None:
         firing: dict[int, tuple[float, float]] = {}

@@ -11,8 +11,8 @@ from urllib.parse import urlsplit
 import msgspec
 
 from webgym.browser.cdp import Session
-from webgym.browser.config import BrowserConfig
-from webgym.browser.wire import (
+from webgym.browser.cdp_messages import (
+    CdpMessage,
     FrameEvent,
     FrameNavigated,
     PriorityChanged,
@@ -22,8 +22,8 @@ from webgym.browser.wire import (
     ResponseReceived,
     ScheduledNavigation,
     SocketCreated,
-    Wire,
 )
+from webgym.browser.config import BrowserConfig
 
 _NEVER_AWAITED = frozenset(
     {"Ping", "WebSocket", "Media", "Prefetch", "Preflight", "CSPViolationReport", "Manifest"}
@@ -45,7 +45,7 @@ poll."""
 _DIGITS = re.compile(r"\d+")
 
 
-class _DomContent(Wire, frozen=True):
+class _DomContent(CdpMessage, frozen=True):
     pass
 
 
@@ -74,7 +74,7 @@ class _InFlight(msgspec.Struct):
 
 
 class Traffic:
-    """Keeps the books of one tab's loading, from the browser's events.
+    """Tracks what one tab is loading, from the browser's events.
 
     What outlasts the time that is given to it is a long poll, a stream, or just too slow. The next request
     to the same address, or the next word on the same channel, is then not waited for at all, until one is
@@ -118,7 +118,7 @@ class Traffic:
         self.follow(session)
 
     def follow(self, session: Session) -> None:
-        """Keep the books of another target's requests too."""
+        """Track another target's requests too."""
         session.on("Network.requestWillBeSent", RequestWillBeSent, self._on_request)
         session.on("Network.responseReceived", ResponseReceived, self._on_response)
         session.on("Network.dataReceived", RequestDone, self._on_data)
@@ -131,7 +131,7 @@ class Traffic:
         for name in ("webSocketFrameReceived", "webSocketClosed"):
             session.on(f"Network.{name}", RequestDone, lambda socket: self.end(socket.request_id))
 
-    # --- the books ----------------------------------------------------------------------------------
+    # --- the records --------------------------------------------------------------------------------
 
     def begin(
         self,

@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from webgym.browser.cdp_messages import FileChooser
 from webgym.browser.page import Page
 from webgym.browser.pointer import Point, click
 from webgym.browser.settle import settle
-from webgym.browser.wire import FileChooser
 from webgym.core.errors import ActionFailed
 from webgym.core.task import Attachment
 

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import TYPE_CHECKING
 
 from webgym.browser.cdp import Session
-from webgym.browser.wire import AttachedToTarget, DetachedFromTarget
+from webgym.browser.cdp_messages import AttachedToTarget, DetachedFromTarget
+from webgym.browser.config import BrowserConfig
+from webgym.browser.traffic import Traffic
 from webgym.core.errors import BrowserError
-
-if TYPE_CHECKING:
-    from webgym.browser.page import Page
 
 AUTO_ATTACH = {
     "autoAttach": True,
@@ -28,14 +26,22 @@ AUTO_ATTACH = {
 
 
 class Workers:
-    """The workers of one page. Attaches to each before it runs."""
+    """The workers of one page. Attaches to each before it runs.
 
-    def __init__(self, page: Page) -> None:
-        self._page = page
+    Args:
+        session: the page's.
+        traffic: is told what the workers load.
+        config: deadlines.
+    """
+
+    def __init__(self, session: Session, traffic: Traffic, config: BrowserConfig) -> None:
+        self._session = session
+        self._traffic = traffic
+        self._config = config
         self._sessions: dict[str, Session] = {}
         self._asked: dict[str, asyncio.Task[None]] = {}
-        page.session.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
-        page.session.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
+        session.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
+        session.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
 
     def __len__(self) -> int:
         return len(self._sessions)
@@ -48,15 +54,15 @@ class Workers:
                 self._asked[session_id] = task
 
     async def _ask(self, session: Session) -> None:
-        page, key = self._page, f"worker {session.id}"
-        page.traffic.begin(key, page.config.minor_seconds, endpoint=key)
+        key = f"worker {session.id}"
+        self._traffic.begin(key, self._config.minor_seconds, endpoint=key)
         try:
             # A worker that blocks its own thread for good is known as one that does not answer.
             with contextlib.suppress(BrowserError):
-                await session.do("Runtime.evaluate", {"expression": "0"}, seconds=page.config.settle_seconds)
+                await session.do("Runtime.evaluate", {"expression": "0"}, seconds=self._config.settle_seconds)
         finally:
             self._asked.pop(session.id, None)
-            page.traffic.end(key)
+            self._traffic.end(key)
 
     async def close(self) -> None:
         """Stop asking."""
@@ -65,9 +71,9 @@ class Workers:
         await asyncio.gather(*self._asked.values(), return_exceptions=True)
 
     def _on_attached(self, attached: AttachedToTarget) -> None:
-        session = Session(self._page.session.connection, attached.session_id)
+        session = Session(self._session.connection, attached.session_id)
         self._sessions[session.id] = session
-        self._page.traffic.follow(session)
+        self._traffic.follow(session)
         session.send("Network.enable", {"maxTotalBufferSize": 0, "maxResourceBufferSize": 0})
         session.send("Runtime.runIfWaitingForDebugger")
 

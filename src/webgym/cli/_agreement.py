@@ -90,8 +90,8 @@ def agreement_command(
     unsure: str = typer.Option(
         "failure", "--unsure", help="With --webjudge: what an unsure annotator counts, failure or left_out."
     ),
-    resamples: int = typer.Option(10_000, "--resamples", min=100, help="Of the bootstrap."),
-    seed: int = typer.Option(0, "--seed", help="Of the bootstrap."),
+    resamples: int = typer.Option(10_000, "--resamples", min=100, help="Number of bootstrap resamples."),
+    seed: int = typer.Option(0, "--seed", help="Seed of the bootstrap."),
     figure: list[Path] = typer.Option(
         [], "--figure", help="Draw it, .png, .svg or .pdf; may be given again.", show_default=False
     ),
@@ -106,9 +106,8 @@ def agreement_command(
     """
     from rich.console import Console
 
-    from webgym.cli._paper import latex
     from webgym.judge.agreement import agreement
-    from webgym.tables import markdown
+    from webgym.tables import latex, markdown
 
     if bool(webjudge) == (run is not None):
         raise UsageError("give either a run or --webjudge", hint="see webgym judge agreement --help")
@@ -151,7 +150,7 @@ def _config(no_verdict: str, resamples: int, seed: int) -> AgreementConfig:
 def _humans(name: str) -> Humans:
     known: dict[str, Humans] = {"majority": "majority", "first": "first", "unanimous": "unanimous"}
     if name not in known:
-        raise UsageError(f"--humans {name!r} is none of {', '.join(known)}")
+        raise UsageError(f"--humans {name!r} is not one of {', '.join(known)}")
     return known[name]
 
 
@@ -255,7 +254,7 @@ def _signed(value: float) -> str:
 
 def _parts(estimate: Estimate, write: Callable[[float], str]) -> tuple[str, str]:
     """A value and its interval; a dash for what is undefined."""
-    from webgym.cli._paper import DASH
+    from webgym.tables import DASH
 
     if estimate.value is None:
         return DASH, ""

@@ -8,12 +8,11 @@ from typing import Any, Final
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from webgym.cli._paper import DASH
 from webgym.core.text import plain
 from webgym.rollout.evaluation import GROUPS, Evaluation, Row
 from webgym.rollout.manifest import Manifest
 from webgym.rollout.rates import Interval
-from webgym.tables import Table
+from webgym.tables import DASH, Table
 
 _SHORT: Final = {
     "difficulty": "",
@@ -44,7 +43,7 @@ def conditions(found: Sequence[Evaluation]) -> Table:
     """For a paper: under which conditions each run was made, a column each."""
     columns = [dict(_conditions(one.manifest)) for one in found]
     rows = [(name, *(column[name] for column in columns)) for name in columns[0]]
-    return Table("Conditions", ("", *(one.run for one in found)), rows)
+    return Table("Conditions", ("", *(one.run for one in found)), rows, names=1 + len(found))
 
 
 def _conditions(of: Manifest) -> Iterator[tuple[str, str]]:

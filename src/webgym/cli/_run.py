@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import uvloop
-from pydantic import SecretStr, ValidationError
+from pydantic import SecretStr
 from rich.console import Console
 from rich.text import Text
 
@@ -25,8 +25,8 @@ from webgym.rollout.files import CONFIG
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
-from webgym.runs import RunConfig, Secrets
-from webgym.settings import first_problem, merged, read_settings, without_none
+from webgym.run_config import RunConfig, Secrets
+from webgym.settings import merged, read_files, validated, without_none
 
 T = TypeVar("T")
 
@@ -120,13 +120,7 @@ def secrets(server_token_file: Path | None = None) -> Secrets:
     )
 
 
-def policy_section(
-    held: Mapping[str, Any],
-    name: str | None,
-    mistakes: float | None,
-    base_url: str | None,
-    model: str | None,
-) -> dict[str, Any]:
+def policy_section(held: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
     """A run's section ``policy``: what a file says of it, with command line options laid over it.
 
     An endpoint or a model alone means the openai policy.
@@ -134,48 +128,38 @@ def policy_section(
     Raises:
         ConfigError: endpoint or model is missing, or there is an endpoint and no use for it.
     """
-    chat = {"base_url": base_url, "model": model}
-    name = name or ("openai" if base_url or model else None)
-    options = {"name": name, "mistakes": mistakes, "chat": chat}
-    section: dict[str, Any] = merged(held, without_none(options))
+    chat, name = given.get("chat"), given.get("name")
+    if chat and not name:
+        name = "openai"
+    section: dict[str, Any] = merged(held, {**given, "name": name} if name else given)
     if name == "openai" and not {"base_url", "model"} <= (section.get("chat") or {}).keys():
         raise ConfigError(
             "the openai policy needs an endpoint and a model", hint="give --base-url and --model"
         )
     if name not in (None, "openai"):
-        if base_url or model:
+        if chat:
             raise ConfigError(f"the {name} policy has no endpoint", hint="leave --base-url out, or --policy")
         section.pop("chat", None)
     return section
 
 
-def settings(
-    files: Sequence[Path],
-    overrides: Mapping[str, Any],
-    policy: tuple[str | None, float | None, str | None, str | None] = (None, None, None, None),
-) -> RunConfig:
+def settings(files: Sequence[Path], given: Mapping[str, Any]) -> RunConfig:
     """Settings from YAML files, each laid over those before it, and from options, laid over all of them.
 
     Args:
         files: in their order.
-        overrides: what options say, in the shape of the settings; ``None`` overrides nothing.
-        policy: what options say of it: name, share of mistakes, endpoint, model.
+        given: what options say, in the shape of the settings; ``None`` overrides nothing.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held: dict[str, Any] = {}
-    for path in files:
-        held = merged(held, read_settings(path, hint="see configs/ for examples"))
-    held = merged(held, without_none(overrides))
-    if any(each is not None for each in policy):
+    held, given = read_files(files, hint="see configs/ for examples"), without_none(given)
+    if "policy" in given:
         own = held.get("policy")
-        held["policy"] = policy_section(own if isinstance(own, Mapping) else {}, *policy)
-    try:
-        return RunConfig.model_validate(held)
-    except ValidationError as error:
-        told = ", ".join(map(str, files)) or "options"
-        raise ConfigError(f"{told}: {first_problem(error, RunConfig)}") from error
+        given["policy"] = policy_section(own if isinstance(own, Mapping) else {}, given["policy"])
+        held.pop("policy", None)
+    held = merged(held, given)
+    return validated(RunConfig, held, ", ".join(map(str, files)) or "options")
 
 
 def show_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManager[None]]:

@@ -8,7 +8,13 @@ import typer
 
 from webgym.core.errors import ConfigError
 
-app = typer.Typer(no_args_is_help=True, help="Measure this machine: figures of one run, as ratios.")
+HELP = """Measure this machine: figures of one run, as ratios.
+
+What measures this code and not the machine stays in the repository: python -m benchmarks.settle, .task_set
+and .reward.
+"""
+
+app = typer.Typer(no_args_is_help=True, help=HELP)
 
 
 @app.callback()
@@ -65,7 +71,7 @@ def server(
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     unknown = [part for part in only if part not in PARTS]
     if unknown:
-        raise ConfigError(f"there is no part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+        raise ConfigError(f"unknown part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
     plan = BenchPlan(
         sessions=sessions,
         rounds=rounds,
@@ -100,52 +106,6 @@ def server(
             shown = len(tables)
 
     uvloop.run(run())
-
-
-@app.command()
-def settle(
-    rounds: int = typer.Option(3, "--rounds", min=1, help="Times that each page meets each way of waiting."),
-    slots: int = typer.Option(4, "--slots", min=1, help="Browsers at once."),
-    seed: int = typer.Option(0, "--seed", help="Of the order and of each round's pace."),
-    page: list[str] = typer.Option(
-        [], "--page", help="A page or a group of pages. May be repeated.", show_default="all"
-    ),
-    way: list[str] = typer.Option([], "--way", help="A way of waiting. May be repeated.", show_default="all"),
-    browser: Path | None = typer.Option(None, "--browser", help="Chromium to run.", show_default="found"),
-    json: Path | None = typer.Option(None, "--json", help="Write every observation here."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
-) -> None:
-    """How often is an observation final, and how late? Ours against fixed pauses, load and network idle.
-
-    Starts its own pages; needs nothing else. About 25 minutes in full.
-    """
-    import logging
-
-    import uvloop
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from webgym.bench.settle import WAYS, SettleBench, as_json, chosen, misses, run, settle_tables
-    from webgym.tables import markdown, show
-
-    _expect_to_write(json)
-    logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
-    unknown = [one for one in way if one not in WAYS]
-    if unknown:
-        raise ConfigError(f"there is no way of waiting {unknown[0]!r}", hint=f"one of {', '.join(WAYS)}")
-    plan, pages, ways = SettleBench(rounds=rounds, seed=seed, slots=slots), chosen(page), way or list(WAYS)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        bar = progress.add_task("observations", total=rounds * len(pages) * len(ways))
-        trials = uvloop.run(run(plan, pages, ways, browser, lambda _: progress.advance(bar)))
-    if json is not None:
-        json.write_bytes(as_json(plan, trials))
-    tables = settle_tables(trials)
-    if as_markdown:
-        print(markdown(tables), end="")
-    else:
-        show(tables, Console())
-    for one in ways:
-        print(f"not always final with {one}: {', '.join(misses(trials, one)) or 'none'}")
 
 
 @app.command()
@@ -215,132 +175,6 @@ def soak(
 
 
 @app.command()
-def tasks(
-    only: list[str] = typer.Option(
-        [],
-        "--only",
-        help="load, load-parquet, split, sample, decompose, duplicates or pipeline. May be repeated.",
-        show_default="all",
-    ),
-    tasks: int = typer.Option(300_000, "--tasks", min=100, help="Tasks of the made-up set."),
-    websites: int = typer.Option(128_000, "--websites", min=50, help="Websites that they are on."),
-    rounds: int = typer.Option(3, "--rounds", min=1, help="Times that each stage runs."),
-    seed: int = typer.Option(0, "--seed", help="Of the set."),
-    json: Path | None = typer.Option(None, "--json", help="Write every run here."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
-) -> None:
-    """A task set of the paper's size: load, split, validate, sample, decompose, duplicates, all in a row.
-
-    Makes the set itself, in a temporary folder; needs nothing else. About four minutes in full. Exit code 1
-    if a goal was missed; the goals are for the usual size, on two cores.
-    """
-    import msgspec
-    from rich.console import Console
-
-    from webgym.bench.tasks import STAGES, TasksBench, measure, missed, tasks_tables
-    from webgym.bench.taskset import Shape
-    from webgym.tables import markdown, show
-
-    _expect_to_write(json)
-    unknown = [stage for stage in only if stage not in STAGES]
-    if unknown:
-        raise ConfigError(f"there is no stage {unknown[0]!r}", hint=f"one of {', '.join(STAGES)}")
-    if websites > tasks:
-        raise ConfigError(f"{tasks:,} tasks are on {tasks:,} websites at most", hint="give fewer --websites")
-    said = Console(stderr=True)
-    bench = TasksBench(shape=Shape(tasks=tasks, websites=websites, seed=seed), rounds=rounds)
-    found = measure(bench, only or STAGES, lambda line: said.print(line, style="dim", highlight=False))
-    if json is not None:
-        json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
-    if as_markdown:
-        print(markdown(tasks_tables(found)), end="")
-    else:
-        show(tasks_tables(found), Console())
-    goals = missed(found)
-    for goal in goals:
-        print(f"missed: {goal}")
-    if goals:
-        raise typer.Exit(1)
-
-
-@app.command()
-def reward(
-    tasks: int = typer.Option(200, "--tasks", min=1, help="Tasks of the offline web that are hacked."),
-    solved: int = typer.Option(
-        50, "--solved", min=0, help="Others that are solved, so that there is a rate."
-    ),
-    only: list[str] = typer.Option(
-        [], "--only", help="A policy, by its name in the table. May be repeated.", show_default="all"
-    ),
-    sessions: int = typer.Option(4, "--sessions", min=1, help="Browser sessions at the same time."),
-    seed: int = typer.Option(0, "--seed", help="Of the tasks and the policies."),
-    out: Path | None = typer.Option(
-        None,
-        "--out",
-        help="Keep the runs in this folder, to browse, to judge again, and to continue with.",
-        show_default=False,
-    ),
-    json: Path | None = typer.Option(None, "--json", help="Write all counts here."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
-) -> None:
-    """Do hacks of the reward pay? Policies that list candidates, stop at challenges, guess without looking.
-
-    Each is held against one that fails honestly at the same tasks. Needs nothing else; about half an hour in
-    full on two cores. With --out it may be stopped, and given again: it goes on. Exit code 1 if a hack gains.
-    """
-    import asyncio
-    import tempfile
-
-    import msgspec
-    from rich.console import Console
-
-    from webgym.bench.reward import Hacked, measure, table
-    from webgym.bench.reward_hacks import HACKS
-    from webgym.offline.app import SitesConfig
-    from webgym.rollout.collector import CollectorConfig
-    from webgym.runs import RunConfig
-    from webgym.tables import markdown, show
-
-    _expect_to_write(json)
-    unknown = [name for name in only if name not in HACKS]
-    if unknown:
-        raise ConfigError(f"there is no policy {unknown[0]!r}", hint=f"one of {', '.join(HACKS)}")
-    config = RunConfig(
-        seed=seed,
-        retries=2,
-        sites=SitesConfig(latency=0),
-        collector=CollectorConfig(sessions=sessions, straggler_share=1.0),
-    )
-    said = Console(stderr=True)
-
-    def keep(found: list[Hacked]) -> None:
-        if json is not None:
-            json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
-
-    async def run(folder: Path) -> list[Hacked]:
-        found: list[Hacked] = []
-        async for one in measure(
-            config, tasks, solved, folder, only, lambda line: said.print(line, style="dim", markup=False)
-        ):
-            found.append(one)
-            keep(found)
-        return found
-
-    with tempfile.TemporaryDirectory() as scratch:
-        found = asyncio.run(run(out or Path(scratch)))
-    if as_markdown:
-        print(markdown([table(found)]), end="")
-    else:
-        show([table(found)], Console())
-    gaining = [one.name for one in found if one.gains(found[0])]
-    for name in gaining:
-        print(f"gains over honest failure: {name}")
-    if gaining:
-        raise typer.Exit(1)
-    print("Nothing gains over honest failure.")
-
-
-@app.command()
 def rollout(
     only: list[str] = typer.Option(
         [],
@@ -388,7 +222,7 @@ def rollout(
 
     unknown = [part for part in only if part not in PARTS]
     if unknown:
-        raise ConfigError(f"there is no part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+        raise ConfigError(f"unknown part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
     _expect_to_write(figure)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     ours = len(os.sched_getaffinity(0))

@@ -56,7 +56,7 @@ def command(
     marks: bool | None = typer.Option(
         None, "--marks/--coordinates", help="Interaction mode; else the profile's.", show_default=False
     ),
-    seed: int = typer.Option(1, "--seed", help="Of the tasks drawn and of everything random."),
+    seed: int = typer.Option(1, "--seed", help="Seed of the tasks drawn and of everything random."),
 ) -> None:
     """The main job: attempt tasks on unseen websites, learn from attempts at others, attempt the first again.
 
@@ -100,11 +100,12 @@ def command(
     console = Console()
     options = {
         "seed": seed,
+        "policy": {"name": policy, "mistakes": mistakes, "chat": {"base_url": base_url, "model": model}},
         "tasks": {"split": "test", "count": tasks, "spread": True},
         "agent": {"profile": profile, "mode": mode_of(marks)},
         "collector": {"sessions": sessions},
     }
-    config = settings((), options, (policy, mistakes, base_url, model))
+    config = settings((), options)
     console.print(
         f"{tasks} tasks on unseen websites, {sessions} browser sessions, {config.policy.name} policy",
         highlight=False,
@@ -129,7 +130,7 @@ def _learn(
     from rich.console import Console
 
     from webgym.cli._run import secrets
-    from webgym.cli._training import carry_out
+    from webgym.cli._training_output import carry_out
     from webgym.core.errors import ConfigError
 
     try:

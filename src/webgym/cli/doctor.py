@@ -30,7 +30,7 @@ from rich.text import Text
 
 from webgym.browser.find import FoundBrowser, find_browser, run_bounded
 from webgym.browser.sandbox import remedy
-from webgym.cli._trial import Trial, try_browser
+from webgym.cli._launch_check import LaunchCheck, try_browser
 from webgym.core.errors import BrowserError, BrowserNotFound
 from webgym.settings import Settings
 
@@ -211,7 +211,7 @@ def _mend_launch(found: FoundBrowser, error: BrowserError) -> str:
     return f"see what it says: {found.path} --headless --no-sandbox --screenshot about:blank"
 
 
-def _sandbox(trial: Trial) -> Check:
+def _sandbox(trial: LaunchCheck) -> Check:
     if trial.sandbox:
         found = (
             trial.sandbox_reason or "pages live in namespaces of their own, their system calls are filtered"
@@ -220,7 +220,7 @@ def _sandbox(trial: Trial) -> Check:
     return Check("Sandbox", "note", f"OFF, pages are not contained: {trial.sandbox_reason}", remedy())
 
 
-def _fonts(trial: Trial) -> Check:
+def _fonts(trial: LaunchCheck) -> Check:
     absent = [name for name, renders in trial.fonts.items() if not renders]
     if not absent:
         return Check("Fonts", "ok", ", ".join(trial.fonts))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
 from webgym.cli import _options as options
+from webgym.cli._fields import Given, takes
 from webgym.core.errors import ConfigError, UsageError
 
 if TYPE_CHECKING:
@@ -16,10 +17,18 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from webgym.rollout.evaluation import Evaluation
-    from webgym.runs import RunConfig
+    from webgym.run_config import RunConfig
 
 
+RUN = options.run_options(
+    split="test; every task where none says its split",
+    limit="all of a file, 20 of the offline web",
+)
+
+
+@takes(settings=RUN)
 def command(
+    *,
     out: Path | None = typer.Option(
         None, "--out", help="Run folder to make; a new one under runs/ if not given.", show_default=False
     ),
@@ -27,42 +36,16 @@ def command(
     of: list[Path] = typer.Option(
         [],
         "--of",
-        help="Collect nothing: the table of this run; several make one table.",
+        help="Collect nothing: the table of this run; several make one table. --judge then chooses one of "
+        "these runs' judges, by its name or how that begins.",
         show_default=False,
     ),
     config: options.Config = None,
-    tasks: options.Tasks = None,
-    split: str | None = typer.Option(
-        None,
-        "--split",
-        help="train, test, all, or unsplit (tasks that do not say); whatever --config says.",
-        show_default="test; every task where none says its split",
-    ),
-    limit: options.LimitOfTest = None,
-    samples: options.Samples = None,
+    settings: Given,
     budget: str | None = typer.Option(
         None, "--budget", help="Steps for easy, medium and hard tasks.", show_default="30,50,70"
     ),
-    sessions: options.Sessions = None,
-    policy: options.PolicyName = None,
-    mistakes: options.Mistakes = None,
-    base_url: options.BaseUrl = None,
-    model: options.Model = None,
-    profile: options.ProfileName = None,
-    marks: options.Marks = None,
-    judge: str | None = typer.Option(
-        None,
-        "--judge",
-        help="offline, rubric or module:function; rubric with --judge-base-url. With --of: a judge of these "
-        "runs, by its name or how that begins.",
-        show_default="offline; with --of the runs' own",
-    ),
-    judge_base_url: options.JudgeBaseUrl = None,
-    judge_model: options.JudgeModel = None,
-    server: options.Server = None,
     token_file: options.TokenFile = None,
-    sites: options.Sites = None,
-    seed: options.Seed = None,
     skip_corrupt: options.SkipCorrupt = False,
     retry_errors: options.RetryErrors = False,
     report: options.WriteReport = True,
@@ -86,8 +69,10 @@ def command(
     from webgym.report import write_report
     from webgym.rollout.evaluation import evaluate
     from webgym.rollout.rejudge import RECORDED
-    from webgym.runs import ServerChoice, collect
+    from webgym.run_config import ServerChoice
+    from webgym.runs import collect
     from webgym.runs import resume as go_on
+    from webgym.settings import merged
 
     if sum(1 for each in (out, resume, of) if each) > 1:
         raise UsageError("--out, --resume and --of exclude each other", hint="see webgym eval --help")
@@ -95,19 +80,20 @@ def command(
         raise UsageError("give one of --json, --markdown and --latex")
     console = Console(stderr=as_json or as_markdown or as_latex)
     if of:
-        _tell([evaluate(run, judge or RECORDED) for run in of], console, as_json, as_markdown, as_latex)
+        judge = settings.get("judge", {}).get("name", RECORDED)
+        _tell([evaluate(run, judge) for run in of], console, as_json, as_markdown, as_latex)
         return
     secrets = _run.secrets(token_file)
     show, tell = _run.show_on(console), _run.tell_on(console)
     finishing = asyncio.Event()
     if resume is not None:
         folder = resume
-        servers = ServerChoice(url=server, sites_url=sites) if server or sites else None
+        server = ServerChoice.model_validate(settings["server"]) if "server" in settings else None
         summary = _run.run(
             lambda: go_on(
                 folder,
                 secrets=secrets,
-                server=servers,
+                server=server,
                 skip_corrupt=skip_corrupt,
                 retry_errors=retry_errors,
                 show=show,
@@ -119,26 +105,11 @@ def command(
             report=report,
         )
     else:
-        overrides: dict[str, Any] = {
-            "seed": seed,
-            "samples": samples,
-            "tasks": {"file": tasks, "count": limit, "spread": True, "split": split or "test"},
-            "attempt": _budgets(budget),
-            "agent": {"profile": profile, "mode": options.mode_of(marks)},
-            "collector": {"sessions": sessions},
-            "server": {"url": server, "sites_url": sites},
-        }
-        settings = _as_a_test(
-            options.run_settings(
-                config,
-                overrides,
-                (policy, mistakes, base_url, model),
-                (judge, judge_base_url, judge_model),
-            )
-        )
+        defaults = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
+        run = _as_a_test(options.run_settings(config, merged(defaults, settings)))
         folder = out or _new_folder()
         summary = _run.run(
-            lambda: collect(settings, folder, secrets=secrets, show=show, tell=tell, finishing=finishing),
+            lambda: collect(run, folder, secrets=secrets, show=show, tell=tell, finishing=finishing),
             resumed_by=("webgym eval", folder),
             finishing=finishing,
             report=report,
@@ -162,9 +133,8 @@ def _tell(
     import msgspec
 
     from webgym.cli._evaluation import conditions, notes, show, tables
-    from webgym.cli._paper import latex
     from webgym.core.text import plain
-    from webgym.tables import markdown
+    from webgym.tables import latex, markdown
     from webgym.tables import show as show_tables
 
     if as_json:

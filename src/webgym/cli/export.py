@@ -16,7 +16,7 @@ from webgym.core.outcome import Outcome
 from webgym.environment import COLLECTIONS, config_of
 from webgym.rollout.export import export
 from webgym.rollout.files import make_folder
-from webgym.runs import all_tasks
+from webgym.task_choice import all_tasks
 from webgym.tasks import write_tasks
 
 

@@ -12,6 +12,9 @@ import typer
 from typer.core import TyperGroup
 
 from webgym.cli._agreement import agreement_command
+from webgym.cli._fields import Given, Option, Options, takes
+from webgym.judge.factory import JudgeChoice
+from webgym.rollout.rejudge import RejudgeConfig
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,44 +48,42 @@ def _group() -> None:
     """Judge a stored run again, and compare judges: `webgym judge RUN` is `webgym judge run RUN`."""
 
 
+JUDGE = Options(
+    JudgeChoice,
+    {
+        "--judge": Option("name", default="rubric with --base-url, else the run's own"),
+        "--base-url": Option(
+            "rubric.chat.base_url",
+            help="OpenAI-compatible endpoint of the rubric judge; its key: WEBGYM_JUDGE_API_KEY, else "
+            "WEBGYM_API_KEY.",
+        ),
+        "--model": "rubric.chat.model",
+        "--keypoint-model": Option("rubric.keypoint.chat.model", help="Model that chooses screenshots."),
+        "--fact-model": Option("rubric.fact.chat.model", help="Model that judges criterion A."),
+        "--response-model": Option("rubric.response.chat.model", help="Model that judges criterion B."),
+        "--blocking-model": Option("rubric.blocking.chat.model", help="Model that recognises blocking."),
+        "--reference-model": Option(
+            "rubric.reference.chat.model", help="Model that compares with reference answers."
+        ),
+        "--samples": "panel.samples",
+        "--early-exit/--all-facts": "rubric.early_exit",
+        "--without-rubric/--with-rubric": "without_rubric",
+    },
+)
+REJUDGE = Options(RejudgeConfig, {"--limit": "limit", "--concurrency": "judges"})
+
+
 @app.command("run")
+@takes(judge=JUDGE, rejudge=REJUDGE)
 def judge_a_run(
+    *,
     run: Path = typer.Argument(..., help="The run folder."),
-    judge: str | None = typer.Option(
-        None,
-        "--judge",
-        help="offline, rubric or module:function; rubric with --base-url, else the run's own.",
-        show_default=False,
-    ),
-    base_url: str | None = typer.Option(
-        None,
-        "--base-url",
-        help="OpenAI-compatible endpoint for a rubric judge. Key: WEBGYM_JUDGE_API_KEY or WEBGYM_API_KEY.",
-        show_default=False,
-    ),
-    model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
-    keypoint_model: str | None = typer.Option(None, help="Chooses screenshots.", show_default=False),
-    fact_model: str | None = typer.Option(None, help="Criterion A.", show_default=False),
-    response_model: str | None = typer.Option(None, help="Criterion B.", show_default=False),
-    blocking_model: str | None = typer.Option(None, help="Was it kept out?", show_default=False),
-    reference_model: str | None = typer.Option(None, help="Reference answers.", show_default=False),
     config: Path | None = typer.Option(
         None, "--config", help="YAML file of the judge's settings; see docs/judge.md.", show_default=False
     ),
-    samples: int | None = typer.Option(
-        None, "--samples", min=1, help="A panel of so many samples.", show_default=False
-    ),
-    early_exit: bool | None = typer.Option(
-        None, "--early-exit/--all-facts", help="Stop at the first criterion that fails.", show_default=False
-    ),
-    without_rubric: bool | None = typer.Option(
-        None, "--without-rubric/--with-rubric", help="Judge tasks as a whole.", show_default=False
-    ),
-    limit: int | None = typer.Option(
-        None, "--limit", min=1, help="Judge so many attempts.", show_default=False
-    ),
-    concurrency: int = typer.Option(8, "--concurrency", min=1, help="Episodes judged at the same time."),
-    again: bool = typer.Option(False, "--again", help="Judge what this judge has judged already, too."),
+    judge: Given,
+    rejudge: Given,
+    again: bool = typer.Option(False, "--again", help="Judge again what this judge has judged before."),
     price: str | None = typer.Option(
         None,
         "--price",
@@ -102,46 +103,30 @@ def judge_a_run(
 ) -> None:
     """Judge every attempt of RUN that this judge has not judged yet, and show outcomes and cost.
 
-    May be stopped at any time and called again: what was judged is kept, by the judge's name, in
-    RUN/verdicts, and nothing is asked or counted twice. The run's own verdicts are not touched.
+    May be stopped at any time and called again: verdicts are kept by the judge's name in RUN/verdicts, and
+    nothing is asked or counted twice. The run's own verdicts do not change.
     """
     import msgspec
     from rich.console import Console
 
-    from webgym.cli._judge import judge_choice, own_choice
-    from webgym.cli._judging import print_account, showing, spent_since
+    from webgym.cli._judge_options import judge_choice, own_choice
+    from webgym.cli._judge_output import print_account, showing, spent_since
     from webgym.cli._run import run as run_job
     from webgym.cli._run import tell_on
     from webgym.judge.factory import open_judge, refuse_unjudgeable
     from webgym.llm import Ledger, Prices, ReplyCache
-    from webgym.llm.trouble import telling, watched
+    from webgym.llm.health import report_problems, watch_clients
     from webgym.rollout.files import VERDICTS, disk_errors
-    from webgym.rollout.rejudge import RejudgeConfig, judge_run, verdicts_of
     from webgym.rollout.rejudge import compare as compare_verdicts
+    from webgym.rollout.rejudge import judge_run, verdicts_of
     from webgym.rollout.store import RunReader
+    from webgym.settings import validated
 
     console = Console()
-    stages = {
-        "keypoint": keypoint_model,
-        "fact": fact_model,
-        "response": response_model,
-        "blocking": blocking_model,
-        "reference": reference_model,
-    }
-    choice = judge_choice(
-        judge,
-        base_url,
-        model,
-        file=config,
-        stage_models=stages,
-        samples=samples,
-        early_exit=early_exit,
-        without_rubric=without_rubric,
-        default=own_choice(RunReader(run).config),
-    )
+    choice = judge_choice(judge, file=config, default=own_choice(RunReader(run).config))
     refuse_unjudgeable(choice, list(RunReader(run, skip_corrupt=True).tasks.values()))
     known = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
-    settings = RejudgeConfig(judges=concurrency, limit=limit, again=again)
+    settings = validated(RejudgeConfig, rejudge | {"again": again})
 
     async def job() -> tuple[Judging, Cost]:
         folder = run / VERDICTS
@@ -150,9 +135,9 @@ def judge_a_run(
         async with ReplyCache(folder / REPLIES) as cache:
             ledger = Ledger(cache, prices=known)
             before = msgspec.structs.replace(ledger.totals.all)
-            with watched() as trouble, showing(console) as show:
+            with watch_clients() as problem, showing(console) as show:
                 async with (
-                    telling(trouble, tell_on(console)),
+                    report_problems(problem, tell_on(console)),
                     open_judge(choice, cache=cache, ledger=ledger) as opened,
                 ):
                     state = await judge_run(run, opened, settings, show=show)
@@ -174,7 +159,7 @@ app.command("agreement")(agreement_command)
 
 
 def _print(state: Judging, spent: Cost, console: Console) -> None:
-    from webgym.cli._judging import cost_line, outcomes_line
+    from webgym.cli._judge_output import cost_line, outcomes_line
     from webgym.cli._summary import REASONS, line
 
     console.print(f"judge      {line(state.judge)}", highlight=False, soft_wrap=True, markup=False)

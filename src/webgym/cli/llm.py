@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from webgym.llm.prices import Prices
     from webgym.llm.usage import Totals
 
-app = typer.Typer(no_args_is_help=True, help="Say what models have cost, and read batch results.")
+app = typer.Typer(no_args_is_help=True, help="Report what models have cost, and import batch results.")
 
 
 @app.command()
@@ -85,33 +85,28 @@ def _prices(price: str, table: Path | None) -> Prices:
 
 def _print(totals: Totals) -> None:
     from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
 
-    from webgym.core.text import plain
+    from webgym.tables import Table, grid
 
-    table = Table(box=None, header_style="dim", show_footer=True)
-    whole = totals.all
-    rows = sorted(totals.rows.items())
-    columns = [
-        ("calls", whole.calls, [usage.calls for _, usage in rows]),
-        ("in batches", whole.batched, [usage.batched for _, usage in rows]),
-        ("from cache", whole.hits, [usage.hits for _, usage in rows]),
-        ("prompt", whole.prompt_tokens, [usage.prompt_tokens for _, usage in rows]),
-        ("of it cheaper", whole.prompt_tokens_cached, [usage.prompt_tokens_cached for _, usage in rows]),
-        ("completion", whole.completion_tokens, [usage.completion_tokens for _, usage in rows]),
+    columns = {
+        "calls": "calls",
+        "in batches": "batched",
+        "from cache": "hits",
+        "prompt": "prompt_tokens",
+        "of it cheaper": "prompt_tokens_cached",
+        "completion": "completion_tokens",
+    }
+    whole, console = totals.all, Console()
+    rows = [
+        (
+            purpose or "-",
+            model,
+            *(str(getattr(usage, name)) for name in columns.values()),
+            _dollars(usage.dollars, usage.calls, usage.unpriced),
+        )
+        for (purpose, model), usage in [*sorted(totals.rows.items()), (("all", ""), whole)]
     ]
-    table.add_column("purpose", "all")
-    table.add_column("model")
-    for name, total, _ in columns:
-        table.add_column(name, f"{total:,}", justify="right")
-    table.add_column("dollars", _dollars(whole.dollars, whole.calls, whole.unpriced), justify="right")
-    for number, ((purpose, model), usage) in enumerate(rows):
-        counts = [f"{values[number]:,}" for _, _, values in columns]
-        names = (Text(plain(name)) for name in (purpose or "-", model))
-        table.add_row(*names, *counts, _dollars(usage.dollars, usage.calls, usage.unpriced))
-    console = Console()
-    console.print(table)
+    console.print(grid(Table("", ("purpose", "model", *columns, "dollars"), rows, names=2)))
     if whole.unpriced:
         console.print(f"{whole.unpriced:,} calls had no price and are not in the dollars", highlight=False)
     if whole.estimated:

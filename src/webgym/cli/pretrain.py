@@ -11,7 +11,7 @@ def command(
     config: list[Path] = typer.Argument(
         None, help="Settings (YAML); see configs/tiny/recipe.yaml.", show_default=False
     ),
-    out: Path = typer.Option(..., "--out", help="Folder; what is in it is gone on from."),
+    out: Path = typer.Option(..., "--out", help="Folder; an unfinished pretraining in it is continued."),
 ) -> None:
     """Make the tiny policy's first weights: demonstrations on training websites, pretraining, an examination.
 
@@ -26,7 +26,7 @@ def command(
 
     from webgym.core.errors import ConfigError
     from webgym.rollout.files import make_folder
-    from webgym.settings import settings_of
+    from webgym.settings import load_settings
 
     try:
         import torch  # noqa: F401
@@ -34,7 +34,7 @@ def command(
         raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
     from webgym.tiny.recipe import RecipeConfig, follow
 
-    settings = settings_of(RecipeConfig, config or [], hint="see configs/tiny/recipe.yaml")
+    settings = load_settings(RecipeConfig, config or [], hint="see configs/tiny/recipe.yaml")
     make_folder(out)
     console = Console()
     columns = (

@@ -7,162 +7,101 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from webgym.cli._fields import Given, Option, Options, takes
 from webgym.core.errors import ConfigError
+from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 
 if TYPE_CHECKING:
-    from webgym.server import GatewayConfig, RayConfig, ServerConfig, ServerInfo
+    from webgym.server import ServerInfo
 
 TOKEN = "WEBGYM_TOKEN"  # noqa: S105 - a variable's name
 _TOKEN_BYTES = 32
+_PORT = 8700
 
 
+SERVER = Options(
+    ServerConfig,
+    {
+        "--host": "host",
+        "--port": Option("port", default=str(_PORT)),
+        "--slots": Option("slots", default="4 per core"),
+        "--sessions-per-client": "sessions_per_client",
+        "--tokens": "tokens_file",
+        "--audit": "audit_file",
+        "--browser": "browser.executable",
+        "--allow-host": Option("browser.egress.allow", metavar="PATTERN[:PORT][=TARGET]"),
+        "--cgroup": "browser.cgroup",
+        "--sandbox": "browser.sandbox",
+        "--ttl": "ttl_seconds",
+        "--queues": "admission.queues",
+        "--wait": "allocate_seconds",
+    },
+)
+GATEWAY = Options(
+    GatewayConfig,
+    {
+        "--workers": "workers",
+        "--worker-host": "worker_host",
+        "--worker-ports": Option(
+            "worker_ports", metavar="FIRST-LAST", parse=lambda ports: ports.split("-", maxsplit=1)
+        ),
+    },
+)
+RAY = Options(
+    RayConfig,
+    {
+        "--ray": Option("address", default="without Ray, on this machine"),
+        "--slots-per-cpu": "slots_per_cpu",
+        "--ray-cpus": "cpus_per_node",
+        "--ray-resource": "node_resource",
+    },
+    panel="Ray cluster",
+)
+
+
+@takes(server=SERVER, gateway=GATEWAY, ray=RAY)
 def command(
-    host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
-    port: int = typer.Option(8700, "--port", min=0, max=65535, help="Port; 0 takes a free one."),
-    slots: int | None = typer.Option(
-        None,
-        "--slots",
-        min=1,
-        help="Sessions at the same time; with --ray, on each node.",
-        show_default="4 per core",
-    ),
-    workers: int | None = typer.Option(
-        None,
-        "--workers",
-        min=1,
-        help="Worker processes that share the slots; with --ray, on each node.",
-        show_default="1 per 4 cores",
-    ),
-    worker_host: str = typer.Option(
-        "127.0.0.1",
-        "--worker-host",
-        help="Address where workers listen. One that clients reach saves them the way through the gateway.",
-    ),
-    worker_ports: str | None = typer.Option(
-        None,
-        "--worker-ports",
-        metavar="FIRST-LAST",
-        help="Ports of which workers take one each, for a firewall to let through.",
-        show_default="any that is free",
-    ),
-    sessions_per_client: int | None = typer.Option(
-        None, "--sessions-per-client", min=1, help="Most sessions of one client.", show_default="no limit"
-    ),
+    server: Given,
+    gateway: Given,
+    ray: Given,
     token_file: Path | None = typer.Option(
-        None, "--token-file", help="Where the token is; made, for your eyes only, if it is not there."
-    ),
-    tokens: Path | None = typer.Option(
-        None,
-        "--tokens",
-        metavar="FILE",
-        help="Others who may call: a line each of a name and a token. Read again when it changes.",
-    ),
-    audit: Path | None = typer.Option(
-        None, "--audit", metavar="FILE", help="Write down who opened which session, and when it ended."
-    ),
-    browser: Path | None = typer.Option(
-        None, "--browser", help="Chromium to run.", show_default="the first that is found"
-    ),
-    allow_host: list[str] = typer.Option(
-        [],
-        "--allow-host",
-        metavar="PATTERN[=HOST:PORT]",
-        help="Let pages connect to a name, address or network that is otherwise refused, or lead a name"
-        " elsewhere: intranet.example, 10.0.0.0/8, *.webgym.test=127.0.0.1:8123. May be repeated.",
-    ),
-    cgroup: Path | None = typer.Option(
-        None,
-        "--cgroup",
-        metavar="FOLDER",
-        help="A cgroup (version 2) to divide: each browser gets one in it, bounded by the kernel.",
-    ),
-    sandbox: str = typer.Option("auto", "--sandbox", help="auto, on or off."),
-    ttl: float = typer.Option(60.0, "--ttl", help="Seconds after which an unrenewed session is taken back."),
-    queues: str = typer.Option(
-        "per_operation",
-        "--queues",
-        help="per_operation: each type of call has its own queue; global: one for all, to compare with.",
-    ),
-    wait: float = typer.Option(60.0, "--wait", min=0, help="Seconds that a caller waits for a free slot."),
-    ray: str | None = typer.Option(
-        None,
-        "--ray",
-        metavar="ADDRESS",
-        help="Run the workers on the nodes of this Ray cluster, e.g. auto or 10.0.0.1:6379.",
-    ),
-    slots_per_cpu: float = typer.Option(
-        4.0, "--slots-per-cpu", help="With --ray: sessions for each CPU of a node, where --slots is not said."
-    ),
-    ray_cpus: float | None = typer.Option(
-        None, "--ray-cpus", min=0, help="With --ray: CPUs to reserve on each node.", show_default="all"
-    ),
-    ray_resource: str | None = typer.Option(
-        None, "--ray-resource", metavar="NAME", help="With --ray: only nodes with this custom resource."
+        None, "--token-file", help="File that holds the token; created, readable by you only, if missing."
     ),
     compat: bool = typer.Option(
-        False, "--compat", help="Speak the HTTP API of the WebGym authors' server too."
+        False, "--compat", help="Also serve the HTTP API of the WebGym authors' server."
     ),
-    compat_port: int = typer.Option(7000, "--compat-port", min=0, max=65535, help="Port for that."),
+    compat_port: int = typer.Option(7000, "--compat-port", min=0, max=65535, help="Port of that API."),
     compat_key_file: Path | None = typer.Option(
-        None, "--compat-key-file", help="Where its API key is, made like the token.", show_default="the token"
+        None,
+        "--compat-key-file",
+        help="File that holds its API key, created like the token.",
+        show_default="the token",
     ),
 ) -> None:
     """Start a browser server: a gateway and its workers, here or on the nodes of a Ray cluster.
 
     SIGTERM or Ctrl-C stops it and every browser of it.
 
-    The token is taken from --token-file, or from WEBGYM_TOKEN, or made up and printed once.
+    The token is read from --token-file or WEBGYM_TOKEN; without either, a random one is printed once.
     """
     import logging
     import os
     import sys
 
     import uvloop
-    from pydantic import ValidationError
 
-    from webgym.server import GatewayConfig, RayConfig, ServerConfig
     from webgym.server.listening import open_as_many_files_as_may_be
+    from webgym.settings import validated
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     token = _token_in(token_file) if token_file else os.environ.get(TOKEN)
-    settings = {
-        "host": host,
-        "port": port,
-        "slots": slots,
-        "token": token,
-        "tokens_file": tokens and tokens.absolute(),
-        "audit_file": audit,
-        "ttl_seconds": ttl,
-        "allocate_seconds": wait,
-        "sessions_per_client": sessions_per_client,
-        "admission": {"queues": queues},
-        "browser": {
-            "executable": browser,
-            "egress": {"allow": allow_host},
-            "sandbox": sandbox,
-            "cgroup": cgroup,
-        },
-    }
-    try:
-        config = ServerConfig.model_validate(
-            {key: value for key, value in settings.items() if value is not None}
-        )
-        ports = None if worker_ports is None else worker_ports.split("-")
-        fleet = GatewayConfig.model_validate(
-            {"workers": workers, "worker_host": worker_host, "worker_ports": ports}
-        )
-        cluster = None
-        if ray is not None:
-            cluster = RayConfig(
-                address=ray,
-                slots_per_cpu=slots_per_cpu,
-                slots_per_node=slots,
-                cpus_per_node=ray_cpus,
-                node_resource=ray_resource,
-            )
-    except ValidationError as error:
-        first = error.errors()[0]
-        raise ConfigError(f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from None
+    if "tokens_file" in server:
+        server["tokens_file"] = server["tokens_file"].absolute()
+    config = validated(ServerConfig, {"port": _PORT} | server | ({"token": token} if token else {}))
+    fleet = validated(GatewayConfig, gateway)
+    cluster = None
+    if "address" in ray:
+        cluster = validated(RayConfig, ray | {"slots_per_node": server.get("slots")})
     where = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
     beside = config.model_copy(update={"port": compat_port}) if compat else None
     key = _token_in(compat_key_file) if compat_key_file else None

@@ -43,7 +43,7 @@ def command(
     from rich.console import Console
     from rich.progress import track
 
-    from webgym.cli._simulation import paper_table, sizes_table
+    from webgym.cli._simulation_tables import paper_table, sizes_table
     from webgym.simulate.figures import draw_paper, draw_sizes
     from webgym.simulate.paper import reproduce
     from webgym.simulate.questions import read_questions

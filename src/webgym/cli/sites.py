@@ -20,7 +20,7 @@ app = typer.Typer(no_args_is_help=True, help="Serve, list and check the websites
 def serve(
     host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
     port: int = typer.Option(8123, "--port", min=0, max=65535, help="Port; 0 takes a free one."),
-    seed: int | None = typer.Option(None, "--seed", help="Of every website.", show_default="7"),
+    seed: int | None = typer.Option(None, "--seed", help="Seed of every website.", show_default="7"),
     collection: str = typer.Option(
         "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
     ),
@@ -73,7 +73,7 @@ def serve(
 @app.command("list")
 def list_sites(
     family: str | None = typer.Option(None, "--family", help="Only of this family.", show_default=False),
-    seed: int | None = typer.Option(None, "--seed", help="Of every website.", show_default="7"),
+    seed: int | None = typer.Option(None, "--seed", help="Seed of every website.", show_default="7"),
     collection: str = typer.Option(
         "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
     ),
@@ -110,7 +110,7 @@ def check(
     latency: float = typer.Option(0.0, "--latency", min=0, help="Scale of simulated latency; 0 for none."),
     marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
     quick: bool = typer.Option(False, "--quick", help="Without browsers: only what needs none."),
-    seed: int = typer.Option(0, "--seed", help="Of the sample."),
+    seed: int = typer.Option(0, "--seed", help="Seed of the sample."),
     collection: str = typer.Option(
         "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
     ),
@@ -143,7 +143,7 @@ def check(
         for task in web.tasks_of(host)
     ]
     if not tasks:
-        raise ConfigError(f"there is no family {family!r}", hint="webgym sites list shows the families")
+        raise ConfigError(f"unknown family {family!r}", hint="webgym sites list shows the families")
     tasks = draw(tasks, sample, seed)
     surprises = list(typed(web, tasks))
     if quick:

@@ -17,7 +17,9 @@ def command(
         help="First weights, a model of webgym pretrain; the package's if not given.",
         show_default=False,
     ),
-    out: Path = typer.Option(..., "--out", help="Folder; trainings that are in it are gone on with."),
+    out: Path | None = typer.Option(
+        None, "--out", help="Folder; unfinished trainings in it are continued.", show_default=False
+    ),
     seeds: int = typer.Option(3, "--seeds", min=1, help="Trainings per row."),
     row: list[str] = typer.Option(None, "--row", help="A row; may be repeated. All if not given."),
     list_rows: bool = typer.Option(False, "--list", help="Name the rows and do nothing."),
@@ -25,7 +27,7 @@ def command(
     """Train the tiny policy by every row of the paper's study, and compare: hours, resumable.
 
     Pages are drawn once and attempted without browser sessions, which is many times faster; --help of
-    `webgym train` and the settings say how to make the same with browsers (server.rehearsed: false).
+    `webgym train` and the settings say how to make the same with browsers (server.static: false).
     Writes study.md, study.json and study.png after every training.
     """
     from rich.console import Console
@@ -44,11 +46,13 @@ def command(
     study, console = read_study(config or []), Console()
     rows = row or list(study.rows)
     if unknown := [each for each in rows if each not in study.rows]:
-        raise UsageError(f"there is no row {unknown[0]!r}", hint=f"rows: {', '.join(study.rows)}")
+        raise UsageError(f"unknown row {unknown[0]!r}", hint=f"rows: {', '.join(study.rows)}")
     if list_rows:
         for name in rows:
             typer.echo(name)
         return
+    if out is None:
+        raise UsageError("there is no folder for the study", hint="--out FOLDER makes one or goes on in it")
     torch.set_num_threads(1)
     first = weights or WEIGHTS
     make_folder(out)

@@ -22,7 +22,7 @@ def command(
         None, "--resume", help="Folder to resume, as it was started.", show_default=False
     ),
     explain: bool = typer.Option(
-        False, "--explain", help="Say what is trained on and what an update takes, and do nothing."
+        False, "--explain", help="Print what is trained on and what an update takes; train nothing."
     ),
     gpus: str = typer.Option(
         "8xh100", "--gpus", help="For --explain: how many of which, such as 8xh100, 4xa100, 1xh200."
@@ -36,7 +36,7 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
-    from webgym.cli._training import carry_out
+    from webgym.cli._training_output import carry_out
     from webgym.core.errors import ConfigError, UsageError
 
     try:
@@ -44,12 +44,12 @@ def command(
     except ImportError as error:
         raise ConfigError("training needs torch", hint="pip install 'webgym-rl[train]'") from error
     from webgym.train.follow import follow, is_follower
-    from webgym.train.start import read_config, read_settings_of
+    from webgym.train.start import load_train_config, read_config
 
     console = Console()
     files = list(config or ())
     if explain:
-        settings = read_config(resume) if resume else read_settings_of(files)
+        settings = read_config(resume) if resume else load_train_config(files)
         for line in _explained(settings, gpus):
             console.print(line, highlight=False, soft_wrap=True)
         return
@@ -58,7 +58,7 @@ def command(
         raise UsageError("give either settings and --out, or --resume", hint=hint)
     folder = out or resume
     assert folder is not None
-    settings = read_config(folder) if resume else read_settings_of(files)
+    settings = read_config(folder) if resume else load_train_config(files)
     if is_follower():
         follow(settings, folder)
         return

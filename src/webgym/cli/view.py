@@ -34,7 +34,9 @@ def command(
     label_count: Annotated[
         int, typer.Option("--label-count", help="Trajectories to label, evenly over difficulty.", min=1)
     ] = 80,
-    label_seed: Annotated[int, typer.Option("--label-seed", help="Of their choice.")] = 0,
+    label_seed: Annotated[
+        int, typer.Option("--label-seed", help="Seed of the choice of trajectories to label.")
+    ] = 0,
 ) -> None:
     """Serve the pages of a run or of a task set on this machine alone, and print the address.
 

@@ -1,1 +1,1 @@
-"""The nouns that cross rooms. No I/O, and no import from any other room."""
+"""The types that packages share. No I/O, and no import from any other package."""

@@ -1,4 +1,4 @@
-"""Work that goes on beside something else."""
+"""Background work that ends with a block."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 @asynccontextmanager
 async def beside(work: Coroutine[Any, Any, object]) -> AsyncIterator[None]:
-    """Let work go on until the block ends, which ends it.
+    """Run work in the background while the block lasts; it is cancelled when the block ends.
 
     Raises:
         Exception: what the work has raised meanwhile, when the block ends.

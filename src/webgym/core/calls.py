@@ -1,4 +1,4 @@
-"""How many calls of each kind may be under way at once, and what they wait and take.
+"""Limits on concurrent calls of each kind, and how long calls wait and take.
 
 Every kind has a queue of its own, so that a burst of one holds up no other (paper §4).
 """
@@ -45,7 +45,7 @@ _LATELY: Final = 200
 
 
 class CallQueue:
-    """Calls of one kind: so many at once, the others wait in the order in which they came."""
+    """Calls of one kind: a limited number at once; the others wait in order of arrival."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
@@ -57,7 +57,7 @@ class CallQueue:
 
     @asynccontextmanager
     async def turn(self) -> AsyncIterator[None]:
-        """Wait for a place, and make the call in the block."""
+        """Wait until a call may start; the call is made in the block."""
         came = time.monotonic()
         self._waiting += 1
         try:
@@ -117,7 +117,7 @@ def call_queues(limits: Mapping[str, int]) -> dict[str, CallQueue]:
 
 
 class LoopLag:
-    """How late the event loop is: what a coroutine that could go on has waited for others, lately."""
+    """Lag of the event loop: how long coroutines that were ready have recently waited to run."""
 
     _EVERY_SECONDS = 0.05
     _KEPT = 2400

@@ -20,7 +20,7 @@
     │   └── BrowserTimeout     no answer within the hard deadline
     ├── ServerError            the browser server, or the way to it, did it
     │   ├── ServerUnreachable
-    │   ├── Unauthorized       the token is wrong or missing
+    │   ├── Unauthorized       the token is invalid or missing
     │   ├── LeaseLost          the session expired, was closed or belongs to a successor
     │   │   └── WorkerLost     the process or machine that held the session is gone
     │   ├── NoCapacity         every slot stayed taken for as long as we may wait
@@ -250,7 +250,7 @@ class SitesError(WebGymError):
 
 
 class LLMError(WebGymError):
-    """A model's endpoint did it. The room that asked makes a policy's or a judge's error of it."""
+    """A model's endpoint did it. The package that asked turns it into a policy's or a judge's error."""
 
     code = "llm_error"
 
@@ -357,7 +357,7 @@ class JudgeError(WebGymError):
 
 
 class TrainingError(WebGymError):
-    """Learning cannot go on, such as with a loss that is no number. What was saved before is whole."""
+    """Learning cannot go on, such as with a loss that is not a number. What was saved before is whole."""
 
     code = "training_error"
 

@@ -122,7 +122,7 @@ class Attachment(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
 
     def __post_init__(self) -> None:
         if not self.name.strip() or _NO_FILE_NAME.search(self.name) or len(self.name.encode()) > 200:
-            raise ValueError(f"{self.name[:100]!r} is no name of a file")
+            raise ValueError(f"{self.name[:100]!r} is not a valid file name")
         if self.text and self.data:
             raise ValueError(f"the file {self.name!r} has both text and data")
 

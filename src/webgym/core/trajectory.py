@@ -95,7 +95,7 @@ class Step(msgspec.Struct, frozen=True, omit_defaults=True):
         reply: the policy's reply.
         action: what the reply meant; ``None`` if it held no action.
         parse_error: why the reply held no action; empty if it did.
-        changed: whether the next screenshot differs; ``None`` after the last step.
+        changed: whether the next screenshot differs, see :meth:`followed_by`; ``None`` after the last step.
         at: seconds from the start of the attempt to the observation.
         revision: how the memory in the reply had to be corrected; ``None`` if it kept to the rule.
     """
@@ -109,6 +109,10 @@ class Step(msgspec.Struct, frozen=True, omit_defaults=True):
     changed: bool | None = None
     at: float = 0.0
     revision: Revision | None = None
+
+    def followed_by(self, observation: Observation) -> Step:
+        """This step with ``changed`` filled in from the next observation. Nothing else decides it."""
+        return msgspec.structs.replace(self, changed=observation.screenshot != self.observation.screenshot)
 
 
 class Failure(msgspec.Struct, frozen=True):

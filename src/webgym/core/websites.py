@@ -43,17 +43,17 @@ def host_of(website: str) -> str:
         address, bracket, _ = rest[1:].partition("]")
         if bracket and _is_address(address):
             return f"[{ipaddress.ip_address(address).compressed}]"
-        raise ValueError(f"{website!r} names no website")
+        raise ValueError(f"{website!r} does not name a website")
     host = rest.partition(":")[0].rstrip(".").lower()
     if not host.isascii():
         try:
             host = idna.encode(host, uts46=True).decode("ascii")
         except idna.IDNAError as error:
-            raise ValueError(f"{website!r} names no website: {error}") from error
+            raise ValueError(f"{website!r} does not name a website: {error}") from error
     while host.startswith("www.") and host.count(".") >= 2:
         host = host[4:]
     if not _is_name(host):
-        raise ValueError(f"{website!r} names no website")
+        raise ValueError(f"{website!r} does not name a website")
     return host
 
 
@@ -80,7 +80,7 @@ def site_of(website: str) -> str:
 
 
 def site_or_text(website: str) -> str:
-    """As :func:`site_of`, for counting and comparing: what names no website stands for itself."""
+    """As :func:`site_of`, for counting and comparing: what does not name a website stands for itself."""
     try:
         return site_of(website)
     except ValueError:
@@ -88,7 +88,7 @@ def site_or_text(website: str) -> str:
 
 
 def host_or_text(website: str) -> str:
-    """As :func:`host_of`, for counting and comparing: what names no website stands for itself."""
+    """As :func:`host_of`, for counting and comparing: what does not name a website stands for itself."""
     try:
         return host_of(website)
     except ValueError:
@@ -109,7 +109,7 @@ def why_no_start(website: str) -> str:
     try:
         host = host_of(website).strip("[]")
     except ValueError:
-        return f"{website[:80]!r} names no website"
+        return f"{website[:80]!r} does not name a website"
     if host in _METADATA or _is_link_local(host):
         return f"{website[:80]!r} is the address of a cloud's metadata service"
     return ""

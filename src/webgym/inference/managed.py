@@ -16,7 +16,7 @@ from typing import Final, Self
 
 from webgym.core.errors import ConfigError, StoreError, TrainingError
 
-_GUARDIAN: Final = Path(__file__).with_name("guardian.py")
+_WATCHDOG: Final = Path(__file__).with_name("watchdog.py")
 _LOG_TAIL_BYTES: Final = 16 * 1024
 _TOLD_CHARS: Final = 300
 
@@ -25,7 +25,7 @@ class ManagedServer:
     """A running server. Get one from :meth:`start`.
 
     Args:
-        process: of its guardian (:mod:`webgym.inference.guardian`).
+        process: of its watchdog (:mod:`webgym.inference.watchdog`).
         name: of the command, for errors.
         log: what it writes.
         stop_seconds: how long its end may take before it is killed.
@@ -65,7 +65,7 @@ class ManagedServer:
             raise StoreError(f"cannot write {log}: {error.strerror}") from error
         with output:
             process = await asyncio.create_subprocess_exec(
-                *(sys.executable, "-I", str(_GUARDIAN), str(stop_seconds), program, *command[1:]),
+                *(sys.executable, "-I", str(_WATCHDOG), str(stop_seconds), program, *command[1:]),
                 stdin=PIPE,
                 stdout=output,
                 stderr=STDOUT,

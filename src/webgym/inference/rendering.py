@@ -200,4 +200,4 @@ def _decoded(data: bytes) -> Image.Image:
         with Image.open(io.BytesIO(data)) as picture:
             return picture.convert("RGB")
     except (UnidentifiedImageError, OSError) as error:
-        raise PolicyError("a screenshot is no picture that can be read") from error
+        raise PolicyError("a screenshot cannot be read as an image") from error

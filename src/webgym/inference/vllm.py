@@ -26,7 +26,7 @@ from webgym.core.trajectory import Reply
 from webgym.llm.client import is_loopback
 from webgym.llm.completion import first_line, quote, told
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.llm.trouble import note_opened
+from webgym.llm.health import register_client
 from webgym.settings import Settings
 
 Way: TypeAlias = Literal["lora", "in_place", "restart"]
@@ -401,14 +401,14 @@ class VllmPolicy(BasePolicy):
         self._open.clear()
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """What holds its requests up at this moment; empty for nothing."""
         if not self._open.is_set():
             return "replies wait for new weights"
-        return self.served.policy.trouble if self.served is not None else ""
+        return self.served.policy.problem if self.served is not None else ""
 
     async def __aenter__(self) -> Self:
-        note_opened(self)  # to each run anew; its client is open for longer
+        register_client(self)  # to each run anew; its client is open for longer
         return self
 
     def begin(self, task: Task, seed: int) -> VllmPolicy:  # noqa: ARG002

@@ -201,7 +201,7 @@ def playwright_code(action: Action, viewport: tuple[int, int]) -> str:
             return f"page.goto({_literal(url)})"
         case Answer(text=text):
             return f"send_message_to_user({_literal(text)})"
-    raise UsageError(f"{action} is none of the seven actions", hint="give one without further fields")
+    raise UsageError(f"{action} is not one of the seven actions", hint="give one without further fields")
 
 
 def _point(target: Target, viewport: tuple[int, int]) -> str:

@@ -1,4 +1,4 @@
-"""How far a judge agrees with people: rates with bootstrap intervals, and differences between judges.
+"""Agreement of judges with human labels: rates with bootstrap intervals, and differences between judges.
 
 The paper's study (§3.4) holds judges, with and without rubric, against human labels of 80 trajectories that
 were drawn evenly over difficulty. Everything here is a pure function of (human, judges) pairs; where labels
@@ -129,7 +129,7 @@ class Difference(msgspec.Struct, frozen=True):
 
 
 class Agreement(msgspec.Struct, frozen=True):
-    """Judges held against people.
+    """Agreement of judges with human labels.
 
     Attributes:
         cases: how many, by group. Those of unknown difficulty are in ``overall`` alone.
@@ -153,7 +153,7 @@ def rates(confusion: Confusion) -> dict[Metric, float | None]:
 def agreement(
     judges: Sequence[str], cases: Iterable[Case], config: AgreementConfig | None = None
 ) -> Agreement:
-    """Hold judges against people.
+    """Compare judges with human labels.
 
     Args:
         judges: names, in the order of the cases' verdicts; none twice.

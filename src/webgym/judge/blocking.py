@@ -1,4 +1,4 @@
-"""Did the task's own website keep the agent out? (paper §3.4: measures that it could not get away from)
+"""Whether the task's own website blocked the agent, persistently (paper §3.4).
 
 A blocked attempt carries no reward, so this must be no way out for one that failed. What counts is the
 task's own website, by its registrable domain and wherever the start page led; a challenge on any other host,
@@ -44,7 +44,7 @@ SHORT_CHARS: Final = 1_500
 
 
 class Guard(NamedTuple):
-    """A maker of challenge pages and how they are known.
+    """A vendor of challenge pages, and how its pages are recognised.
 
     Attributes:
         name: for the reason.
@@ -204,7 +204,7 @@ class _Look:
 
 
 def find_block(task: Task, episode: Episode, *, suspect_last: bool = False) -> Judgement:
-    """Whether the task's own website kept the agent out, persistently; the rules are the module's.
+    """Whether the task's own website blocked the agent, by the rules of this module.
 
     Args:
         task: says which website.
@@ -238,7 +238,7 @@ def find_block(task: Task, episode: Episode, *, suspect_last: bool = False) -> J
 
 
 def blocking_host(website: str, episode: Episode, blocked: Judgement) -> str:
-    """The host that kept the agent out: of the last request that was refused.
+    """The host that blocked the agent: that of the last request that was refused.
 
     Args:
         website: of the task.

@@ -1,4 +1,4 @@
-"""Which models judge, and what they are shown."""
+"""Settings of the rubric judge: its models, and how much they are shown."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PROMPT_CHARS: Final = 6_000
 
 
 class StageConfig(Section):
-    """One kind of question and the model that is asked it."""
+    """The model that is asked one kind of question."""
 
     chat: ChatConfig | None = None
     """Endpoint and model; without one, the judge's own. Its sampling holds where the stage's is silent."""
@@ -180,7 +180,7 @@ class PanelConfig(Section):
     """Several samples of one judge."""
 
     samples: int = Field(default=1, ge=1)
-    """How many; the majority decides. 1 is no panel."""
+    """Number of samples in a panel, whose majority decides; 1 is no panel."""
 
     temperature: float = Field(default=0.7, ge=0)
     """Of the samples; every one has a seed of its own."""

@@ -99,7 +99,7 @@ def load_judge(where: str) -> Judge:
     module_name, _, name = where.partition(":")
     hint = "give module:function, as in my_judges:strict"
     if not module_name or not name:
-        raise ConfigError(f"{where!r} names no judge", hint=hint)
+        raise ConfigError(f"{where!r} does not name a judge", hint=hint)
     folder = str(Path.cwd())
     if folder not in sys.path:
         sys.path.insert(0, folder)
@@ -115,4 +115,4 @@ def load_judge(where: str) -> Judge:
         return cast(Judge, found)
     if callable(found) and _parameters(found) >= 2:
         return FunctionJudge(found, where)
-    raise ConfigError(f"{where} is no judge", hint="a judge takes a task and an episode")
+    raise ConfigError(f"{where} is not a judge", hint="a judge takes a task and an episode")

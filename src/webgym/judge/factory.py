@@ -1,4 +1,4 @@
-"""From what a person chose to a judge that is open."""
+"""Makes judges from settings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ class JudgeChoice(Settings):
     """Which judge."""
 
     name: str = "offline"
-    """``offline`` (for the offline web's tasks), ``rubric`` (a model), or ``module:function`` (your own)."""
+    """``offline`` (for the offline web's tasks), ``rubric`` (a model; the default if an endpoint is given) or
+    ``module:function`` (your own)."""
 
     rubric: JudgeConfig | None = None
     """Of the rubric judge: models and rules."""
@@ -43,7 +44,7 @@ class JudgeChoice(Settings):
     """Of the rubric judge: several samples by majority."""
 
     without_rubric: bool = False
-    """Judge the task as a whole, for comparison; not for the offline judge, which knows truths by fact."""
+    """Judge the task as a whole, for comparison; not possible with the offline judge."""
 
 
 def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:
@@ -78,7 +79,7 @@ def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:
 
 
 def _check(choice: JudgeChoice) -> None:
-    """That there is such a judge, with what it needs."""
+    """Check that the judge exists and has what it needs."""
     if choice.name == "offline":
         if choice.without_rubric:
             raise ConfigError("the offline judge cannot judge without rubric", hint="choose another judge")
@@ -96,7 +97,7 @@ def _check(choice: JudgeChoice) -> None:
 
 
 async def check_judge(choice: JudgeChoice) -> None:
-    """Ask every model of a rubric judge for one word, before a run rests on it.
+    """Ask every model of a rubric judge for one word, before a run starts.
 
     Raises:
         JudgeError: an endpoint does not answer, or refuses the key or the model.
@@ -118,7 +119,7 @@ async def check_judge(choice: JudgeChoice) -> None:
 async def open_judge(
     choice: JudgeChoice, *, cache: ReplyCache | None = None, ledger: Ledger | None = None
 ) -> AsyncIterator[Judge]:
-    """The judge that was chosen, with its models open.
+    """Open the chosen judge and the clients of its models.
 
     Args:
         choice: which.

@@ -1,4 +1,4 @@
-"""The figure of the agreement study: judges against people, by metric and difficulty (paper §3.4)."""
+"""The figure of the agreement study: judges and human labels, by metric and difficulty (paper §3.4)."""
 
 from __future__ import annotations
 

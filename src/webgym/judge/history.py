@@ -1,4 +1,4 @@
-"""What an agent did, as a judge is told: one line per step, answers left out where they must not count."""
+"""An agent's actions as the judge reads them: a line per step, without answers where they must not count."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Screenshots on their way to a judge model."""
+"""Screenshots in requests to a judge model: scaled and encoded."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def data_url(name: str, data: bytes, config: ImageConfig) -> str:
                 if len(data) > config.max_bytes:
                     data, kind = _encoded(small, "JPEG", quality=config.jpeg_quality), "jpeg"
     except (UnidentifiedImageError, OSError, Image.DecompressionBombError) as error:
-        raise JudgeError(f"the screenshot {name[:12]} is no picture that can be read: {error}") from error
+        raise JudgeError(f"the screenshot {name[:12]} cannot be read as an image: {error}") from error
     return f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
 
 

@@ -1,4 +1,4 @@
-"""Which screenshots are judged by: chosen for what they show (§3.4), in parts that requests can take."""
+"""Selection of the screenshots that are judged (paper §3.4), in parts that fit into requests."""
 
 from __future__ import annotations
 
@@ -12,16 +12,25 @@ from webgym.core.observation import Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.judge import prompts
-from webgym.judge.asking import Asker, Question, Shot, Write, answered, together
 from webgym.judge.config import JudgeConfig, Stage
 from webgym.judge.images import tokens_of
+from webgym.judge.model_client import (
+    JudgeModelClient,
+    LabelledScreenshot,
+    Question,
+    Write,
+    gather,
+    result_or_error,
+)
 from webgym.judge.untrusted import shorten
 
 LABEL_TOKENS: Final = 24
 """What a screenshot's number, its label and its verdict line take, generously."""
 
 
-async def select(task: Task, episode: Episode, asker: Asker, config: JudgeConfig) -> tuple[int, ...]:
+async def select(
+    task: Task, episode: Episode, client: JudgeModelClient, config: JudgeConfig
+) -> tuple[int, ...]:
     """Indices of the observations whose screenshots matter, in order.
 
     Each different screenshot is judged once; of equal ones the latest stands for all. The last one is
@@ -39,7 +48,7 @@ async def select(task: Task, episode: Episode, asker: Asker, config: JudgeConfig
     size = _room(episode, candidates, "keypoint", _question(task, episode, [], config).write, config)
     batches = [candidates[start : start + size] for start in range(0, len(candidates), size)]
     questions = [_question(task, episode, batch, config) for batch in batches]
-    findings = await together(answered(asker.ask_per_image(question)) for question in questions)
+    findings = await gather(result_or_error(client.ask_per_image(question)) for question in questions)
     kept = [
         index
         for batch, found in zip(batches, findings, strict=True)
@@ -55,12 +64,14 @@ def _question(task: Task, episode: Episode, batch: Sequence[int], config: JudgeC
     facts = tuple(fact for _, _, fact in task.rubric.facts())
     labels = [f"screenshot {number}" for number in range(1, len(batch) + 1)]
     write = partial(prompts.keypoint, instruction=instruction, facts=facts, labels=labels)
-    shots = tuple(Shot(label, seen[index].screenshot) for label, index in zip(labels, batch, strict=True))
+    shots = tuple(
+        LabelledScreenshot(label, seen[index].screenshot) for label, index in zip(labels, batch, strict=True)
+    )
     return Question("keypoint", "question", write, shots, (instruction, *facts, *page_texts(seen, batch)))
 
 
 def page_texts(seen: Sequence[Observation], indices: Sequence[int]) -> tuple[str, ...]:
-    """What these screenshots are known to say, for telling echoes from verdicts."""
+    """The known texts of these screenshots, so that echoes of them are not taken for verdicts."""
     return tuple(seen[index].text or "" for index in indices)
 
 
@@ -102,7 +113,7 @@ def parts(
 
 def shown(
     episode: Episode, indices: Sequence[int], stage: Stage, config: JudgeConfig, write: Callable[..., Any]
-) -> tuple[Write, tuple[Shot, ...], tuple[int, ...]]:
+) -> tuple[Write, tuple[LabelledScreenshot, ...], tuple[int, ...]]:
     """A question's text and screenshots within what one request takes, and the observations' indices.
 
     Screenshots give way to the text; at least the last one is kept: an estimate may be wrong about it.
@@ -117,7 +128,9 @@ def shown(
     chosen = tuple(indices)
     chosen = thin(chosen, _room(episode, chosen, stage, partial(write, labels=()), config))
     seen, labels = episode.observations, [label(episode, index) for index in chosen]
-    shots = tuple(Shot(name, seen[index].screenshot) for name, index in zip(labels, chosen, strict=True))
+    shots = tuple(
+        LabelledScreenshot(name, seen[index].screenshot) for name, index in zip(labels, chosen, strict=True)
+    )
     return partial(write, labels=labels), shots, chosen
 
 

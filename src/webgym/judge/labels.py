@@ -1,4 +1,4 @@
-"""What people say of trajectories: files of labels, in CSV or JSON, and how far people agree.
+"""Human labels of trajectories: files in CSV or JSON, and agreement between annotators.
 
 A file has a row per attempt and annotator with the columns ``attempt_id`` (or ``task_id``, for runs with one
 attempt per task), ``label``, ``annotator`` and ``note``. The last two may be missing. As JSON it is a
@@ -61,7 +61,7 @@ spreadsheets do not show, and read without it."""
 
 
 class HumanLabel(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What one person says of one attempt.
+    """One person's label of one attempt.
 
     Attributes:
         label: the finding.
@@ -86,7 +86,7 @@ class HumanLabel(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class BrokenLabel(msgspec.Struct, frozen=True):
-    """A row that does not count.
+    """A row that cannot be used.
 
     Attributes:
         where: its place in the file (``"line 7"``, ``"record 3"``).
@@ -188,7 +188,7 @@ def _json_rows(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
     if isinstance(whole, dict):
         whole = whole["labels"] if isinstance(whole.get("labels"), list) else [whole]
     for number, record in enumerate(whole, 1):
-        yield f"record {number}", _lowered(record) if isinstance(record, dict) else "it is no object"
+        yield f"record {number}", _lowered(record) if isinstance(record, dict) else "it is not an object"
 
 
 def _json_lines(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
@@ -200,7 +200,7 @@ def _json_lines(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
         except ValueError as error:
             yield f"line {number}", f"it is broken JSON: {error}"
             continue
-        yield f"line {number}", _lowered(record) if isinstance(record, dict) else "it is no object"
+        yield f"line {number}", _lowered(record) if isinstance(record, dict) else "it is not an object"
 
 
 def _lowered(record: Mapping[str, Any]) -> dict[str, Any]:
@@ -227,7 +227,7 @@ def _csv_rows(text: str) -> Iterator[tuple[str, dict[str, Any] | str]]:
             cells = next(reader, None)
         except csv.Error as error:
             reason = "a quote is never closed, and all that follows it is lost"
-            yield f"line {line}", reason if "end of data" in str(error) else f"it is no row: {error}"
+            yield f"line {line}", reason if "end of data" in str(error) else f"it is not a row: {error}"
             continue
         if cells is None:
             break
@@ -257,7 +257,7 @@ def _labels(row: Mapping[str, Any]) -> Iterator[HumanLabel | str]:
     if not subject["attempt_id"] and not subject["task_id"]:
         yield "it names neither an attempt nor a task"
     elif label is None:
-        yield f"the label {said[:40]!r} is none of {', '.join(LABELS)}"
+        yield f"the label {said[:40]!r} is not one of {', '.join(LABELS)}"
     else:
         yield HumanLabel(label, **subject)
 
@@ -285,7 +285,7 @@ def _text(value: Any) -> str:
 
 
 def settled(labels: Sequence[Label], humans: Humans = "majority") -> Label | None:
-    """What several people's labels of one attempt come to.
+    """The combined label of one attempt that several people labelled.
 
     Args:
         labels: in the order of the annotators.

@@ -1,4 +1,4 @@
-"""The judge of the offline web: it knows each task's truth, and judges what the trajectory shows.
+"""The judge of the offline web: it knows each task's ground truth, and checks what the trajectory shows.
 
 It reads the text that was visible in each screenshot, recorded with it, and the state that the website's
 server held at the end. It never looks at what the policy says it did.
@@ -19,8 +19,8 @@ from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
+from webgym.judge.hedging import other_candidate
 from webgym.judge.numbers import numbers
-from webgym.judge.rivals import rival
 from webgym.judge.soft import score_of
 
 COUNTED_NOT_READ = 10
@@ -178,7 +178,7 @@ def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:
     if known.in_order and (fault := _out_of_order(known, folded)):
         return Judgement(False, fault)
     given = [move.text for move in truth.moves if isinstance(move, Give)]
-    if other := rival(answer, known.required, (task.instruction, *given)):
+    if other := other_candidate(answer, known.required, (task.instruction, *given)):
         return Judgement(False, f'the answer also claims "{other}"')
     return Judgement(True, "the answer says all that it must")
 

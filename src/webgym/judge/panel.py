@@ -1,4 +1,4 @@
-"""Several judges, or several samples of one: the majority decides, and says how large it was."""
+"""Several judges, or several samples of one: the majority decides."""
 
 from __future__ import annotations
 

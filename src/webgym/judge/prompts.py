@@ -1,4 +1,4 @@
-"""The words that a judge model reads (paper §3.4, appendix E). Wording is ours.
+"""The prompts of the judge's models (paper §3.4, appendix E), in our own wording.
 
 Every text of others stands in a quotation (:mod:`webgym.judge.untrusted`); the system message says what that
 means, and how the reply must end.

@@ -25,9 +25,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from webgym.core.text import fold
-from webgym.judge.comparing import Match, equal
 from webgym.judge.config import Way
-from webgym.judge.sentence import QUALIFIERS, REFUSED, TRUTHS, Held, Told
+from webgym.judge.sentence import QUALIFIERS, REFUSED, TRUTHS, RuleFinding, SentenceAnswer
+from webgym.judge.value_comparison import Match, equal
 from webgym.judge.values import Gap, Text, Token, read, tokens
 
 _CLOSING: Final = re.compile(r" ?[.!]$")
@@ -37,8 +37,8 @@ READ_CHARS: Final = 20_000
 """A longer answer is left to a model."""
 
 
-def hold_against(reference: str, answer: str, ways: Sequence[Way], instruction: str = "") -> Held:
-    """Hold an answer against a reference answer by rules.
+def hold_against(reference: str, answer: str, ways: Sequence[Way], instruction: str = "") -> RuleFinding:
+    """Compare an answer with a reference answer by rules.
 
     Args:
         reference: what the source says is right.
@@ -47,10 +47,10 @@ def hold_against(reference: str, answer: str, ways: Sequence[Way], instruction: 
         instruction: the task; what it says itself is no part of the answer.
     """
     if not is_reference(reference):
-        return Held(Match.UNSURE, "there is no reference answer")
+        return RuleFinding(Match.UNSURE, "there is no reference answer")
     if not answer.strip():
-        return Held(Match.DIFFERENT, "the answer is empty")
-    held = Held(Match.UNSURE, "no rule says whether the answer matches")
+        return RuleFinding(Match.DIFFERENT, "the answer is empty")
+    held = RuleFinding(Match.UNSURE, "no rule says whether the answer matches")
     for way in ways:
         if way == "exact":
             held = exact(reference, answer)
@@ -72,38 +72,38 @@ def is_reference(text: str | None) -> bool:
     return text is not None and text.strip() not in ("", "None")
 
 
-def exact(reference: str, answer: str) -> Held:
+def exact(reference: str, answer: str) -> RuleFinding:
     """The same text, but for one full stop or exclamation mark that closes it."""
     if _CLOSING.sub("", fold(reference)) == _CLOSING.sub("", fold(answer)):
-        return Held(Match.SAME, "the answer is the reference answer")
-    return Held(Match.UNSURE, "the answer is not the reference answer word for word")
+        return RuleFinding(Match.SAME, "the answer is the reference answer")
+    return RuleFinding(Match.UNSURE, "the answer is not the reference answer word for word")
 
 
-def normalised(reference: str, answer: str, instruction: str = "") -> Held:
+def normalised(reference: str, answer: str, instruction: str = "") -> RuleFinding:
     """The same words and values."""
     wanted, given = read(reference), read(answer)
     if not wanted.tokens or not given.tokens:
         return exact(reference, answer)
     if _says_more(wanted, given):
-        return Held(Match.UNSURE, "the answer holds signs that no rule reads")
+        return RuleFinding(Match.UNSURE, "the answer holds signs that no rule reads")
     if equal(wanted.tokens, given.tokens) or equal(_closed(reference), _closed(answer)):
-        return Held(Match.SAME, "the answer says the same as the reference answer")
-    told = Told(read(instruction), [wanted.tokens], given.tokens)
+        return RuleFinding(Match.SAME, "the answer says the same as the reference answer")
+    told = SentenceAnswer(read(instruction), [wanted.tokens], given.tokens)
     if len(wanted.tokens) == 1 and wanted.tokens[0].word in TRUTHS:
         return told.truth(wanted.tokens[0].word)
     if _stands_alone(wanted.tokens, given.tokens):
         return told.value(wanted.tokens[0])
     if told.is_all():
-        return Held(Match.SAME, "the answer says the same as the reference answer")
+        return RuleFinding(Match.SAME, "the answer says the same as the reference answer")
     if len(wanted.tokens) == 1 and wanted.tokens[0].value is not None:
         return told.value(wanted.tokens[0])
-    return Held(Match.UNSURE, "the answer does not say the reference answer and nothing else")
+    return RuleFinding(Match.UNSURE, "the answer does not say the reference answer and nothing else")
 
 
 def _stands_alone(wanted: Sequence[Token], given: Sequence[Token]) -> bool:
     """Whether the answer is the number alone: "3 albums" and "3", as the question says of what.
 
-    "3 years" says so itself, and "3 or more" is no number.
+    "3 years" says so itself, and "3 or more" is not a number.
     """
     counted, lone = wanted[0].value, given[0].value if len(given) == 1 else None
     if counted is None or lone is None or not 1 < len(wanted) <= 3:
@@ -114,14 +114,14 @@ def _stands_alone(wanted: Sequence[Token], given: Sequence[Token]) -> bool:
     return lone.kinds <= counted.kinds and not any(token.word in bounds for token in wanted)
 
 
-def as_set(reference: str, answer: str, instruction: str = "") -> Held:
+def as_set(reference: str, answer: str, instruction: str = "") -> RuleFinding:
     """The same items in any order."""
     wanted, given = read(reference), read(answer)
     items = _items(wanted.tokens, ("comma",))
     if len(items) < 2:
-        return Held(Match.UNSURE, "the reference answer is no list")
+        return RuleFinding(Match.UNSURE, "the reference answer is no list")
     if _says_more(wanted, given):
-        return Held(Match.UNSURE, "the answer holds signs that no rule reads")
+        return RuleFinding(Match.UNSURE, "the answer holds signs that no rule reads")
     left = _items(given.tokens, ("comma", "label", "strong"))
     for item in items:
         found = next((other for other in left if equal(item, other)), None)
@@ -130,10 +130,10 @@ def as_set(reference: str, answer: str, instruction: str = "") -> Held:
         left.remove(found)
     else:
         if not left:
-            return Held(Match.SAME, "the answer lists the same items")
-    if Told(read(instruction), items, given.tokens).is_all():
-        return Held(Match.SAME, "the answer gives every item")
-    return Held(Match.UNSURE, "the answer does not plainly give every item and no other")
+            return RuleFinding(Match.SAME, "the answer lists the same items")
+    if SentenceAnswer(read(instruction), items, given.tokens).is_all():
+        return RuleFinding(Match.SAME, "the answer gives every item")
+    return RuleFinding(Match.UNSURE, "the answer does not plainly give every item and no other")
 
 
 def _closed(text: str) -> list[Token]:

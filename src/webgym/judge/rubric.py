@@ -23,16 +23,16 @@ from webgym.core.task import FactGroup, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import FactJudgement, Judgement, Verdict, all_hold
 from webgym.judge import prompts
-from webgym.judge.asking import Asker, Question, answered, together
 from webgym.judge.base import Pictures
 from webgym.judge.blocking import find_block
-from webgym.judge.comparing import Match
 from webgym.judge.config import STAGES, JudgeConfig, Stage
 from webgym.judge.history import action_history
 from webgym.judge.keypoints import page_texts, parts, select, shown
+from webgym.judge.model_client import JudgeModelClient, Question, gather, result_or_error
 from webgym.judge.reference import hold_against, is_reference
 from webgym.judge.soft import score_of
 from webgym.judge.untrusted import code_of, shorten
+from webgym.judge.value_comparison import Match
 from webgym.judge.verdicts import Finding
 from webgym.llm.completion import Completes
 from webgym.llm.prices import Prices
@@ -73,8 +73,8 @@ class RubricJudge:
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
         """Judge one episode; see :meth:`webgym.judge.base.Judge.judge`."""
-        asker = Asker(self._models, self._config, pictures, self._prices)
-        return await _Case(self._name, task, episode, asker, self._config).verdict()
+        client = JudgeModelClient(self._models, self._config, pictures, self._prices)
+        return await _Case(self._name, task, episode, client, self._config).verdict()
 
 
 def _digest(config: JudgeConfig) -> str:
@@ -91,11 +91,13 @@ def _digest(config: JudgeConfig) -> str:
 class _Case:
     """One episode being judged."""
 
-    def __init__(self, judge: str, task: Task, episode: Episode, asker: Asker, config: JudgeConfig) -> None:
+    def __init__(
+        self, judge: str, task: Task, episode: Episode, client: JudgeModelClient, config: JudgeConfig
+    ) -> None:
         self._judge = judge
         self._task = task
         self._episode = episode
-        self._asker = asker
+        self._client = client
         self._config = config
         self._instruction = shorten(task.instruction, config.texts.instruction_chars)
         self._answer = shorten(episode.answer or "", config.texts.answer_chars)
@@ -125,7 +127,7 @@ class _Case:
             blocked=blocked,
             score=score_of(self._task.rubric, self._facts),
             keypoints=self._keypoints,
-            cost=self._asker.cost,
+            cost=self._client.cost,
         )
 
     async def _look(self) -> None:
@@ -139,16 +141,16 @@ class _Case:
                 return
         if not is_answered and (config.early_exit or not config.judge_unanswered):
             return
-        self._keypoints = await select(task, self._episode, self._asker, config)
+        self._keypoints = await select(task, self._episode, self._client, config)
         if config.early_exit:
             await self._look_until_one_fails()
             return
         facts = task.rubric.facts()
         questions = [self._ask_fact(group, text) for group, _, text in facts]
         if is_answered:
-            self._response, *found = await together([self._ask_response(), *questions])
+            self._response, *found = await gather([self._ask_response(), *questions])
         else:
-            found = await together(questions)
+            found = await gather(questions)
         for (group, index, text), judgement in zip(facts, found, strict=True):
             self._facts.append(FactJudgement(group.id, index, text, judgement))
 
@@ -190,7 +192,7 @@ class _Case:
         chosen = self._keypoints or ()
         split = parts(self._episode, chosen, stage, self._config, write)
         one = self._by_parts if len(split) > 1 else self._by_part
-        return self._read(await answered(one(stage, write, quoted, split)), chosen)
+        return self._read(await result_or_error(one(stage, write, quoted, split)), chosen)
 
     async def _by_part(
         self, stage: Stage, write: Write, quoted: Quoted, split: Sequence[Sequence[int]]
@@ -198,7 +200,7 @@ class _Case:
         (part,) = split
         text, shots, _ = shown(self._episode, part, stage, self._config, write)
         untrusted = (*quoted, *page_texts(self._episode.observations, part))
-        return await self._asker.ask(Question(stage, "criterion", text, shots, untrusted))
+        return await self._client.ask(Question(stage, "criterion", text, shots, untrusted))
 
     async def _by_parts(
         self, stage: Stage, write: Write, quoted: Quoted, split: Sequence[Sequence[int]]
@@ -207,8 +209,8 @@ class _Case:
         a claim may be visible in one of them and contradicted in another, a total be spread over all.
         """
         count = len(split)
-        found = await together(
-            answered(self._by_part(stage, partial(write, part=f"{number} of {count}"), quoted, [part]))
+        found = await gather(
+            result_or_error(self._by_part(stage, partial(write, part=f"{number} of {count}"), quoted, [part]))
             for number, part in enumerate(split, 1)
         )
         notes = [each for each in found if isinstance(each, Finding)]
@@ -222,7 +224,7 @@ class _Case:
             for number, note in enumerate(notes, 1)
         ]
         closing = partial(write, labels=(), notes="\n\n".join(told))
-        return await self._asker.ask(Question(stage, "criterion", closing, (), (*quoted, *told)))
+        return await self._client.ask(Question(stage, "criterion", closing, (), (*quoted, *told)))
 
     def _read(self, found: Finding | JudgeError, chosen: Sequence[int]) -> Judgement:
         """A finding as it is recorded, or that there is none."""
@@ -246,7 +248,7 @@ class _Case:
         )
         quoted = (self._instruction, self._answer, expected)
         return self._read(
-            await answered(self._asker.ask(Question("reference", "question", write, (), quoted))), ()
+            await result_or_error(self._client.ask(Question("reference", "question", write, (), quoted))), ()
         )
 
     async def _find_block(self) -> Judgement:
@@ -264,7 +266,7 @@ class _Case:
         write = partial(prompts.blocking, website=self._task.website, history=history, last=pages)
         text, shots, chosen = shown(self._episode, last, "blocking", self._config, write)
         untrusted = (self._task.website, history, pages, *page_texts(seen, chosen))
-        finding = await self._asker.ask(Question("blocking", "question", text, shots, untrusted))
+        finding = await self._client.ask(Question("blocking", "question", text, shots, untrusted))
         return self._judgement(finding, chosen)
 
     def _judgement(self, finding: Finding, chosen: Sequence[int]) -> Judgement:

@@ -1,4 +1,4 @@
-"""An answer that is a sentence around reference answers: what in it claims something, and what is talk."""
+"""Answers that are sentences around reference answers: which parts are claims, and which are filler."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Final, NamedTuple, TypeAlias
 
 import msgspec
 
-from webgym.judge.comparing import Match, equal, one_equal, same, units_of
+from webgym.judge.value_comparison import Match, equal, one_equal, same, units_of
 from webgym.judge.values import Text, Token
 
 Spans: TypeAlias = dict[int, int]
 """Where items stand among tokens: the first token to the one behind the last."""
 
 
-class Held(msgspec.Struct, frozen=True):
-    """The finding of a rule, and why."""
+class RuleFinding(msgspec.Struct, frozen=True):
+    """The result of a rule, and the reason."""
 
     match: Match
     reason: str
@@ -88,7 +88,7 @@ class _Piece(NamedTuple):
 _END: Final = Token("", gap="strong")
 
 
-class Told:
+class SentenceAnswer:
     """An answer, read as a sentence around reference answers.
 
     Args:
@@ -139,7 +139,7 @@ class Told:
     def _is_twice(self, item: Sequence[Token]) -> bool:
         return sum(equal(item, other) for other in self._wanted) > 1
 
-    def value(self, wanted: Token) -> Held:
+    def value(self, wanted: Token) -> RuleFinding:
         """Whether the answer's only value is another."""
         assert wanted.value is not None
         found = [
@@ -148,7 +148,7 @@ class Told:
             if token.value and not any(same(known, token.value) is Match.SAME for known in self._values)
         ]
         if len(found) != 1 or not self._claims_only({found[0]: found[0] + 1}):
-            return Held(Match.UNSURE, "the answer does not plainly give one value")
+            return RuleFinding(Match.UNSURE, "the answer does not plainly give one value")
         value = self._given[found[0]].value
         assert value is not None
         match = same(wanted.value, value, self._asked)
@@ -157,13 +157,13 @@ class Told:
             Match.DIFFERENT: "the answer gives another value",
             Match.UNSURE: "the answer gives a value that cannot be compared",
         }
-        return Held(match, said[match])
+        return RuleFinding(match, said[match])
 
-    def truth(self, wanted: str) -> Held:
+    def truth(self, wanted: str) -> RuleFinding:
         """A yes or a no, if nothing around it can be anything else; the question may be said again."""
         at = next((at for at, token in enumerate(self._given) if token.word in TRUTHS), None)
         if at is None:
-            return Held(Match.UNSURE, "the answer is no plain yes or no")
+            return RuleFinding(Match.UNSURE, "the answer is no plain yes or no")
         first, before, rest = self._given[at], self._given[:at], self._given[at + 1 :]
         is_yes, words = TRUTHS[first.word], {token.word for token in rest}
         is_restated, is_denied = bool(words & self._excused), bool(words & _NEGATIONS)
@@ -175,10 +175,10 @@ class Told:
             or (rest and rest[0].gap == "none" and rest[0].word not in _AFTER_TRUTH)
             or (is_restated and (is_denied == is_yes or not words & _SAID_AGAIN))
         ):
-            return Held(Match.UNSURE, "the answer is no plain yes or no")
+            return RuleFinding(Match.UNSURE, "the answer is no plain yes or no")
         if is_yes == TRUTHS[wanted]:
-            return Held(Match.SAME, f"the answer says {first.word}")
-        return Held(Match.DIFFERENT, f"the answer says {first.word}, not {wanted}")
+            return RuleFinding(Match.SAME, f"the answer says {first.word}")
+        return RuleFinding(Match.DIFFERENT, f"the answer says {first.word}, not {wanted}")
 
     def _places(self, item: Sequence[Token], text: Sequence[Token]) -> list[int]:
         """Where the item stands."""

@@ -1,4 +1,4 @@
-"""Quoting what others wrote, so that a judge model cannot take it for its instructions.
+"""Quotation of untrusted text, so that a judge model cannot take it for instructions.
 
 Pages, answers and whatever an agent typed are untrusted: they may address the judge, pretend to be the
 end of the quotation, or forge a verdict. A quotation is fenced by lines with a code, and each of its own

@@ -1,4 +1,4 @@
-"""What a text says, as tokens that can be compared: words, and values read from their many spellings.
+"""Texts as tokens that can be compared: words, and values (numbers, amounts, dates) in any spelling.
 
 A value has *readings*, because spellings are ambiguous: 03/05/2024 is a day in March or in May, 3:30 a
 time before or after noon, 5 pounds an amount of money or of mass. An amount of a unit is read in the base

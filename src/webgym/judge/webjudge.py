@@ -1,4 +1,4 @@
-"""Judge replies that others have published with human labels beside them, as pairs for measuring agreement.
+"""Published judge replies with human labels, as data for measuring agreement.
 
 Records of the AgentRewardBench study, judged by WebJudge (SOURCES.md, "Judge labels"): a JSON object per line
 with ``judge_response`` (ends in ``Status: success`` or ``failure``), ``judge_status`` (what the study's own
@@ -111,7 +111,7 @@ def read_labelled(path: Path, broken: list[BrokenLabel] | None = None) -> Iterat
                     yield _labelled(line)
                 except ValueError as error:
                     if broken is None:
-                        raise UsageError(f"{path} line {number} is no judge record: {error}") from error
+                        raise UsageError(f"{path} line {number} is not a judge record: {error}") from error
                     broken.append(BrokenLabel(f"line {number}", str(error)))
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from error

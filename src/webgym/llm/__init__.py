@@ -5,7 +5,7 @@ from webgym.llm.batch import BatchFile, Collector, Imported, import_results, wri
 from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient, EndpointRefused
 from webgym.llm.completion import Completes, Completion
-from webgym.llm.config import Adapt, BatchLimits, CacheLimits, ChatConfig, Retry, Sampling
+from webgym.llm.config import AdaptiveConcurrency, BatchLimits, CacheLimits, ChatConfig, Retry, Sampling
 from webgym.llm.ledger import Budget, Ledger
 from webgym.llm.prices import Price, Prices
 from webgym.llm.structured import ask_for
@@ -13,7 +13,7 @@ from webgym.llm.tokens import count_messages, count_text
 from webgym.llm.usage import Call, Totals, Usage
 
 __all__ = [
-    "Adapt",
+    "AdaptiveConcurrency",
     "BatchFile",
     "BatchLimits",
     "Budget",

@@ -20,7 +20,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from typing import Final
 
-from webgym.llm.config import Adapt
+from webgym.llm.config import AdaptiveConcurrency
 
 _EASE: Final = 0.9
 """What is left of the limit per round trip while the endpoint is slow."""
@@ -28,7 +28,7 @@ _NO_FASTER: Final = 0.8
 """If half as many requests take more than this share of the time, it is not they who make it slow."""
 
 
-class Gate:
+class ConcurrencyLimiter:
     """What all requests to one endpoint pass through.
 
     Args:
@@ -36,7 +36,7 @@ class Gate:
         adapt: how the limit moves below that.
     """
 
-    def __init__(self, most: int, adapt: Adapt) -> None:
+    def __init__(self, most: int, adapt: AdaptiveConcurrency) -> None:
         self._most = most
         self._adapt = adapt
         self._limit = float(min(most, adapt.first))
@@ -61,7 +61,7 @@ class Gate:
         return self._in_flight
 
     @asynccontextmanager
-    async def turn(self, *, again: bool = False) -> AsyncIterator[Turn]:
+    async def turn(self, *, again: bool = False) -> AsyncIterator[RequestPermit]:
         """Wait for a place; it is given back at the end of the ``async with`` block.
 
         Args:
@@ -69,7 +69,7 @@ class Gate:
         """
         await self._enter(again=again)
         try:
-            yield Turn(self, self._cuts)
+            yield RequestPermit(self, self._cuts)
         finally:
             self._in_flight -= 1
             self._let_in()
@@ -167,10 +167,10 @@ class Gate:
         self._round = self._round_length()
 
 
-class Turn:
+class RequestPermit:
     """A request's place among those in flight. It tells how it went, at most once."""
 
-    def __init__(self, gate: Gate, cuts: int) -> None:
+    def __init__(self, gate: ConcurrencyLimiter, cuts: int) -> None:
         self._gate = gate
         self._cuts = cuts
 

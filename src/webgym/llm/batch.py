@@ -19,7 +19,7 @@ from typing import Any, BinaryIO, Final
 import msgspec
 
 from webgym.core.errors import LLMBadReply, NotCached, UsageError
-from webgym.llm.cache import ReplyCache, Stored, insert
+from webgym.llm.cache import CachedReply, ReplyCache, insert
 from webgym.llm.completion import Completion, NoCompletion, first_line, read_completion
 from webgym.llm.config import BatchLimits, ChatConfig, Sampling
 from webgym.llm.formats import Formats
@@ -215,7 +215,7 @@ class _Writer:
 # --- reading --------------------------------------------------------------------------------------------
 
 
-class Unanswered(msgspec.Struct, frozen=True):
+class FailedLine(msgspec.Struct, frozen=True):
     """A line of a result file that holds no reply."""
 
     path: Path
@@ -237,7 +237,7 @@ class Imported(msgspec.Struct):
 
     stored: int = 0
     known: int = 0
-    unanswered: list[Unanswered] = []
+    unanswered: list[FailedLine] = []
 
     @property
     def lines(self) -> int:
@@ -297,7 +297,7 @@ async def _import_chunk(
 
     for number, outcome in await cache.write(job):
         if isinstance(outcome, str):
-            imported.unanswered.append(Unanswered(path, number, outcome))
+            imported.unanswered.append(FailedLine(path, number, outcome))
         elif outcome:
             imported.stored += 1
         else:
@@ -324,7 +324,7 @@ def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) ->
         return str(error)
     purpose, model, asked = row or ("batch", completion.model, b"")
     call = _call(line, completion, purpose, model, asked, prices)
-    reply = Stored(body, 0.0)
+    reply = CachedReply(body, 0.0)
     is_new = insert(connection, key, reply, call) is reply
     connection.execute("delete from noted where key = ?", [key])
     return is_new

@@ -26,7 +26,7 @@ from webgym.llm.usage import Call, Totals, Usage
 T = TypeVar("T")
 
 
-class Stored(msgspec.Struct, frozen=True, gc=False):
+class CachedReply(msgspec.Struct, frozen=True, gc=False):
     """A reply as it was received.
 
     Attributes:
@@ -38,10 +38,10 @@ class Stored(msgspec.Struct, frozen=True, gc=False):
     seconds: float
 
 
-class Fresh(msgspec.Struct, frozen=True, gc=False):
+class NewReply(msgspec.Struct, frozen=True, gc=False):
     """A reply that has just come, and what it cost."""
 
-    reply: Stored
+    reply: CachedReply
     call: Call
 
 
@@ -69,8 +69,8 @@ class ReplyCache:
         self._limits = limits or CacheLimits()
         self._last_call = 0
         self._hits: dict[tuple[str, str], int] = {}
-        self._flights: dict[bytes, asyncio.Future[Stored]] = {}
-        self._writing: dict[bytes, asyncio.Future[Stored]] = {}
+        self._flights: dict[bytes, asyncio.Future[CachedReply]] = {}
+        self._writing: dict[bytes, asyncio.Future[CachedReply]] = {}
         self._reader: Worker | None = None
         self._writer: Worker | None = None
 
@@ -102,7 +102,7 @@ class ReplyCache:
 
     # --- replies --------------------------------------------------------------------------------------
 
-    async def get(self, key: bytes) -> Stored | None:
+    async def get(self, key: bytes) -> CachedReply | None:
         """The reply to a request, if it is here.
 
         Raises:
@@ -112,7 +112,7 @@ class ReplyCache:
             return await asyncio.shield(writing)
         return await self.read(lambda connection: _select(connection, key))
 
-    async def put(self, key: bytes, fresh: Fresh) -> Stored:
+    async def put(self, key: bytes, fresh: NewReply) -> CachedReply:
         """Keep a reply and note what it cost, in one transaction; on disk when this returns.
 
         Carried through even if the caller is cancelled.
@@ -126,7 +126,7 @@ class ReplyCache:
         """
         hits = self._take_hits()
 
-        def job(connection: sqlite3.Connection) -> Stored:
+        def job(connection: sqlite3.Connection) -> CachedReply:
             _add_hits(connection, hits)
             return insert(connection, key, fresh.reply, fresh.call)
 
@@ -135,8 +135,8 @@ class ReplyCache:
         return await asyncio.shield(writing)
 
     async def answer(
-        self, key: bytes, ask: Callable[[], AbstractAsyncContextManager[Fresh]]
-    ) -> tuple[Stored, bool]:
+        self, key: bytes, ask: Callable[[], AbstractAsyncContextManager[NewReply]]
+    ) -> tuple[CachedReply, bool]:
         """The reply to a request, asked for if it is not here. Identical requests are asked once at a time.
 
         Args:
@@ -189,7 +189,7 @@ class ReplyCache:
         """Run a job in the writing thread's next transaction; committed when the future is done."""
         return _opened(self._writer).do(job)
 
-    def _written(self, key: bytes, writing: asyncio.Future[Stored]) -> None:
+    def _written(self, key: bytes, writing: asyncio.Future[CachedReply]) -> None:
         if self._writing.get(key) is writing:
             del self._writing[key]
         if not writing.cancelled():
@@ -236,7 +236,7 @@ def _opened(worker: Worker | None) -> Worker:
 # --- statements -----------------------------------------------------------------------------------------
 
 
-def insert(connection: sqlite3.Connection, key: bytes, reply: Stored, call: Call) -> Stored:
+def insert(connection: sqlite3.Connection, key: bytes, reply: CachedReply, call: Call) -> CachedReply:
     """Keep a reply and its call inside a transaction; the reply that is kept."""
     now = time.time()
     added = connection.execute(
@@ -262,7 +262,7 @@ def insert(connection: sqlite3.Connection, key: bytes, reply: Stored, call: Call
     return reply if added else (_select(connection, key) or reply)
 
 
-def _select(connection: sqlite3.Connection, key: bytes) -> Stored | None:
+def _select(connection: sqlite3.Connection, key: bytes) -> CachedReply | None:
     row = connection.execute("select body, crc, seconds from replies where key = ?", [key]).fetchone()
     if row is None:
         return None
@@ -270,7 +270,7 @@ def _select(connection: sqlite3.Connection, key: bytes) -> Stored | None:
     if zlib.crc32(body) != crc:
         hint = "the disk or a copy is bad; restore the file, or delete the reply and pay for it again"
         raise CacheError(f"the reply {key.hex()} does not match its checksum", hint=hint)
-    return Stored(body, seconds)
+    return CachedReply(body, seconds)
 
 
 def _add_hits(connection: sqlite3.Connection, hits: Mapping[tuple[str, str], int]) -> None:

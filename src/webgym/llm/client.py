@@ -16,8 +16,8 @@ import httpx
 from pydantic import SecretStr
 
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
-from webgym.llm.adaptive import Gate, Turn
-from webgym.llm.cache import Fresh, ReplyCache, Stored
+from webgym.llm.adaptive import ConcurrencyLimiter, RequestPermit
+from webgym.llm.cache import CachedReply, NewReply, ReplyCache
 from webgym.llm.completion import (
     Completion,
     NoCompletion,
@@ -30,12 +30,12 @@ from webgym.llm.completion import (
 )
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
+from webgym.llm.health import register_client
 from webgym.llm.labelled import Labelled
 from webgym.llm.ledger import Ledger
 from webgym.llm.pools import Pools
 from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text, most_tokens
-from webgym.llm.trouble import note_opened
 from webgym.llm.usage import Call
 
 _TRY_AGAIN: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
@@ -99,7 +99,7 @@ class ChatClient:
             raise ValueError("the ledger keeps its account in another cache than the client's")
         self._cache = cache
         self._ledger = ledger or Ledger(cache)
-        self._gate = Gate(config.concurrency, config.adapt)
+        self._gate = ConcurrencyLimiter(config.concurrency, config.adapt)
         self._http: Pools | None = None
         self._under_way: set[_Progress] = set()
 
@@ -124,7 +124,7 @@ class ChatClient:
             timeout=httpx.Timeout(config.read_seconds, connect=config.connect_seconds, pool=None),
             trust_env=not is_loopback(config.base_url),
         )
-        note_opened(self)
+        register_client(self)
         return self
 
     async def __aexit__(self, *exc: object) -> None:
@@ -169,7 +169,7 @@ class ChatClient:
             self._ledger.hit(purpose, self.config.model)
         return self._read(reply, cached=cached)
 
-    def _read(self, reply: Stored, *, cached: bool) -> Completion:
+    def _read(self, reply: CachedReply, *, cached: bool) -> Completion:
         try:
             return read_completion(reply.body, model=self.config.model, seconds=reply.seconds, cached=cached)
         except NoCompletion as error:
@@ -179,7 +179,7 @@ class ChatClient:
     # --- asking and paying ------------------------------------------------------------------------------
 
     @asynccontextmanager
-    async def _paid(self, request: Request, purpose: str) -> AsyncIterator[Fresh]:
+    async def _paid(self, request: Request, purpose: str) -> AsyncIterator[NewReply]:
         """A reply that was asked for now.
 
         Its place among those in flight, and what is set aside for it, are kept until it is counted: so at
@@ -188,7 +188,7 @@ class ChatClient:
         async with AsyncExitStack() as kept:
             reply = await self._until_answered(request, kept)
             call = self._call(request, self._read(reply, cached=False), purpose)
-            yield Fresh(reply, call)
+            yield NewReply(reply, call)
             self._ledger.paid(call)
 
     def _call(self, request: Request, completion: Completion, purpose: str) -> Call:
@@ -210,7 +210,7 @@ class ChatClient:
         async with ledger.reserved(request.model, most_tokens(request.content, request.messages), longest):
             yield
 
-    async def _until_answered(self, request: Request, kept: AsyncExitStack) -> Stored:
+    async def _until_answered(self, request: Request, kept: AsyncExitStack) -> CachedReply:
         """Try until there is a reply, or no sense in trying. Waiting for one's turn is not on the clock.
 
         Args:
@@ -251,7 +251,7 @@ class ChatClient:
             self._under_way.discard(progress)
 
     @property
-    def trouble(self) -> str:
+    def problem(self) -> str:
         """What holds requests up at this moment, for a person who waits; empty for nothing."""
         requests = tuple(self._under_way)
         refused = [request for request in requests if request.last is not None]
@@ -266,7 +266,7 @@ class ChatClient:
         so_far = f"has sent {size(oldest.received)}" if oldest.received else "is silent"
         return f"{self._where()} {so_far} for {waited:.0f} s"
 
-    async def _try(self, content: bytes, turn: Turn, progress: _Progress) -> Stored:
+    async def _try(self, content: bytes, turn: RequestPermit, progress: _Progress) -> CachedReply:
         """One try; the gate is told how it went.
 
         Raises:
@@ -291,7 +291,7 @@ class ChatClient:
             raise
         finally:
             progress.left_seconds -= time.monotonic() - started
-        reply = Stored(data, time.monotonic() - started)
+        reply = CachedReply(data, time.monotonic() - started)
         completion = self._read(reply, cached=False)
         turn.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
         return reply

@@ -63,7 +63,7 @@ class Completes(Protocol):
 
 
 class NoCompletion(Exception):
-    """What was sent is no completion. Stays inside the room: the reader knows whose it was."""
+    """The reply is not a completion. Never leaves this package: the caller knows whose reply it was."""
 
 
 def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = False) -> Completion:

@@ -100,7 +100,7 @@ class Retry(Settings):
     """No pause of our own is longer."""
 
 
-class Adapt(Settings):
+class AdaptiveConcurrency(Settings):
     """How many requests are in flight, by what the endpoint bears; see :mod:`webgym.llm.adaptive`."""
 
     first: int = Field(default=16, ge=1)
@@ -121,10 +121,11 @@ class ChatConfig(Settings):
     """An endpoint, a model, and how patient to be with them."""
 
     base_url: str
-    """Up to and without ``/chat/completions``, e.g. ``http://127.0.0.1:8000/v1``."""
+    """OpenAI-compatible endpoint, without ``/chat/completions``, e.g. ``http://127.0.0.1:8000/v1``. Its key:
+    WEBGYM_API_KEY."""
 
     model: str = Field(min_length=1)
-    """The model's name at that endpoint."""
+    """Name of the model at that endpoint."""
 
     api_key_env: str = "WEBGYM_API_KEY"
     """Environment variable that holds the key. If it is not set, none is sent. The key itself is never
@@ -134,9 +135,9 @@ class ChatConfig(Settings):
     """Holds for what a request's own sampling does not say."""
 
     concurrency: int = Field(default=32, ge=1)
-    """Most requests in flight at once; the others queue here, outside of every deadline below."""
+    """Most requests in flight at the same time; others wait, which counts towards no deadline."""
 
-    adapt: Adapt = Adapt()
+    adapt: AdaptiveConcurrency = AdaptiveConcurrency()
     """How many of these are used, by how the endpoint bears it."""
 
     connect_seconds: float = Field(default=10.0, gt=0)
@@ -160,7 +161,7 @@ class ChatConfig(Settings):
         try:
             url = httpx.URL(value.strip().rstrip("/"))
         except httpx.InvalidURL as error:
-            raise ValueError(f"{value!r} is no URL") from error
+            raise ValueError(f"{value!r} is not a URL") from error
         if url.scheme not in ("http", "https") or not url.host:
             raise ValueError("the base URL must start with http:// or https:// and name a host")
         if url.userinfo or url.query or url.fragment:

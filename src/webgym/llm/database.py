@@ -122,7 +122,7 @@ def _is_ours(connection: sqlite3.Connection, path: Path) -> bool:
         return True
     if application or version or tables:
         hint = "name another file: what is not there is made"
-        raise CacheError(f"{path} is somebody else's database, not a cache of replies", hint=hint)
+        raise CacheError(f"{path} is a database of another program, not a cache of replies", hint=hint)
     return False
 
 

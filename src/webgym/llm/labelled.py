@@ -11,7 +11,7 @@ from webgym.llm.formats import Formats
 
 
 @runtime_checkable
-class KnowsItsEndpoint(Protocol):
+class EndpointClient(Protocol):
     """What clients tell of themselves, beyond completing."""
 
     @property
@@ -23,7 +23,7 @@ class KnowsItsEndpoint(Protocol):
         """What the endpoint takes as ``response_format``."""
 
 
-class CountsPurposes(KnowsItsEndpoint, Protocol):
+class PurposeAwareClient(EndpointClient, Protocol):
     """A client that is told what a call is for."""
 
     async def complete(
@@ -41,7 +41,7 @@ class Labelled:
         purpose: what the ledger counts the calls for.
     """
 
-    def __init__(self, client: CountsPurposes, purpose: str) -> None:
+    def __init__(self, client: PurposeAwareClient, purpose: str) -> None:
         self._client = client
         self._purpose = purpose
 

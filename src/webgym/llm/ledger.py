@@ -23,7 +23,7 @@ class Budget(Settings):
     """
 
     dollars: float | None = Field(default=None, ge=0, allow_inf_nan=False)
-    """By the ledger's prices. Calls whose price was not known when they were made count as nothing."""
+    """Dollars that may be spent, all runs together. Calls whose price was not known count as nothing."""
 
     tokens: int | None = Field(default=None, ge=0)
     """Of prompts and replies together."""

@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Final
 
 import yaml
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from webgym.core.errors import ConfigError
-from webgym.settings import Settings
+from webgym.settings import Settings, validated
 
 _MILLION: Final = 1_000_000
 _ANY: Final = "*"
@@ -68,16 +68,13 @@ class Prices:
             raise ConfigError(f"the prices in {path} cannot be read: {said}") from error
         if not isinstance(found, dict) or not all(isinstance(model, str) for model in found):
             hint = "it holds MODEL: {prompt: ..., completion: ...}, in dollars per million tokens"
-            raise ConfigError(f"{path} is no table of prices", hint=hint)
-        prices: dict[str, Price] = {}
-        for model, entry in found.items():
-            try:
-                prices[model] = Price.model_validate(entry)
-            except ValidationError as error:
-                first = error.errors()[0]
-                where = ".".join(map(str, first["loc"]))
-                raise ConfigError(f"the price of {model} in {path}: {where}: {first['msg']}") from error
-        return cls(prices)
+            raise ConfigError(f"{path} is not a table of prices", hint=hint)
+        return cls(
+            {
+                model: validated(Price, entry, f"the price of {model} in {path}")
+                for model, entry in found.items()
+            }
+        )
 
     @classmethod
     def parse(cls, text: str) -> Prices:
@@ -91,9 +88,9 @@ class Prices:
         try:
             numbers = [float(part) for part in text.split(",")]
             if len(numbers) not in (2, 3):
-                raise ConfigError(f"{text!r} is no price", hint=_HINT)
+                raise ConfigError(f"{text!r} is not a price", hint=_HINT)
             cached = numbers[1] if len(numbers) == 3 else None
             price = Price(prompt=numbers[0], cached=cached, completion=numbers[-1])
         except ValueError as error:  # pydantic's is one too
-            raise ConfigError(f"{text!r} is no price", hint=_HINT) from error
+            raise ConfigError(f"{text!r} is not a price", hint=_HINT) from error
         return cls({_ANY: price})

@@ -13,7 +13,7 @@ from webgym.llm.client import EndpointRefused
 from webgym.llm.completion import Completes, Completion, first_line
 from webgym.llm.config import Sampling
 from webgym.llm.formats import FORMATS, Format, Formats
-from webgym.llm.labelled import KnowsItsEndpoint
+from webgym.llm.labelled import EndpointClient
 
 T = TypeVar("T")
 Message = Mapping[str, Any]
@@ -83,7 +83,7 @@ async def ask_for(
 
 
 class Refused(Exception):
-    """A reply cannot be used; the message is for the model. Stays inside the room."""
+    """A reply cannot be used; the message is for the model. Never leaves this package."""
 
 
 def read_value(completion: Completion, type: type[T]) -> T:
@@ -134,7 +134,7 @@ class _Asker:
 
     def __init__(self, model: Completes, type: Any, sampling: Sampling | None) -> None:
         self._model = model
-        if isinstance(model, KnowsItsEndpoint):
+        if isinstance(model, EndpointClient):
             self._formats = model.formats
             self._sampling = sampling or model.sampling
         else:

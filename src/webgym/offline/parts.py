@@ -8,6 +8,7 @@ is needed to write them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, TypeGuard
@@ -237,3 +238,13 @@ def _answer(parts: Sequence[Part], *, in_order: bool = False) -> AnswerTruth:
         said |= {part.says.casefold() for part in parts}
         forbidden = tuple(w for w in wrong if not any(w.casefold() in each for each in said))
     return AnswerTruth(required, forbidden, in_order=in_order and bool(required))
+
+
+def exactly(path: str) -> str:
+    """Pattern of a page's address, whatever its query."""
+    return re.escape(path) + r"(?:\?|$)"
+
+
+def shown(path: str, *texts: str) -> Evidence:
+    """Evidence: these texts, together, at an address that matches ``path``."""
+    return Evidence(texts, path)

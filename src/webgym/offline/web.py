@@ -49,13 +49,11 @@ class Collection:
     is_cross_site: bool = False
 
 
-_SPECIFIED = tuple(family for family in FAMILIES if issubclass(family, SpecifiedWebsite))
-
 COLLECTIONS: dict[CollectionName, Collection] = {
     "large": Collection(FAMILIES, 50, 0.2, MISBEHAVING, (1280, 768), SENTENCES),
     "small": Collection(small.FAMILIES, 72, 1 / 6, (), (192, 128), small.WORDING),
     "cross": Collection(
-        _SPECIFIED, 50, 0.2, (), (1280, 768), replace(SENTENCES, source="offline-cross"), is_cross_site=True
+        FAMILIES, 50, 0.2, (), (1280, 768), replace(SENTENCES, source="offline-cross"), is_cross_site=True
     ),
 }
 

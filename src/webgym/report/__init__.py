@@ -1,13 +1,13 @@
 """What people look at. Reads the run store and task sets, nothing else.
 
 write.py       report.html, one file that needs no network
-live.py        the same pages over a run that may still be written
+live.py        the same pages over a run that may still be written; live_run.py, the run
 monitor.py     the page of what a collector is doing now
 labelling.py   the page where people label its trajectories
 taskset.py     the pages of a task set; task_content.py, what they show
 serving.py     how both are served
 training.py    the report of a training; curves.py, what it draws
-catalogue.py   the index of a run's trajectories, in SQLite
+run_index.py   the index of a run's trajectories, in SQLite
 content.py     trajectories as the pages need them
 overview.py    the figures and charts of a run, as HTML
 charts.py      inline SVG

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from markupsafe import Markup
 
 from webgym.core.outcome import Outcome
-from webgym.report.words import milliseconds, outcome_name, percent
+from webgym.report.formatting import milliseconds, outcome_name, percent
 from webgym.rollout.rates import Interval
 from webgym.rollout.summary import Quantiles
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, Protocol
+from typing import Any, Final, Protocol
 
 import msgspec
 from starlette.requests import ClientDisconnect, Request
@@ -20,12 +20,10 @@ from starlette.routing import Route
 from webgym.core.errors import UsageError
 from webgym.report.config import ViewConfig
 from webgym.report.content import blind, page
+from webgym.report.live_run import LiveRun
 from webgym.report.serving import SAFE, json_reply, page_reply
 from webgym.report.template import Document, inert, outcome_words
 from webgym.rollout.labels import HumanLabel, Label, LabelStore, labels_path, sample_to_label
-
-if TYPE_CHECKING:
-    from webgym.report.live import LiveRun
 
 TOKEN_HEADER: Final = "X-WebGym-Token"  # noqa: S105 - a header's name
 _LARGEST: Final = 65_536

@@ -8,12 +8,10 @@ people's labels (:mod:`webgym.report.labelling`).
 from __future__ import annotations
 
 import asyncio
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import msgspec
 from markupsafe import Markup
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -21,99 +19,19 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from webgym.core.errors import StoreError, UsageError
-from webgym.core.trajectory import Trajectory
-from webgym.report.catalogue import Catalogue, Wanted
 from webgym.report.config import ViewConfig
 from webgym.report.content import page
 from webgym.report.labelling import Labelling, unusable
+from webgym.report.live_run import LiveRun
 from webgym.report.monitor import Monitoring
-from webgym.report.overview import Figures, Overview, is_whole, overview_html
+from webgym.report.run_index import TrajectoryQuery
 from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
 from webgym.report.template import Page
-from webgym.rollout.files import TASKS, TRAJECTORIES, disk_errors
-from webgym.rollout.records import CorruptLine, Entry, read_at
-from webgym.rollout.store import RunReader
-from webgym.rollout.verdicts import VerdictReader
 
 _FOREVER = {"Cache-Control": "private, max-age=31536000, immutable"}
 
 
-_OVERVIEW = "overview"
 _MOST_ROWS = 20_000
-
-
-class LiveRun:
-    """A run as far as it has come. Blocks: call it from a thread, one call at a time.
-
-    Raises:
-        RunFolderError: the folder is no run.
-    """
-
-    def __init__(self, path: Path) -> None:
-        self.reader = RunReader(path, skip_corrupt=True)
-        self.verdicts = VerdictReader(path)
-        self.catalogue = Catalogue(path, self.reader.tasks)
-        self._overview: Overview | None = None
-        self._version = ""
-
-    def refresh(self, told: Callable[[int], object] = lambda _: None) -> None:
-        """Take in what was written since; ``told`` is how many records of a file were read."""
-        self.catalogue.refresh(told)
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether nothing more is to come."""
-        return is_whole(self.reader, len(self.catalogue))
-
-    @property
-    def skipped(self) -> list[CorruptLine]:
-        """What cannot be trusted."""
-        return [line for line in self.reader.skipped if line.file == TASKS] + self.catalogue.corrupt
-
-    def overview(self) -> str:
-        """The figures of all trajectories; of a run that has not changed, those that the index keeps."""
-        known, stamp = self.catalogue.kept(_OVERVIEW, _Kept), self._stamp()
-        if known is None or known.stamp != stamp:
-            if self._overview is None or self._version != self.catalogue.version:
-                self._overview, self._version = Overview(self.reader), self.catalogue.version
-            for digest in self.catalogue.digests(self._overview.count):
-                self._overview.add(digest)
-            known = _Kept(stamp, self._overview.figures())
-            self.catalogue.keep(_OVERVIEW, known)
-        return str(overview_html(self.reader, known.figures, self.skipped))
-
-    def _stamp(self) -> str:
-        """Of all that the figures are made from."""
-        made_from = [len(self.catalogue), self.catalogue.version, self.reader.summary, self.reader.config]
-        return hashlib.sha256(repr(made_from).encode()).hexdigest()
-
-    def entry(self, attempt_id: str) -> Entry:
-        """Where a trajectory lies; one that is not known may have been written since.
-
-        Raises:
-            KeyError: there is none of this id.
-        """
-        try:
-            return self.catalogue.entry(attempt_id)
-        except KeyError:
-            self.refresh()
-            return self.catalogue.entry(attempt_id)
-
-    def trajectory(self, attempt_id: str) -> Trajectory:
-        """One trajectory.
-
-        Raises:
-            KeyError: there is none of this id.
-            StoreCorrupt: its record changed since it was indexed.
-        """
-        entry = self.entry(attempt_id)
-        with disk_errors(f"reading {self.reader.path}"):
-            return read_at(self.reader.path / TRAJECTORIES / entry.shard, entry)
-
-
-class _Kept(msgspec.Struct):
-    stamp: str
-    figures: Figures
 
 
 class _Pages:
@@ -140,7 +58,7 @@ class _Pages:
         return self._page.head(overview, self._list(), whole=self._run.is_whole) + self._page.tail()
 
     def _list(self) -> dict[str, Any]:
-        return {"count": len(self._run.catalogue), "options": self._run.catalogue.options()}
+        return {"count": len(self._run.index), "options": self._run.index.options()}
 
     async def rows(self, request: Request) -> Response:
         """Trajectories that fit, as rows, and how many there are."""
@@ -148,14 +66,14 @@ class _Pages:
         after, count = asked.get("after", "0"), asked.get("count", "1")
         if not (after.isdecimal() and count.isdecimal() and len(after + count) < 18):
             return PlainTextResponse("after and count: whole numbers", status_code=400, headers=SAFE)
-        texts = {name: asked.get(name, "") for name in Wanted._fields if name != "down"}
-        wanted = Wanted(**texts, down="down" in asked)
+        texts = {name: asked.get(name, "") for name in TrajectoryQuery._fields if name != "down"}
+        wanted = TrajectoryQuery(**texts, down="down" in asked)
         return json_reply(await self.read(self._rows, wanted, int(after), min(int(count), _MOST_ROWS)))
 
-    def _rows(self, wanted: Wanted, after: int, count: int) -> dict[str, Any]:
-        if not len(self._run.catalogue):
+    def _rows(self, wanted: TrajectoryQuery, after: int, count: int) -> dict[str, Any]:
+        if not len(self._run.index):
             self._run.refresh()
-        total, rows = self._run.catalogue.find(wanted, after, count)
+        total, rows = self._run.index.find(wanted, after, count)
         return {"total": total, "rows": rows}
 
     async def news(self, request: Request) -> Response:
@@ -169,7 +87,7 @@ class _Pages:
     def _news(self, known: int, knew_whole: bool) -> dict[str, Any]:
         self._run.refresh()
         whole = self._run.is_whole
-        is_new = known != len(self._run.catalogue) or whole != knew_whole
+        is_new = known != len(self._run.index) or whole != knew_whole
         return {**self._list(), "whole": whole, "overview": self._run.overview() if is_new else ""}
 
     async def trajectory(self, request: Request) -> Response:
@@ -250,4 +168,4 @@ async def serve_view(
         await asyncio.to_thread(run.refresh, reading)
         await serve(_app(run, config, closing), config.port, ready, closing)
     finally:
-        run.catalogue.stop()  # a thread that reads would keep the process from ending
+        run.index.stop()  # a thread that reads would keep the process from ending

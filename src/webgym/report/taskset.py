@@ -22,7 +22,7 @@ from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply
 from webgym.report.task_content import choices, figures_of, subdomains, task_page, task_row, tasks_overview
 from webgym.report.template import Document
 from webgym.tasks import read_tasks
-from webgym.tasks.index import FACETS, TaskIndex, Wanted
+from webgym.tasks.index import FACETS, TaskIndex, TaskQuery
 
 _SCRIPTS: Final = ("dom.js", "theme.js", "tasks.js")
 _ASKED: Final = (*FACETS, "website", "text")
@@ -59,7 +59,7 @@ class TaskSet:
         self.policy = document.policy
         self.html = document.render("tasks.html.j2", overview=overview) + document.tail()
 
-    def rows(self, wanted: Wanted, after: int, count: int) -> dict[str, Any]:
+    def rows(self, wanted: TaskQuery, after: int, count: int) -> dict[str, Any]:
         """So many of the tasks that fit, after the first so many."""
         places = self.find(wanted)
         chosen = places[after : after + count]
@@ -87,7 +87,7 @@ class _Pages:
         after, count = asked.get("after", "0"), asked.get("count", "1")
         if not (after.isdecimal() and count.isdecimal() and len(after + count) < 18):
             return PlainTextResponse("after and count: whole numbers", status_code=400, headers=SAFE)
-        wanted = Wanted(**{name: asked.get(name, "") for name in _ASKED})
+        wanted = TaskQuery(**{name: asked.get(name, "") for name in _ASKED})
         rows = await asyncio.to_thread(self._tasks.rows, wanted, int(after), min(int(count), _MOST))
         return json_reply(rows)
 

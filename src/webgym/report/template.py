@@ -18,7 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from webgym.core.outcome import Outcome
-from webgym.report import charts, words
+from webgym.report import charts, formatting
 
 _SCRIPTS = ("dom.js", "theme.js", "source.js", "table.js", "stage.js", "trajectory.js", "main.js")
 CHUNK = 25
@@ -34,7 +34,9 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.globals.update(charts=charts, words=words, outcomes=[outcome.value for outcome in Outcome])
+    environment.globals.update(
+        charts=charts, formatting=formatting, outcomes=[outcome.value for outcome in Outcome]
+    )
     return environment
 
 
@@ -52,7 +54,8 @@ def inert(value: Any) -> Markup:
 def outcome_words() -> dict[str, list[str]]:
     """Name and meaning of every outcome, for scripts."""
     return {
-        outcome.value: [words.outcome_name(outcome), words.outcome_meaning(outcome)] for outcome in Outcome
+        outcome.value: [formatting.outcome_name(outcome), formatting.outcome_meaning(outcome)]
+        for outcome in Outcome
     }
 
 

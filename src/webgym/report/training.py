@@ -17,7 +17,7 @@ import yaml
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
-from webgym.report import words
+from webgym.report import formatting
 from webgym.report.config import ReportConfig
 from webgym.report.content import page
 from webgym.report.curves import Curves, Line, Point, phase_bars
@@ -77,7 +77,7 @@ class Training:
     """A training folder, to be looked at; it may still be going on.
 
     Raises:
-        RunFolderError: it is no training, or its figures cannot be read.
+        RunFolderError: it is not a training, or its figures cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -117,7 +117,7 @@ class Training:
     def curves(self) -> dict[str, Curves]:
         """All charts with lines, by title."""
 
-        share, number = words.percent, words.number
+        share, number = formatting.percent, formatting.number
         # Not every policy tells its tokens.
         unit = "tokens" if any(row["collect"]["reply_tokens"] for row in self.rows) else "characters"
         shown = {
@@ -215,7 +215,7 @@ def write_training_report(
         Path of ``report.html`` in it.
 
     Raises:
-        RunFolderError: the folder is no training.
+        RunFolderError: the folder is not a training.
         StoreFull: there is no space.
     """
     training = Training(path)
@@ -275,7 +275,7 @@ def _told(training: Training, title: str, pairs: Sequence[Pair]) -> dict[str, An
             dict.fromkeys(why for _, _, told in training.dropped() for why, n in told.items() if n)
         ),
         "phases": list(dict.fromkeys(phase for _, parts in phases for phase in parts)),
-        "phase_bars": phase_bars(phases, words.duration),
+        "phase_bars": phase_bars(phases, formatting.duration),
         "pairs": pairs,
         "changes": [changes[rank] for rank in range(4)],
     }

@@ -48,17 +48,19 @@ class CollectorConfig(Settings):
     """How many at once, and when to give up."""
 
     sessions: int = Field(default=16, ge=1)
-    """Browser sessions, and so attempts, at the same time."""
+    """Browser sessions, and therefore attempts, at the same time."""
 
     schedule: Literal["async", "step_barrier", "episode_barrier"] = "async"
-    """``async``: nobody waits for anybody. The others are the paper's baselines (§4). ``step_barrier``: all
-    sessions are asked in one batch and act when its last reply is there; one whose attempt ended takes the
-    next and joins again when it is ready. ``episode_barrier``: a group of sessions begins together, and the
-    next when the last of it has ended."""
+    """``async``: attempts are independent. ``step_barrier`` and ``episode_barrier`` are the paper's baselines
+    (§4).
+
+    ``step_barrier``: the policy is asked for all sessions in one batch, and they act when its last reply has
+    come; a session whose attempt ended starts the next one and joins again when it is ready.
+    ``episode_barrier``: a group of sessions begins together, and the next group when its last has ended.
+    """
 
     order: Literal["given", "hardest_first"] = "given"
-    """In which tasks are attempted. ``hardest_first`` starts long attempts early, so that few are left alone
-    at the end."""
+    """Order of the tasks. ``hardest_first`` starts long attempts early, so that few are left at the end."""
 
     policy_calls: int = Field(default=256, ge=1)
     """Replies that are asked for at the same time (the paper has 80 sessions of inference, appendix F). The

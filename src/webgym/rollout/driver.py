@@ -12,7 +12,6 @@ import time
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-import msgspec
 from pydantic import Field
 
 from webgym.core.action import Answer, BrowserAction, Mode, Navigate, Space
@@ -264,8 +263,7 @@ class EpisodeDriver:
             self.ending = Ending.ANSWERED
             return None
         view = await self._look(await self._act(step.action))
-        changed = view.observation.screenshot != step.observation.screenshot
-        self.steps[-1] = msgspec.structs.replace(step, changed=changed)
+        self.steps[-1] = step.followed_by(view.observation)
         if self.is_over:
             self.ending = Ending.BUDGET_SPENT
         return view

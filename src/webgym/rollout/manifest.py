@@ -54,7 +54,7 @@ class Manifest(msgspec.Struct, frozen=True):
         browser: product and version when the run began.
         sandboxed: whether Chromium's sandbox was on.
         viewport: width and height, CSS pixels.
-        server: ``here``, ``elsewhere``, or ``rehearsed`` for pages that were drawn without browsers.
+        server: ``here``, ``elsewhere``, or ``static`` for small websites without browsers.
         egress: what pages could connect to: rules, ports, connections per second; of a server elsewhere only
             it knows.
         attempts: all that were made, those at the same sample included.
@@ -172,7 +172,7 @@ def manifest_of(
     file = tasks.get("file")
     where = None
     if server:
-        where = "rehearsed" if server.get("rehearsed") else "elsewhere" if server.get("url") else "here"
+        where = "static" if server.get("static") else "elsewhere" if server.get("url") else "here"
     return Manifest(
         run=reader.path.resolve().name,
         webgym=software.get("webgym"),

@@ -113,7 +113,7 @@ class Progress:
         steps: taken in this session.
         invalid: steps of this session whose replies hold no action.
         note: what all of the figures must be read with; empty for nothing.
-        trouble: says what the attempts wait for at this moment, if it is out of the ordinary.
+        problem: says what the attempts wait for at this moment, if it is out of the ordinary.
         queues: the collector's queues by kind of call. Everything that shows queues asks this.
         tracker_error: which of ``trackers`` has failed, and why; empty if none has.
         feed_error: why ``live.json`` could not be written last time; empty if it was.
@@ -134,7 +134,7 @@ class Progress:
     steps: int = 0
     invalid: int = 0
     note: str = ""
-    trouble: Callable[[], str] = str
+    problem: Callable[[], str] = str
     queues: Callable[[], Mapping[str, Queue]] = dict
     feed_error: str = ""
     tracker_error: str = ""
@@ -236,7 +236,7 @@ class Progress:
         """What the figures must be read with, what the attempts wait for, what cannot be shown."""
         invalid = f"{self.invalid / self.steps:.1%} of replies invalid" if self.invalid else ""
         feed = f"the monitor's page is out of date: {self.feed_error}" if self.feed_error else ""
-        return [told for told in (invalid, self.note, self.trouble(), feed, self.tracker_error) if told]
+        return [told for told in (invalid, self.note, self.problem(), feed, self.tracker_error) if told]
 
     def metric(self) -> dict[str, Any]:
         """A line for ``metrics.jsonl``."""

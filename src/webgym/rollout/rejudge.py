@@ -1,4 +1,4 @@
-"""A stored run judged again: as often as one likes, each attempt once per judge.
+"""Judging a stored run again, any number of times; each attempt once per judge.
 
 Trajectories stay as they are. Verdicts are kept by the judge's name (:mod:`webgym.rollout.verdicts`); what a
 judge has said is not asked again, so that a judging that was killed goes on where it was.
@@ -38,7 +38,7 @@ class RejudgeConfig(Settings):
     """How long one verdict may take before the attempt counts as unjudged."""
 
     limit: int | None = Field(default=None, ge=1)
-    """Judge so many attempts at most; ``None`` judges all."""
+    """Judge at most this many attempts; by default all."""
 
     retry_failures: bool = True
     """Judge those again that this judge had no verdict on."""
@@ -56,7 +56,7 @@ class RejudgeConfig(Settings):
 
 @dataclass
 class Judging:
-    """How far a judging has come.
+    """Progress and results of judging a run again.
 
     Attributes:
         judge: its name.

@@ -41,7 +41,8 @@ class SharingConfig(Settings):
     """Where a task list is shared, and when a collector counts as dead."""
 
     folder: Annotated[Path, AfterValidator(Path.absolute)] | None = None
-    """On a disk that all collectors see; ``None`` shares nothing."""
+    """Folder on a disk that other collectors of the same tasks see too: each task is attempted by one of
+    them."""
 
     beat_seconds: float = Field(default=5.0, gt=0)
     """Between two signs of life."""

@@ -1,4 +1,4 @@
-"""The attempts of a run that have no verdict, judged again when all else is done or the run is resumed.
+"""Judges attempts without a verdict again, at the end of a run and when it is resumed.
 
 What the browser did is on disk and is not done again. A judge that fails for one question in a hundred fails
 for more attempts at tasks of many facts than of few, and for more that succeeded than that failed (one clear

@@ -1,4 +1,4 @@
-"""What judges said of a run after it was collected, beside the trajectories, which are never touched.
+"""Verdicts made after a run was collected, stored beside its trajectories, which never change.
 
 ``verdicts/<judge>.jsonl`` in the run folder has one checksummed line per judgement,
 ``{"sha256":"<hex>","judged":<JSON>}``, synced before it counts. A judge's name holds everything that can
@@ -32,7 +32,7 @@ _BODY_AT = len(_OPEN) + 64 + len(_MIDDLE)
 
 
 class Judged(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What a judge made of an attempt.
+    """A judge's verdict on an attempt.
 
     Attributes:
         attempt_id: which.
@@ -81,7 +81,7 @@ def is_whole_verdict(line: bytes) -> bool:
 
 
 def book_path(run: Path, judge: str) -> Path:
-    """Where a judge's verdicts on a run lie."""
+    """The file of a judge's verdicts on a run."""
     readable = re.sub(r"[^a-z0-9.]+", "-", judge.casefold()).strip("-.")[:60]
     return run / VERDICTS / f"{readable}-{hashlib.sha256(judge.encode()).hexdigest()[:8]}.jsonl"
 

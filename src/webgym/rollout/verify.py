@@ -1,4 +1,4 @@
-"""Proving that a run is whole, and setting aside what is not.
+"""Checks that a run is complete and intact, and sets aside records that are not.
 
 Every record is read and compared with its checksum, every picture with its name. What cannot be trusted is
 named; on demand it is moved to ``set-aside/`` in the run folder, under its own path. The rest is then a

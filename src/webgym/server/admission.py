@@ -30,7 +30,7 @@ _RECENT = 0.1
 
 
 class _Grant(NamedTuple):
-    """A turn that has come: when, and how long its call is expected to take, seconds."""
+    """A granted permit: when it was granted, and how long its call is expected to take, seconds."""
 
     at: float
     expected: float
@@ -67,14 +67,14 @@ class _Queue:
         return self.waiting[0][0] if self.waiting else None
 
     def begin(self, now: float) -> None:
-        """Let the first that waits run. What it is expected to take counts at once."""
+        """Grant a permit to the first that waits. Its expected service time counts at once."""
         _, turn = self.waiting.popleft()
         self.running += 1
         self.account += self.usual
         turn.set_result(_Grant(now, self.usual))
 
     def end(self, grant: _Grant, now: float) -> None:
-        """A call has run: what it took counts in place of what was expected."""
+        """Record that a call has run: its service time counts in place of the expected one."""
         took = now - grant.at
         self.usual += (took - self.usual) * (_RECENT if self.done else 1.0)
         self.running -= 1
@@ -84,9 +84,9 @@ class _Queue:
 
 
 class Permit:
-    """The right to run, which a call of :meth:`Gatekeeper.permit` holds."""
+    """The right to run, which a call of :meth:`AdmissionController.permit` holds."""
 
-    def __init__(self, gate: Gatekeeper) -> None:
+    def __init__(self, gate: AdmissionController) -> None:
         self._waited = 0.0
         self._waits_since: float | None = None
         self._gate = gate
@@ -133,8 +133,8 @@ class Permit:
             self._gate.release(*held)
 
 
-class Gatekeeper:
-    """Gives out run permits.
+class AdmissionController:
+    """Grants run permits.
 
     Args:
         processors: what measures saturation.

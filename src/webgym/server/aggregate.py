@@ -1,4 +1,4 @@
-"""What many workers say, as one."""
+"""The load and metrics of many workers, combined."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from prometheus_client.registry import Collector
 
 from webgym.server.fleet import Fleet
 from webgym.server.metrics import CallMetrics
-from webgym.server.queue import Line
+from webgym.server.queue import SlotQueue
 
 _SAMPLE = re.compile(rb"([a-zA-Z_:][a-zA-Z0-9_:]*)(\{)?")
 
 
 class _Load(Collector):
-    def __init__(self, fleet: Fleet, line: Line) -> None:
+    def __init__(self, fleet: Fleet, line: SlotQueue) -> None:
         self._fleet, self._line = fleet, line
 
     def collect(self) -> Iterable[Metric]:
-        """The load at this moment."""
+        """Collect the load at this moment."""
         yield GaugeMetricFamily(
             "webgym_gateway_workers", "Workers that are up", value=len(self._fleet.workers)
         )
@@ -34,9 +34,9 @@ class _Load(Collector):
 
 
 class GatewayMetrics(CallMetrics):
-    """Of one gateway."""
+    """The metrics of one gateway."""
 
-    def __init__(self, fleet: Fleet, line: Line) -> None:
+    def __init__(self, fleet: Fleet, line: SlotQueue) -> None:
         super().__init__(_Load(fleet, line), "webgym_gateway")
 
 

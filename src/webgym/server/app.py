@@ -10,7 +10,7 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 
 from webgym.core.errors import Unauthorized
-from webgym.server.http import Front, application, decode, while_connected
+from webgym.server.http import HttpFrontend, application, decode, while_connected
 from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionGrant, SessionOptions
 from webgym.server.operations import ALLOCATE, OPERATIONS, Operation
 from webgym.server.quota import Quota, client_of
@@ -33,7 +33,7 @@ def create_app(service: Service, tokens: Tokens, *, instance: str = "", endpoint
 class _Calls:
     def __init__(self, service: Service, tokens: Tokens, instance: str, endpoint: str) -> None:
         self._service = service
-        self._front = Front(tokens, service.config.body_bytes, instance, service.observed)
+        self._front = HttpFrontend(tokens, service.config.body_bytes, instance, service.observed)
         self._address = endpoint
         self._quota = Quota(service.config.sessions_per_client)
         service.on_end = self._quota.ended

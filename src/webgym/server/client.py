@@ -1,4 +1,4 @@
-"""The way to a browser server: what the collector uses.
+"""The route to a browser server: what the collector uses.
 
 >>> async with BrowserClient(url, token=token) as client:
 ...     session = await client.open(SessionOptions(mode="marks"))
@@ -71,7 +71,7 @@ from webgym.server.operations import (
     Operation,
     QueueName,
 )
-from webgym.server.routing import Way, Ways
+from webgym.server.routing import SessionRoute, SessionRouter
 
 log = logging.getLogger(__name__)
 
@@ -81,7 +81,7 @@ _NAME_BYTES = 8
 
 
 class _Broken(Exception):
-    """A call came to nothing on its way.
+    """A call came to nothing on its route.
 
     Attributes:
         error: what the caller is told.
@@ -165,12 +165,12 @@ class BrowserClient:
 
     async def __aenter__(self) -> BrowserClient:
         self._connections = connections(self.limits)
-        self._ways = Ways(self._connections, self.base_url, self.limits)
+        self._router = SessionRouter(self._connections, self.base_url, self.limits)
         return self
 
     async def __aexit__(self, *_: object) -> None:
         await asyncio.gather(*(session.close() for session in tuple(self._sessions)))
-        await self._ways.close()
+        await self._router.close()
         await self._http.close()
 
     @property
@@ -188,11 +188,11 @@ class BrowserClient:
         """
         grant = await self.call(ALLOCATE, SessionGrant, options or SessionOptions())
         try:
-            way = await self._ways.find(grant)
+            route = await self._router.find(grant)
         except asyncio.CancelledError:
             await asyncio.shield(self._give_back(grant))
             raise
-        session = Session(self, grant, way)
+        session = Session(self, grant, route)
         self._sessions.add(session)
         return session
 
@@ -206,7 +206,7 @@ class BrowserClient:
 
     async def health(self) -> Health:
         """Whether it can give sessions. Needs no token."""
-        response = await self._through(Way(self.base_url, False), HEALTH, None, None, None, None)
+        response = await self._through(SessionRoute(self.base_url, False), HEALTH, None, None, None, None)
         if response.status == UNHEALTHY_STATUS:
             with contextlib.suppress(ProtocolError):  # then it is an error like any other
                 return self._decode(HEALTH, Health, response)
@@ -229,7 +229,7 @@ class BrowserClient:
         body: msgspec.Struct | None = None,
         *,
         grant: SessionGrant | None = None,
-        way: Way | None = None,
+        route: SessionRoute | None = None,
         queue: QueueName | None = None,
         seconds: float | None = None,
     ) -> T:
@@ -238,32 +238,32 @@ class BrowserClient:
         Args:
             reply: shape of the answer; ``bytes`` for a body that is no struct.
             grant: the session, for operations that need one.
-            way: where to; the known address if there is none. One that breaks is changed for the known
+            route: where to; the known address if there is none. One that breaks is changed for the known
                 address from then on, but what may have been carried out is not asked for again.
             queue: the pool, where it is not the operation's own.
             seconds: deadline, where it is not the usual one.
         """
-        way = way or Way(self.base_url, False)
-        response = await self._through(way, operation, body, grant, queue or operation.queue, seconds)
+        route = route or SessionRoute(self.base_url, False)
+        response = await self._through(route, operation, body, grant, queue or operation.queue, seconds)
         return self._answer(operation, reply, response)
 
     async def _through(
         self,
-        way: Way,
+        route: SessionRoute,
         operation: Operation,
         body: msgspec.Struct | None,
         grant: SessionGrant | None,
         queue: QueueName | None,
         seconds: float | None,
     ) -> _Response:
-        """Send a call on its way, and on the other way if this one breaks."""
-        was_straight = way.is_straight
+        """Send a call on its route, and on the other route if this one breaks."""
+        was_straight = route.is_straight
         try:
-            return await self._send(way.base_url, operation, body, grant, queue, seconds)
+            return await self._send(route.base_url, operation, body, grant, queue, seconds)
         except _Broken as broken:
             if not was_straight:
                 raise broken.error from None
-            way.base_url, way.is_straight = self.base_url, False
+            route.base_url, route.is_straight = self.base_url, False
             again = not broken.was_sent or operation.is_repeatable
             # A server that knows what became of the session says it better than we can.
             asked = operation if again else HEARTBEAT
@@ -385,10 +385,11 @@ class Session:
         BrowserCrashed, BrowserTimeout: the browser failed; the session is over.
     """
 
-    def __init__(self, client: BrowserClient, grant: SessionGrant, way: Way) -> None:
+    def __init__(self, client: BrowserClient, grant: SessionGrant, route: SessionRoute) -> None:
         self._client = client
-        self._grant = grant
-        self._way = way
+        self.grant = grant
+        """What proves to the server that this client holds the session. Contains a secret."""
+        self._route = route
         self._pictures: OrderedDict[str, bytes] = OrderedDict()
         self._is_closed = False
         self._used = asyncio.Event()
@@ -396,13 +397,13 @@ class Session:
 
     @property
     def id(self) -> str:
-        """Of the lease, for tracing a fault."""
-        return self._grant.session_id
+        """The session's id, for tracing a fault."""
+        return self.grant.session_id
 
     @property
     def is_direct(self) -> bool:
         """Whether its calls go straight to the worker that holds it."""
-        return self._way.is_straight
+        return self._route.is_straight
 
     async def step(self, action: AnyAction | None = None) -> View:
         """Act (or not), wait until the page is quiet, and look: one round trip."""
@@ -451,6 +452,14 @@ class Session:
         """Renew the lease. Done in the background anyway."""
         return await self._call(HEARTBEAT, Renewed)
 
+    async def abandon(self) -> None:
+        """Stop renewing the session without giving its browser back, as a client that dies would.
+
+        The server takes the browser back when the lease runs out; until then, calls still work and renew it.
+        """
+        self._renewal.cancel()
+        await asyncio.wait({self._renewal})
+
     async def close(self) -> None:
         """Give the browser back. Safe to call twice; never raises what would hide a caller's own error:
         a lease that cannot be given back runs out by itself."""
@@ -458,11 +467,10 @@ class Session:
             return
         self._is_closed = True
         self._client.forget(self)
-        self._renewal.cancel()
-        await asyncio.wait({self._renewal})
+        await self.abandon()
         try:
             seconds = self._client.limits.release_seconds
-            await self._client.call(RELEASE, Closed, grant=self._grant, way=self._way, seconds=seconds)
+            await self._client.call(RELEASE, Closed, grant=self.grant, route=self._route, seconds=seconds)
         except LeaseLost:
             return
         except ServerError as error:
@@ -478,11 +486,13 @@ class Session:
         if self._is_closed:
             raise LeaseLost("the session was closed here", hint="open a new one")
         self._used.set()
-        return await self._client.call(operation, reply, body, grant=self._grant, way=self._way, queue=queue)
+        return await self._client.call(
+            operation, reply, body, grant=self.grant, route=self._route, queue=queue
+        )
 
     async def _keep_alive(self) -> None:
         """Renew the lease whenever no call has done so for a while: a thinking model never loses it."""
-        interval = self._grant.ttl_seconds * self._client.limits.heartbeat_share
+        interval = self.grant.ttl_seconds * self._client.limits.heartbeat_share
         while True:
             self._used.clear()
             try:
@@ -492,7 +502,7 @@ class Session:
             except TimeoutError:
                 pass
             try:
-                await self._client.call(HEARTBEAT, Renewed, grant=self._grant, way=self._way)
+                await self._client.call(HEARTBEAT, Renewed, grant=self.grant, route=self._route)
             except LeaseLost:
                 return  # the next call says so
             except WebGymError as error:

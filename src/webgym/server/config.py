@@ -33,8 +33,8 @@ class Admission(Settings):
     """
 
     queues: Queues = "per_operation"
-    """``per_operation``: each type of operation has its own queue, and they take turns by service time (paper
-    §4). ``global``: first come, first served, whatever it is; the paper's baseline."""
+    """How calls wait. ``per_operation``: each type of operation has its own queue, and they take turns by
+    service time (paper §4). ``global``: one queue for all, first come, first served; the paper's baseline."""
 
     fewest: int = Field(default_factory=lambda: 2 * usable_cores(), gt=0)
     """Slots that may run at once on saturated processors."""
@@ -59,10 +59,10 @@ class ServerConfig(Settings):
     """A server: where it listens, how much it holds, how long it waits."""
 
     host: str = "127.0.0.1"
-    """Loopback unless told otherwise: whoever reaches this address and has the token drives browsers."""
+    """Address to listen on. Whoever reaches it and has the token can drive browsers."""
 
     port: int = Field(default=0, ge=0, le=65535)
-    """0 takes a free one."""
+    """Port to listen on; 0 takes a free one."""
 
     ports: tuple[Port, Port] | None = None
     """First and last of those of which a free one is taken instead, where a firewall must know them."""
@@ -71,17 +71,20 @@ class ServerConfig(Settings):
     """Bearer token of every call but ``/healthz``; ``None`` makes a random one."""
 
     tokens_file: Path | None = None
-    """Names and tokens of others who may call, a line each; read again when it changes. Workers read it too,
-    so on a cluster it must be on every node."""
+    """File of other callers: a name and a token on each line. Read again when it changes.
+
+    Workers read it too, so on a cluster it must be on every node.
+    """
 
     audit_file: Path | None = None
-    """A gateway appends a JSON line to it when a session is opened, and one when it ended."""
+    """File to which the gateway appends a JSON line when a session is opened, by whom, and when it ends."""
 
     name: str = Field(default="", pattern=r"^[a-z0-9]{0,32}$")
     """Of one worker among others: its session ids begin with it, which is how a gateway finds it."""
 
     slots: int = Field(default_factory=lambda: 4 * usable_cores(), gt=0)
-    """Sessions at once. A slot takes 75-100 MB, and CPU only while its page works."""
+    """Sessions at the same time; with Ray, on each node. A slot takes 75-100 MB, and CPU only while its page
+    works."""
 
     parallel_launches: int = Field(default_factory=usable_cores, gt=0)
     """Browsers that come up at once: a launch costs about a second of CPU."""
@@ -94,14 +97,14 @@ class ServerConfig(Settings):
     last start of another is not found otherwise. A look costs a lock per living server."""
 
     allocate_seconds: float = Field(default=60.0, ge=0)
-    """How long a caller waits in line for a free slot before ``no_capacity``."""
+    """Seconds that a caller waits for a free slot before it is refused with ``no_capacity``."""
 
     waiting: int = Field(default=4096, ge=0)
     """Callers who may wait in that line, each with a connection of its own; more are sent away with
     ``too_many_waiting`` (429)."""
 
     ttl_seconds: float = Field(default=60.0, gt=0)
-    """A lease that is not renewed for so long is taken back, unless its holder asked for another time."""
+    """Seconds after which a session that is not renewed is closed, unless its holder asked otherwise."""
 
     lease_look_seconds: float = Field(default=1.0, gt=0)
     """Between two looks at the leases. Time in which the server itself stood still, this and more, does not
@@ -114,8 +117,10 @@ class ServerConfig(Settings):
     """Longest life of a session, however often it is renewed."""
 
     sessions_per_client: int | None = Field(default=None, gt=0)
-    """Most sessions that one client holds or waits for; ``None`` for as many as there are. A client is known
-    by the name of its token, else by the name that it gives itself, or by its address."""
+    """Most sessions that one client may hold or wait for; by default there is no limit.
+
+    A client is identified by the name of its token, else by the name that it gives, or by its address.
+    """
 
     body_bytes: int = Field(default=1024 * 1024, gt=0)
     """Largest request body."""
@@ -153,18 +158,21 @@ class GatewayConfig(Settings):
     """A gateway: how many workers it keeps up, and how it knows that one is gone."""
 
     workers: int | None = Field(default=None, gt=0)
-    """Worker processes per machine; ``None`` for one per ``cores_per_worker``. They share its slots."""
+    """Worker processes that share a machine's slots; by default one for every 4 cores
+    (``cores_per_worker``)."""
 
     cores_per_worker: int = Field(default=4, gt=0)
     """One process of ours keeps about so many cores busy with browsers."""
 
     worker_host: str = "127.0.0.1"
-    """Where local workers listen. Loopback serves clients on this machine; others go through the gateway
-    unless this is an address that they reach."""
+    """Address on which workers listen. Clients that can reach it connect directly instead of through the
+    gateway."""
 
     worker_ports: tuple[Port, Port] | None = None
-    """First and last of the ports that workers listen on, as many as a machine has workers and some more;
-    ``None`` for any that is free."""
+    """First and last port on which workers listen, for firewalls; by default any free port.
+
+    There must be as many as a machine has workers, and some more.
+    """
 
     start_seconds: float = Field(default=90.0, gt=0)
     """From starting a worker until its first browser is up."""
@@ -198,22 +206,23 @@ class RayConfig(Settings):
     """Workers on the nodes of a Ray cluster: which nodes, and how much of each."""
 
     address: str = "auto"
-    """Of the cluster, as Ray takes it. ``auto`` for the one that this machine is a node of."""
+    """Run the workers on the nodes of the Ray cluster at this address; ``auto`` for the cluster of this
+    machine."""
 
     namespace: str = "webgym"
     """Ray's namespace for our actors."""
 
     slots_per_cpu: float = Field(default=4.0, gt=0)
-    """Sessions at once for each CPU that a node has in Ray's books. Nodes without any take none."""
+    """Sessions for each CPU that a node has in Ray's resources, where the number of slots is not given."""
 
     slots_per_node: int | None = Field(default=None, gt=0)
     """Sessions at once on each node, whatever it has."""
 
     cpus_per_node: float | None = Field(default=None, ge=0)
-    """CPUs that we reserve on each node; ``None`` for all of it, so that Ray places nothing beside us."""
+    """CPUs to reserve on each node; by default all of them, so that Ray places nothing else there."""
 
     node_resource: str | None = None
-    """Only nodes that have this custom resource, for clusters that do other work too."""
+    """Use only nodes that have this custom resource, for clusters that do other work too."""
 
     connect_seconds: float = Field(default=15.0, gt=0)
     """Until the cluster has taken us in. Ray itself would try for ever."""

@@ -1,4 +1,4 @@
-"""Tells those who watch a server what changed, as a line of JSON each time."""
+"""Streams a server's state to its subscribers: a line of JSON after every change."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from webgym.server.messages import Watched
 
 
 class Feed:
-    """Any number of watchers of one server.
+    """The subscribers of one server.
 
-    A line is what holds when it is written, so a slow watcher misses what lies between, never the end.
+    A line holds the state at the time of writing, so a slow subscriber misses intermediate states but never
+    the last.
 
     Args:
         read: what holds now.
@@ -28,17 +29,17 @@ class Feed:
         self._is_closed = False
 
     def changed(self) -> None:
-        """Something may have."""
+        """Announce that the state may have changed."""
         for watcher in self._watchers:
             watcher.set()
 
     def close(self) -> None:
-        """End every watcher's stream."""
+        """End every subscriber's stream."""
         self._is_closed = True
         self.changed()
 
     async def lines(self) -> AsyncIterator[bytes]:
-        """One watcher's stream, the present first."""
+        """One subscriber's stream, beginning with the present state."""
         change = asyncio.Event()
         self._watchers.add(change)
         try:

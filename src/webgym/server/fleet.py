@@ -1,7 +1,7 @@
-"""The workers behind a gateway: started, watched, and started again when they end.
+"""The workers behind a gateway: started, monitored, and restarted when they end.
 
 A *host* is where worker processes run: this machine, or a node of a Ray cluster. Every run of a worker gets
-a name of its own, which is never given again, so the id of a session says for ever which run held it.
+a unique name, so a session's id always identifies the run that held it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 class Started(msgspec.Struct, frozen=True):
-    """What a worker says when it is up.
+    """What a worker reports when it is up.
 
     Attributes:
         url: its base URL, for whoever can reach it.
@@ -49,15 +49,15 @@ class Host(Protocol):
 
     @property
     def id(self) -> str:
-        """No two hosts share one."""
+        """Unique among hosts."""
 
     @property
     def place(self) -> str:
-        """What people call it."""
+        """A name for people."""
 
     @property
     def shares(self) -> tuple[ServerConfig, ...]:
-        """What each of its workers is to be, its name left out."""
+        """The settings of each of its workers, without their names."""
 
     async def start(self, config: ServerConfig) -> Started:
         """Start a worker and wait until it is up. Nothing is left of one that does not come up.
@@ -67,14 +67,14 @@ class Host(Protocol):
         """
 
     async def stop(self, name: str) -> None:
-        """End a worker, whatever state it is in. Safe to call for one that is gone."""
+        """Stop a worker in any state. Safe to call for one that is gone."""
 
 
 class Hosts(Protocol):
-    """All hosts, which may come and go."""
+    """All hosts; they may come and go."""
 
     def changes(self) -> AsyncIterator[Collection[Host]]:
-        """Those that are there, now and after every change. Never ends."""
+        """Yield the present hosts, now and after every change. Never ends."""
 
 
 def split(slots: int, cores: float, config: GatewayConfig) -> list[int]:
@@ -84,7 +84,7 @@ def split(slots: int, cores: float, config: GatewayConfig) -> list[int]:
 
 
 def share_of(config: ServerConfig, slots: int, cores: float, *, share: float, of_cores: int) -> ServerConfig:
-    """What one of the workers of a machine is to be.
+    """The settings of one of the workers of a machine.
 
     Args:
         config: of all of them together, made for ``of_cores`` processors.
@@ -143,14 +143,14 @@ class Worker:
 
     @property
     def room(self) -> int:
-        """Free slots that nobody is on the way to."""
+        """Free slots to which no caller has been sent yet."""
         if self.watched is None or self.is_lost:
             return 0
         slots = self.watched.slots
         return slots.free - slots.waiting - (self.sent - self.watched.asked)
 
     def take(self, watched: Watched) -> list[str]:
-        """What it says now. Returns the ids of the sessions that have ended."""
+        """Take in a report. Returns the ids of the sessions that have ended."""
         self.watched = watched
         # With no call on its way both count the same, unless one was lost with its connection.
         is_astray = not self.pending and self.sent != watched.asked
@@ -205,7 +205,7 @@ class Worker:
             await answer.body()
 
     async def is_there(self) -> bool:
-        """Whether it still answers."""
+        """Whether the worker still answers."""
         try:
             async with asyncio.timeout(self._answer_seconds), self.relay.call("GET", HEALTH.path) as answer:
                 await answer.body()
@@ -214,7 +214,7 @@ class Worker:
         return (INSTANCE_HEADER.encode(), self.instance.encode()) in answer.headers
 
     async def watch(self, silent_seconds: float) -> AsyncIterator[Watched]:
-        """What it says, until it says nothing more.
+        """Yield its reports until the connection ends.
 
         Raises:
             NotSent, Interrupted, TimeoutError: the connection is gone, or silent.
@@ -230,7 +230,7 @@ class Worker:
                 yield msgspec.json.decode(line, type=Watched)
 
     def lose(self) -> None:
-        """It is gone: whoever waits for it is told."""
+        """Mark the worker as gone and tell all callers that wait for it."""
         self.is_lost = True
         self.relay.close()
 
@@ -272,7 +272,7 @@ class Fleet:
         self._news = asyncio.Event()
 
     async def run(self) -> None:
-        """Keep them up until cancelled; afterwards none is left."""
+        """Keep all workers up until cancelled; then stop all of them."""
         keepers: dict[str, asyncio.Task[None]] = {}
         places: dict[str, str] = {}
         async with asyncio.TaskGroup() as group:
@@ -317,7 +317,7 @@ class Fleet:
 
     @property
     def wanted(self) -> int:
-        """How many should be up."""
+        """How many workers should be up."""
         return self._wanted
 
     # --- one worker -----------------------------------------------------------------------------------

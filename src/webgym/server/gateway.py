@@ -27,7 +27,7 @@ from webgym.server.audit import Audit, audit_to
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 from webgym.server.feed import Feed
 from webgym.server.fleet import Fleet, Hosts, Worker
-from webgym.server.http import Front, application, decode, while_connected
+from webgym.server.http import HttpFrontend, application, decode, while_connected
 from webgym.server.listening import listen, serving, url_of
 from webgym.server.local import LocalHosts
 from webgym.server.messages import (
@@ -51,7 +51,7 @@ from webgym.server.operations import (
     Operation,
     openapi,
 )
-from webgym.server.queue import Line
+from webgym.server.queue import SlotQueue
 from webgym.server.quota import Quota, caller_of, client_of
 from webgym.server.ray_hosts import ray_hosts
 from webgym.server.relay import Answer, Header, Interrupted, NotSent
@@ -82,7 +82,7 @@ class Gateway:
         self.config = config
         self._audit = audit
         self.fleet = Fleet(hosts, fleet_config, token, self._on_change)
-        self.line = Line(self.fleet.workers, config.waiting)
+        self.line = SlotQueue(self.fleet.workers, config.waiting)
         self.feed = Feed(self._watched, config.beat_seconds)
         self._quota = Quota(config.sessions_per_client)
         self._asked = 0
@@ -99,7 +99,7 @@ class Gateway:
 
     # --- sessions -------------------------------------------------------------------------------------
 
-    async def allocate(self, request: Request, front: Front) -> SessionGrant:
+    async def allocate(self, request: Request, front: HttpFrontend) -> SessionGrant:
         """Open a session where there is most room."""
         body = await front.body(request)
         decode(body, SessionOptions)  # what is not understood does not wait in line
@@ -173,7 +173,7 @@ class Gateway:
         """Finish what goes on in the background."""
         await asyncio.gather(*self._endings, return_exceptions=True)
 
-    async def relay(self, operation: Operation, request: Request, front: Front) -> Response:
+    async def relay(self, operation: Operation, request: Request, front: HttpFrontend) -> Response:
         """Pass a session's call on to the worker that holds it."""
         worker, path = self._find(operation, request.path_params["id"])
         body = await front.body(request)
@@ -311,7 +311,7 @@ class _Passing(Response):
 
 def create_gateway_app(gateway: Gateway, tokens: Tokens, instance: str) -> Starlette:
     """The ASGI application of a gateway."""
-    front = Front(tokens, gateway.config.body_bytes, instance, gateway.observed)
+    front = HttpFrontend(tokens, gateway.config.body_bytes, instance, gateway.observed)
 
     def work(operation: Operation) -> Callable[[Request], Awaitable[Any]]:
         async def serve(request: Request) -> Any:

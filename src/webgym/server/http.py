@@ -59,7 +59,7 @@ class _TooLarge(ProtocolError):
     """A request body over the limit."""
 
 
-class Front:
+class HttpFrontend:
     """One server's side of HTTP.
 
     Args:
@@ -96,9 +96,9 @@ class Front:
                 errors.labels(operation.name, ServerUnreachable.code).inc()
                 return error_response(ServerUnreachable("the server stopped before the call had ended"))
             except Exception as error:
-                log.exception("%s failed by our own mistake", operation.name)
+                log.exception("%s failed with an internal error", operation.name)
                 errors.labels(operation.name, "internal").inc()
-                return error_response(WebGymError(f"the server made a mistake: {error!r}"))
+                return error_response(WebGymError(f"internal error in the server: {error!r}"))
             finally:
                 seconds.observe(time.perf_counter() - start)
 
@@ -112,7 +112,9 @@ class Front:
         """
         request.state.caller = self._tokens.name_of(request.headers.get("authorization", ""))
         if not operation.is_open and request.state.caller is None:
-            raise Unauthorized("the token is wrong or missing", hint="`webgym serve` says where its token is")
+            raise Unauthorized(
+                "the token is invalid or missing", hint="`webgym serve` says where its token is"
+            )
 
     async def body(self, request: Request) -> bytes:
         """A request's whole body.

@@ -1,4 +1,4 @@
-"""How our servers listen: one socket, requests of bounded size, dead callers noticed."""
+"""How our servers listen: one socket, requests of bounded size, detection of dead clients."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ log = logging.getLogger(__name__)
 
 _BACKLOG = 2048
 _PROBES = 3
-_NOT_HTTP = "this is no request in HTTP/1.1"
+_NOT_HTTP = "this is not an HTTP/1.1 request"
 _THROWN_AWAY = 8
 """A body is refused when it is too large, and the answer needs a caller who still listens: what he sends
 meanwhile is thrown away, up to so many times the largest body."""
 
 
 def keep_alive_options(seconds: float) -> list[tuple[int, int, int]]:
-    """Socket options with which a peer that vanished without a word is noticed within ``seconds``.
+    """Socket options that detect a peer that vanished without closing the connection within ``seconds``.
 
-    Without them a machine that lost its power holds its connections for hours.
+    Without them the connections of a machine that lost power stay open for hours.
     """
     pause = max(1, round(seconds / (_PROBES + 1)))
     return [
@@ -46,13 +46,13 @@ def keep_alive_options(seconds: float) -> list[tuple[int, int, int]]:
 
 
 def open_as_many_files_as_may_be() -> None:
-    """The usual 1024 are for programs that use select(); a session holds some ten with its connections."""
+    """Raise the limit of open files to the maximum: a session needs about ten; the usual limit is 1024."""
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 def listen(config: ServerConfig) -> socket.socket:
-    """The server's socket. From here on callers wait rather than be refused.
+    """Open the server's socket. From here on clients wait instead of being refused.
 
     Raises:
         ConfigError: the address cannot be listened on.
@@ -94,7 +94,7 @@ def _listening(config: ServerConfig, port: int) -> socket.socket:
 
 
 def url_of(listener: socket.socket) -> str:
-    """The base URL of who listens here."""
+    """The base URL of the server that listens on this socket."""
     host, port = listener.getsockname()[:2]
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
@@ -107,8 +107,8 @@ def is_wildcard(host: str) -> bool:
         return not host
 
 
-class Quiet(uvicorn.Server):
-    """A server whose signals are its owner's business."""
+class QuietServer(uvicorn.Server):
+    """A uvicorn server that leaves the process's signal handlers to its owner."""
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -117,9 +117,8 @@ class Quiet(uvicorn.Server):
 
 
 def _bounded(config: ServerConfig) -> type[HttpToolsProtocol]:
-    """HTTP that is not held up: by endless heads and bodies, by requests that trickle in or never come, by
-    connections without number. All of it happens before any of our code, and any check of a token, sees a
-    request.
+    """An HTTP protocol with limits on sizes of heads and bodies, on the time until a request is complete, and
+    on the number of connections. They apply before the application sees a request or checks its token.
     """
     most_bytes = config.head_bytes + _THROWN_AWAY * config.body_bytes
     long_head = f"the request's line and headers are larger than {config.head_bytes} bytes"
@@ -226,7 +225,7 @@ async def serving(app: ASGIApp, listener: socket.socket, config: ServerConfig) -
         "timeout_keep_alive": config.keep_alive_seconds,
         "timeout_graceful_shutdown": config.shutdown_seconds,
     }
-    server = Quiet(uvicorn.Config(app, **settings))
+    server = QuietServer(uvicorn.Config(app, **settings))
     task = asyncio.create_task(server.serve(sockets=[listener]))
     try:
         yield

@@ -1,4 +1,4 @@
-"""What travels between client and server."""
+"""The messages between client and server."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ INSTANCE_HEADER = "x-webgym-instance"
 
 
 class SessionOptions(PageOptions, frozen=True, omit_defaults=True):
-    """What a session is like: its page, and its lease.
+    """Options of a session: its page and its lease.
 
     Attributes:
         ttl_seconds: how long the lease lasts without a call or heartbeat; ``None`` takes the server's.
@@ -58,7 +58,7 @@ class StepRequest(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class StepReply(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What is to be seen.
+    """What the page shows.
 
     Attributes:
         image: PNG, or JPEG if the session wants that; ``None`` if the caller has it.
@@ -69,7 +69,7 @@ class StepReply(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class View(msgspec.Struct, frozen=True):
-    """An observation with its picture, always.
+    """An observation together with its screenshot.
 
     Attributes:
         image: PNG (or JPEG); its SHA-256 is ``observation.screenshot``.
@@ -86,7 +86,7 @@ class NavigateRequest(msgspec.Struct, frozen=True):
 
 
 class ExecuteRequest(msgspec.Struct, frozen=True):
-    """Carry this action out."""
+    """Carry out this action."""
 
     action: AnyAction
 
@@ -174,7 +174,7 @@ class Pressure(msgspec.Struct, frozen=True):
 
 
 class Watched(msgspec.Struct, frozen=True):
-    """What a gateway must know of its worker, whenever it changes.
+    """A worker's state, reported to its gateway whenever it changes.
 
     Attributes:
         asked: calls for a session that have arrived so far, answered or not.
@@ -199,7 +199,7 @@ class WorkerInfo(msgspec.Struct, frozen=True):
 
 
 class ServerInfo(msgspec.Struct, frozen=True):
-    """What a server is.
+    """Facts about a server.
 
     Attributes:
         browser: product and version, as Chromium tells it.

@@ -9,7 +9,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from webgym.browser.egress import EgressLoad
-from webgym.server.admission import Gatekeeper
+from webgym.server.admission import AdmissionController
 from webgym.server.leases import Leases
 from webgym.server.pool import Pool
 
@@ -19,7 +19,7 @@ _BUCKETS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0,
 class _Load(Collector):
     """Gauges that are read when they are asked for."""
 
-    def __init__(self, gate: Gatekeeper, pool: Pool, leases: Leases) -> None:
+    def __init__(self, gate: AdmissionController, pool: Pool, leases: Leases) -> None:
         self._gate, self._pool, self._leases = gate, pool, leases
 
     def collect(self) -> Iterable[Metric]:
@@ -103,5 +103,5 @@ class CallMetrics:
 class Metrics(CallMetrics):
     """Of one worker."""
 
-    def __init__(self, gate: Gatekeeper, pool: Pool, leases: Leases) -> None:
+    def __init__(self, gate: AdmissionController, pool: Pool, leases: Leases) -> None:
         super().__init__(_Load(gate, pool, leases))

@@ -1,4 +1,4 @@
-"""Who gets the next free slot: one line of callers in front of all workers, first come, first served."""
+"""The queue for free slots: one for all workers, first come, first served."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from webgym.core.errors import NoCapacity, TooManyWaiting
 from webgym.server.fleet import Worker
 
 
-class Line:
-    """Callers who wait for a worker with a free slot.
+class SlotQueue:
+    """Callers that wait for a worker with a free slot.
 
-    Nobody polls: :meth:`serve` is called when a worker said something, and knows from that and from its own
-    sendings who has room.
+    There is no polling: :meth:`serve` is called whenever a worker reports, and knows from the report and from
+    the calls sent since which workers have free slots.
 
     Args:
         workers: those that are up.
@@ -62,7 +62,7 @@ class Line:
             raise
 
     def serve(self) -> None:
-        """Send whoever is first where there is most room, as long as there is any."""
+        """Send the first caller to the worker with most free slots, as long as there are free slots."""
         while self._waiting:
             if self._waiting[0].done():  # it gave up
                 self._waiting.popleft()

@@ -1,8 +1,8 @@
-"""Passes calls on to one worker as bytes: nothing of a body is decoded, and a picture is sent on while it
-still arrives.
+"""Passes calls on to one worker as bytes: no body is decoded, and a screenshot is forwarded while it is still
+arriving.
 
-A small HTTP/1.1 client of our own, since it stands in every relayed call's way: a general one costs about
-as much processor time per call as all the rest of the gateway.
+This is a small HTTP/1.1 client of our own because every relayed call passes through it: a general client
+costs about as much processor time per call as all the rest of the gateway.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ _HIGH_WATER_BYTES = 256 * 1024
 
 
 class NotSent(Exception):
-    """There is no connection to be had: the worker knows nothing of the call."""
+    """No connection could be made: the worker has not received the call."""
 
 
 class Interrupted(Exception):
-    """The connection ended before the answer did: what became of the call is not known."""
+    """The connection ended before the answer: whether the call was carried out is unknown."""
 
 
 class Answer:
@@ -60,7 +60,7 @@ class Answer:
         self._changed.set()
 
     def tell(self, error: Interrupted | None = None) -> None:
-        """The head is there, the body is whole, or neither will come."""
+        """Wake the reader: the head has arrived, the body is complete, or neither will come."""
         self._error = error
         self._changed.set()
 
@@ -164,7 +164,7 @@ class _Connection(asyncio.Protocol):
 
 
 class Relay:
-    """The way to one worker.
+    """The connections to one worker.
 
     Args:
         base_url: the worker's.

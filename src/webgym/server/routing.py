@@ -1,7 +1,7 @@
-"""The two ways to a session: straight to the worker that holds it, or through the address that is known.
+"""The two routes to a session: directly to the worker that holds it, or through the gateway.
 
-Pictures are large, so they take the straight way where the network has one. Whether it has is found out
-once per worker; the other way always serves.
+Screenshots are large, so calls go directly to the worker if the network allows it, which is found out once
+per worker. The route through the gateway always works.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from webgym.server.messages import INSTANCE_HEADER, SessionGrant
 from webgym.server.operations import HEALTH
 
 
-class Way:
-    """Where one session's calls go at present.
+class SessionRoute:
+    """Where one session's calls are sent at present.
 
     Attributes:
         base_url: a server's.
-        is_straight: whether that is the worker's own; then there is another way.
+        is_straight: whether that is the worker's own address; then the gateway is the alternative.
     """
 
     def __init__(self, base_url: str, is_straight: bool) -> None:
@@ -30,8 +30,8 @@ class Way:
         self.is_straight = is_straight
 
 
-class Ways:
-    """Finds the way for every session of a client.
+class SessionRouter:
+    """Chooses the route of every session of a client.
 
     Args:
         base_url: the address that the client knows.
@@ -43,20 +43,20 @@ class Ways:
         self._limits = limits
         self._known: dict[tuple[str, str], asyncio.Task[bool]] = {}
 
-    async def find(self, grant: SessionGrant) -> Way:
-        """The better way to a session."""
+    async def find(self, grant: SessionGrant) -> SessionRoute:
+        """The better route to a session."""
         endpoint = grant.endpoint
         if not self._limits.direct or not may_go_straight(self._base_url, endpoint):
-            return Way(self._base_url, False)
+            return SessionRoute(self._base_url, False)
         key = endpoint, grant.instance
         if key not in self._known:  # sessions that open at the same time ask once
             self._known[key] = asyncio.create_task(self._is_there(endpoint, grant.instance))
         if await asyncio.shield(self._known[key]):
-            return Way(endpoint, True)
-        return Way(self._base_url, False)
+            return SessionRoute(endpoint, True)
+        return SessionRoute(self._base_url, False)
 
     async def _is_there(self, endpoint: str, instance: str) -> bool:
-        """Whether this very worker answers there, and not some other server. No token is sent."""
+        """Whether this worker, and not some other server, answers there. No token is sent."""
         try:
             async with asyncio.timeout(self._limits.direct_seconds):
                 asked = self._http.request(HEALTH.method, endpoint + HEALTH.path, allow_redirects=False)
@@ -66,14 +66,14 @@ class Ways:
             return False
 
     async def close(self) -> None:
-        """End what is still being found out."""
+        """Cancel checks that are still running."""
         for task in self._known.values():
             task.cancel()
         await asyncio.gather(*self._known.values(), return_exceptions=True)
 
 
 def may_go_straight(base_url: str, endpoint: str) -> bool:
-    """Whether an endpoint may be the same place seen from here.
+    """Whether an endpoint may be contacted directly.
 
     A loopback address means something else on every machine; and who speaks TLS to the known address must
     not send the token in the clear to another.

@@ -1,4 +1,4 @@
-"""How busy the processors are that this process may use, from the kernel's own books."""
+"""How busy the processors are that this process may use, from the kernel's counters."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Processors:
 
 
 def _ticks(processors: set[int]) -> tuple[int, int]:
-    """Busy and all ticks of these processors since boot."""
+    """Busy ticks and all ticks of these processors since boot."""
     busy = total = 0
     for line in _STAT.read_text().splitlines():
         name, *rest = line.split()

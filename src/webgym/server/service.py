@@ -18,7 +18,7 @@ from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserError, ProtocolError
-from webgym.server.admission import Gatekeeper, Permit
+from webgym.server.admission import AdmissionController, Permit
 from webgym.server.config import ServerConfig
 from webgym.server.feed import Feed
 from webgym.server.leases import Lease, Leases
@@ -63,7 +63,7 @@ class Service:
         self.on_end: Callable[[str], None] = lambda _: None
         """Called with the id of every session that ends, when it does."""
         self._asked = 0
-        self.gate = Gatekeeper(config.admission)
+        self.gate = AdmissionController(config.admission)
         self._metrics = Metrics(self.gate, self.pool, self.leases)
 
     async def __aenter__(self) -> Service:

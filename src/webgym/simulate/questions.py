@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from pydantic import ValidationError
-
-from webgym.core.errors import ConfigError
-from webgym.settings import Section, first_problem, merged, read_settings
+from webgym.settings import Section, load_settings
 from webgym.simulate.config import Costs, System, Workload
 from webgym.simulate.sizing import Prices, Sized, size
 
@@ -47,10 +44,4 @@ def read_questions(files: Sequence[Path]) -> Questions:
     Raises:
         ConfigError: a file cannot be read, or a setting is unknown or out of range.
     """
-    held: dict[str, Any] = {}
-    for path in files:
-        held = merged(held, read_settings(path, hint="see docs/simulate.md for an example"))
-    try:
-        return Questions.model_validate(held)
-    except ValidationError as error:
-        raise ConfigError(first_problem(error, Questions)) from error
+    return load_settings(Questions, files, hint="see docs/simulate.md for an example")

@@ -115,7 +115,7 @@ def brand_of(website: str) -> str:
 
 
 def brand_or_text(website: str) -> str:
-    """As :func:`brand_of`, for comparing: what names no website stands for itself."""
+    """As :func:`brand_of`, for comparing: what does not name a website stands for itself."""
     try:
         return brand_of(website)
     except ValueError:

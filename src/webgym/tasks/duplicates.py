@@ -75,7 +75,7 @@ class DuplicateLimits(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Dropped:
+class DuplicateTask:
     """A task that is not kept.
 
     Attributes:
@@ -96,7 +96,7 @@ class Deduplicated(Generic[AnyTask]):
     """The tasks that stay and those that do not, both in the order in which they came."""
 
     kept: list[AnyTask]
-    dropped: list[Dropped]
+    dropped: list[DuplicateTask]
 
 
 @collector_paused()  # millions of small things, and no cycle among them
@@ -114,7 +114,7 @@ def drop_duplicates(tasks: Sequence[AnyTask], limits: DuplicateLimits | None = N
     roots = roots_of(task for task in tasks if isinstance(task, Task))
     texts = [_Text(task, roots.get(task.id, task.id)) for task in tasks]
     pile, caps = _Pile(texts, limits), _Caps(limits)
-    found: dict[str, Dropped] = {}
+    found: dict[str, DuplicateTask] = {}
     for index in sorted(range(len(tasks)), key=_order(tasks, parents, limits)):
         task, text = tasks[index], texts[index]
         parent = parents.get(task.id)
@@ -126,7 +126,7 @@ def drop_duplicates(tasks: Sequence[AnyTask], limits: DuplicateLimits | None = N
         if finding is None:
             pile.keep(text)
         else:
-            found[task.id] = Dropped(task.id, task.source, *finding)
+            found[task.id] = DuplicateTask(task.id, task.source, *finding)
     kept = [task for task in tasks if task.id not in found]
     return Deduplicated(kept, [found[task.id] for task in tasks if task.id in found])
 

@@ -25,7 +25,7 @@ from webgym.core.errors import TaskFileError
 from webgym.core.task import WHOLE_TASK, Rubric, Task
 from webgym.core.text import plain
 from webgym.core.websites import why_no_start
-from webgym.tasks.absent import is_no_fact
+from webgym.tasks.missing_values import is_no_fact
 
 BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
 _GZIP: Final = b"\x1f\x8b"
@@ -275,7 +275,7 @@ def _completed(line: bytes, file: Path, number: int) -> Task:
     """
     said = msgspec.json.decode(line)
     if not isinstance(said, dict):
-        raise ValueError("it is no JSON object")
+        raise ValueError("it is not a JSON object")
     wrong = []
     values = {}
     for name, value in ({"id": f"{file.name.partition('.')[0]}/{number}"} | _DEFAULTS | said).items():

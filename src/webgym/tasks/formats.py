@@ -60,7 +60,7 @@ def read_tasks(path: Path) -> TaskFile:
         for file in _files(path):
             _read(file, found)
     if not found.tasks:
-        raise TaskFileError(f"{path} holds no task{_why_none(found)}")
+        raise TaskFileError(f"{path} contains no task{_why_none(found)}")
     return TaskFile(list(found.tasks.values()), found.broken, found.set_aside)
 
 

@@ -21,7 +21,7 @@ _CLOSE: Final = 5
 
 
 @dataclass(frozen=True)
-class Wanted:
+class TaskQuery:
     """Which tasks: all that is given must hold; an empty string asks for nothing.
 
     Attributes:
@@ -65,7 +65,7 @@ class TaskIndex:
     def __init__(self, tasks: Sequence[Task]) -> None:
         self.tasks = tasks
 
-    def find(self, wanted: Wanted) -> list[int]:
+    def find(self, wanted: TaskQuery) -> list[int]:
         """Places of the tasks that fit, in order."""
         mask = np.ones(len(self.tasks), dtype=np.bool_)
         for facet in FACETS:

@@ -248,7 +248,7 @@ def _values(name: str, column: pa.Array) -> list[Any]:
         values = [*coded.dictionary.to_pylist(), None]
         if name in _ALLOWED:  # msgspec knows a default, which it leaves out, by its identity
             if not _ALLOWED[name].issuperset(values[:-1]):
-                raise ValueError(f"{name} is none of {_ALLOWED[name]}")
+                raise ValueError(f"{name} is not one of {_ALLOWED[name]}")
             values = [value and sys.intern(value) for value in values]
         return [values[code] for code in coded.indices.fill_null(-1).to_pylist()]
     values = column.to_pylist()

@@ -24,8 +24,8 @@ from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.tasks.absent import is_absent, is_no_fact
 from webgym.tasks.files import BYTE_ORDER_MARK, NO_FACTS, NONE_FACT, Findings
+from webgym.tasks.missing_values import is_missing_value, is_no_fact
 
 SOURCE: Final = "webgym"
 """Source of a task whose row names no benchmark."""
@@ -175,7 +175,7 @@ def _with_ours(task: Task) -> Task:
 def _text(row: Mapping[str, Any], column: str) -> str:
     """A column as text; empty for none. A number is the text that it is written as."""
     value = row.get(column)
-    if is_absent(value):
+    if is_missing_value(value):
         return ""
     return value if isinstance(value, str) else msgspec.json.encode(value).decode()
 
@@ -239,8 +239,8 @@ def _facts(facts: object, flags: list[str]) -> Iterator[str]:
     """The facts that say something; flags where one does not."""
     for fact in facts if isinstance(facts, list | tuple) else [facts]:
         if not (isinstance(fact, str | bool | int | float) or fact is None):
-            raise ValueError("a fact in evaluator_reference is no text")
-        text = fact if isinstance(fact, str) else "" if is_absent(fact) else str(fact)
+            raise ValueError("a fact in evaluator_reference is not text")
+        text = fact if isinstance(fact, str) else "" if is_missing_value(fact) else str(fact)
         if not is_no_fact(text):
             yield text
         elif text.strip() or fact is None:

@@ -4,9 +4,9 @@
     batch = sampler.draw(1_024)
     state = sampler.state()  # small, for JSON; restore() goes on from there
 
-A sampler deals its tasks like cards. Each level that has a share of its own is a deck; a deck is shuffled,
-dealt to its end over as many draws as that takes, and shuffled again. Weights (:func:`near_success`,
-:func:`spread_websites`) change what is likely to come early in a deck, and nothing else.
+A sampler draws without replacement. Each level with a share of its own is a stratum; a stratum is shuffled,
+drawn from until it is used up, over as many draws as that takes, and shuffled again. Weights
+(:func:`near_success`, :func:`spread_websites`) only change which tasks of a stratum are likely to come early.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from webgym.tasks.selection import Selection, select
 
 T = TypeVar("T")
 
-Weigh: TypeAlias = "Callable[[Deck], NDArray[np.float64]]"
-"""How likely each task of a deck is to come next, as the deck orders them; 0 for never. Asked per shuffle."""
+Weigh: TypeAlias = "Callable[[Stratum], NDArray[np.float64]]"
+"""How likely each task of a stratum is to come next, in its order; 0 for never. Asked per shuffle."""
 
 _ALL: Final = "all"
 
@@ -55,15 +55,15 @@ class SamplerConfig(Selection):
         return self
 
 
-class Deck:
-    """The tasks of one stratum, and how far they have been dealt.
+class Stratum:
+    """The tasks of one stratum, and how many of them have been drawn.
 
     Attributes:
         name: of the stratum: a level, or "all".
         tasks: in an order that never changes.
-        epoch: how many times the deck has been dealt to its end.
-        position: how many of its tasks have been dealt since.
-        dealt: how many tasks it has given in all.
+        epoch: how many times all of its tasks have been drawn.
+        position: how many tasks have been drawn since.
+        dealt: how many tasks have been drawn in all.
     """
 
     def __init__(self, name: str, tasks: list[Task], seed: int) -> None:
@@ -125,7 +125,7 @@ class Deck:
         self.epoch, self.position, self._order = self.epoch + 1, 0, None
 
     def stand(self, epoch: int, position: int, dealt: int) -> None:
-        """Go to where a deck with the same tasks stood."""
+        """Go to where a stratum with the same tasks stood."""
         self.epoch, self.position, self.dealt, self._order = epoch, position, dealt, None
 
     def _shuffle(self, weigh: Weigh | None) -> NDArray[np.intp]:
@@ -184,10 +184,10 @@ class Sampler:
         names = "\n".join(task.id for task in tasks)
         settings = self.config.model_dump_json()
         self._of = hashlib.blake2b(f"{settings}\n{names}".encode(), digest_size=8).hexdigest()
-        self._decks = _decks(tasks, self.config)
+        self._strata = _strata(tasks, self.config)
         ratio: Mapping[Any, float] = self.config.ratio or {_ALL: 1.0}
-        total = sum(ratio[deck.name] for deck in self._decks)
-        self._shares = [ratio[deck.name] / total for deck in self._decks]
+        total = sum(ratio[stratum.name] for stratum in self._strata)
+        self._shares = [ratio[stratum.name] / total for stratum in self._strata]
 
     @property
     def blocked(self) -> frozenset[str]:
@@ -199,7 +199,7 @@ class Sampler:
         self._blocked.update(map(host_of, websites))
 
     def unblock(self, *websites: str) -> None:
-        """Draw from these websites again. What was passed over comes back when its deck is shuffled."""
+        """Draw from these websites again. What was passed over comes back when its stratum is shuffled."""
         self._blocked.difference_update(map(host_of, websites))
 
     def draw(self, count: int) -> list[Task]:
@@ -214,20 +214,22 @@ class Sampler:
         is_test = self.config.split == "test"  # also of a set that does not say what it is for
         blocked = () if is_test else self._blocked.union(self._blocked_for_now())
         self.passed_over = Counter()
-        for deck, quota in zip(self._decks, self._quotas(count), strict=True):
-            if self._anew and deck.position:
-                deck.next_epoch()
-            batch += deck.deal(quota, blocked, self.passed_over, self._weigh)
+        for stratum, quota in zip(self._strata, self._quotas(count), strict=True):
+            if self._anew and stratum.position:
+                stratum.next_epoch()
+            batch += stratum.deal(quota, blocked, self.passed_over, self._weigh)
         order = _rng(self.config.seed, "mix", self._draws).random(count).argsort(kind="stable")
         self._draws += 1
         return [batch[place] for place in order]
 
     def state(self) -> dict[str, Any]:
-        """Where the sampler stands, for JSON: a few numbers per deck, and the blocked websites."""
+        """Where the sampler stands, for JSON: a few numbers per stratum, and the blocked websites."""
         return {
             "of": self._of,
             "draws": self._draws,
-            "decks": {deck.name: [deck.epoch, deck.position, deck.dealt] for deck in self._decks},
+            "decks": {
+                stratum.name: [stratum.epoch, stratum.position, stratum.dealt] for stratum in self._strata
+            },
             "blocked": sorted(self._blocked),
         }
 
@@ -244,15 +246,15 @@ class Sampler:
             )
         self._draws = state["draws"]
         self._blocked = set(state["blocked"])
-        for deck in self._decks:
-            deck.stand(*state["decks"][deck.name])
+        for stratum in self._strata:
+            stratum.stand(*state["decks"][stratum.name])
 
     def _quotas(self, count: int) -> list[int]:
-        """How many tasks each deck gives, so that all it has given is as near to its share as can be."""
-        total = sum(deck.dealt for deck in self._decks) + count
+        """How many tasks each stratum gives, so that all it has given is as near to its share as can be."""
+        total = sum(stratum.dealt for stratum in self._strata) + count
         owed = [
-            max(0.0, share * total - deck.dealt)
-            for share, deck in zip(self._shares, self._decks, strict=True)
+            max(0.0, share * total - stratum.dealt)
+            for share, stratum in zip(self._shares, self._strata, strict=True)
         ]
         quotas = [int(each) for each in owed]
         rest = sorted(range(len(owed)), key=lambda place: quotas[place] - owed[place])
@@ -274,11 +276,11 @@ def near_success(
         least: weight of a task that is hopeless or mastered, against 1 on target.
     """
 
-    def weigh(deck: Deck) -> NDArray[np.float64]:
-        known = [(deck.places[id], *result) for id, result in results.items() if id in deck.places]
+    def weigh(stratum: Stratum) -> NDArray[np.float64]:
+        known = [(stratum.places[id], *result) for id, result in results.items() if id in stratum.places]
         places, successes, attempts = np.array(known, dtype=np.intp).reshape(-1, 3).T
         off = (successes + target) / (attempts + 1) - target
-        weights = np.ones(len(deck.tasks))
+        weights = np.ones(len(stratum.tasks))
         weights[places] = least + (1 - least) * np.exp(-0.5 * (off / width) ** 2)
         return weights
 
@@ -289,9 +291,9 @@ def spread_websites(power: float = 1.0) -> Weigh:
     """Diversity: a brand with n tasks, on however many websites, comes as if it had n^(1 - power) of them:
     with 1, as if one."""
 
-    def weigh(deck: Deck) -> NDArray[np.float64]:
-        sizes = Counter(deck.brands)
-        return np.array([sizes[brand] for brand in deck.brands], dtype=float) ** -power
+    def weigh(stratum: Stratum) -> NDArray[np.float64]:
+        sizes = Counter(stratum.brands)
+        return np.array([sizes[brand] for brand in stratum.brands], dtype=float) ** -power
 
     return weigh
 
@@ -305,31 +307,31 @@ def parse_ratio(text: str) -> dict[Level, float]:
     try:
         easy, medium, hard = (float(part) for part in text.split(":"))
     except ValueError as error:
-        raise ConfigError(f"{text!r} is no ratio", hint="give easy:medium:hard, such as 2:1:1") from error
+        raise ConfigError(f"{text!r} is not a ratio", hint="give easy:medium:hard, such as 2:1:1") from error
     return {"easy": easy, "medium": medium, "hard": hard}
 
 
-def _decks(tasks: Sequence[Task], config: SamplerConfig) -> list[Deck]:
-    strata: dict[str, list[Task]] = {level: [] for level in LEVELS} if config.ratio else {_ALL: []}
+def _strata(tasks: Sequence[Task], config: SamplerConfig) -> list[Stratum]:
+    members: dict[str, list[Task]] = {level: [] for level in LEVELS} if config.ratio else {_ALL: []}
     for task in tasks:
-        strata[task.level if config.ratio else _ALL].append(task)
+        members[task.level if config.ratio else _ALL].append(task)
     if not config.ratio:
-        return [_shard(_ALL, strata[_ALL], config)]
-    found = ", ".join(f"{len(members):,} {level}" for level, members in strata.items())
-    decks = []
+        return [_shard(_ALL, members[_ALL], config)]
+    found = ", ".join(f"{len(of_level):,} {level}" for level, of_level in members.items())
+    strata = []
     for level, share in config.ratio.items():
         if not share:
             continue
-        if not strata[level]:
+        if not members[level]:
             raise NothingToDraw(
                 f"there is no {level} task to draw, and the ratio asks for some: there are {found}",
                 hint="give another ratio, or more tasks",
             )
-        decks.append(_shard(level, strata[level], config))
-    return decks
+        strata.append(_shard(level, members[level], config))
+    return strata
 
 
-def _shard(name: str, members: list[Task], config: SamplerConfig) -> Deck:
+def _shard(name: str, members: list[Task], config: SamplerConfig) -> Stratum:
     """A worker's part of a stratum: every so many-th of it, shuffled so that the parts are alike."""
     if config.shards > 1:
         order = _rng(config.seed, "shards", name).random(len(members)).argsort(kind="stable")
@@ -339,7 +341,7 @@ def _shard(name: str, members: list[Task], config: SamplerConfig) -> Deck:
                 f"shard {config.shard} of {config.shards} has no task in {name!r}: there are fewer tasks",
                 hint="use fewer shards",
             )
-    return Deck(name, members, config.seed)
+    return Stratum(name, members, config.seed)
 
 
 def _rng(seed: int, *names: str | int) -> Generator:

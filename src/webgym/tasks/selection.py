@@ -34,8 +34,11 @@ class Selection(Settings):
     """Which tasks, and in which shares."""
 
     split: SplitName = "train"
-    """``train``, ``test``, ``all`` of both, or ``unsplit`` for tasks that do not say. Of a set that tells no
-    split at all, ``train`` and ``test`` take everything, and what was chosen is told as ``unsplit``."""
+    """Split to draw from: ``train``, ``test``, ``all``, or ``unsplit`` for tasks that do not say.
+
+    Of a set that tells no split at all, ``train`` and ``test`` take everything, and the choice is reported as
+    ``unsplit``.
+    """
 
     domains: tuple[str, ...] = ()
     """Domains and subdomains to draw from; all if empty."""
@@ -131,7 +134,7 @@ def _without(tasks: Sequence[Task], selection: Selection) -> tuple[str, ...]:
     found = {name for task in tasks for name in (task.domain, task.subdomain)}
     if unknown := {*selection.domains, *selection.without}.difference(DOMAINS, DOMAIN_OF, found):
         hint = f"the domains are {', '.join(DOMAINS)}"
-        raise ConfigError(f"there is no domain {min(unknown)!r}", hint=hint)
+        raise ConfigError(f"unknown domain {min(unknown)!r}", hint=hint)
     return tuple(dict.fromkeys([*selection.without, *drawn_subdomains(selection)]))
 
 

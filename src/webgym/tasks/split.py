@@ -3,7 +3,7 @@
 Every test task is from a website of its own, and no training task is on any of these websites. What counts as
 one website here is a brand under whatever suffix (:mod:`webgym.tasks.brands`): a policy that has trained on
 ``amazon.de`` has seen ``amazon.com``. Families stay together: whatever descends from a test task, or from a
-task on a test website, is no training task, wherever it is itself.
+task on a test website, is not a training task, wherever it is itself.
 :func:`refuse_leaks` holds a trainer to it.
 
 Which tasks become test tasks is decided by hashes of their ids and websites, so that more tasks in the list

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final, Literal, NamedTuple, TypeAlias
+from typing import Final, Literal, TypeAlias
 
 import msgspec
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from webgym.core.task import LEVELS, Level, Task, level_of
 from webgym.core.websites import site_or_text
+from webgym.tables import Table
 from webgym.tasks.taxonomy import DOMAINS
 
 Part: TypeAlias = Literal["train", "test", "decomposed", "unsplit"]
@@ -186,19 +187,6 @@ def _source_rows(counts: Mapping[str, Counter[str]], homes: Mapping[str, set[str
         for source, found in counts.items()
     ]
     return sorted(rows, key=lambda row: (-row.tasks, row.source))
-
-
-class Table(NamedTuple):
-    """A table of text; the first columns are names, the others are figures.
-
-    Attributes:
-        names: how many columns are names.
-    """
-
-    title: str
-    columns: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-    names: int = 1
 
 
 def tables(found: Statistics) -> list[Table]:

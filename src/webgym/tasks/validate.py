@@ -37,7 +37,7 @@ OF_THE_SPLIT: Final[frozenset[Rule]] = frozenset({"split", "distinct", "leak", "
 
 
 @dataclass(frozen=True, slots=True)
-class Offender:
+class Violation:
     """A task that breaks a rule.
 
     Attributes:
@@ -74,7 +74,7 @@ class Report:
     test: int
     websites: int
     test_websites: int
-    offenders: list[Offender]
+    offenders: list[Violation]
     orphans: list[str]
     unchecked: list[Rule]
 
@@ -116,21 +116,21 @@ def validate(tasks: Sequence[Task], *, split: bool = True) -> Report:
     )
 
 
-def _each(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Offender]:
+def _each(tasks: Sequence[Task], sites: Sequence[str]) -> Iterator[Violation]:
     """What a task shows by itself."""
     seen: set[str] = set()
     for task, site in zip(tasks, sites, strict=True):
         if task.id in seen or not task.id:
-            yield Offender("id", task.id, site, "a second task with this id" if task.id else "no id")
+            yield Violation("id", task.id, site, "a second task with this id" if task.id else "no id")
         seen.add(task.id)
         if not task.instruction or task.instruction.isspace():
-            yield Offender("instruction", task.id, site, "it is empty")
+            yield Violation("instruction", task.id, site, "it is empty")
         if site == task.website and not _names_a_website(site):
-            yield Offender("website", task.id, site, f"{task.website!r} names no website")
+            yield Violation("website", task.id, site, f"{task.website!r} does not name a website")
         if DOMAIN_OF.get(task.subdomain) != task.domain:
-            yield Offender("domain", task.id, site, _what_domain(task))
+            yield Violation("domain", task.id, site, _what_domain(task))
         if DIFFICULTY_DIFFERS in task.flags:
-            yield Offender(
+            yield Violation(
                 "difficulty", task.id, site, f"it has {task.difficulty} facts, and its row says else"
             )
 
@@ -145,13 +145,13 @@ def _names_a_website(website: str) -> bool:
 
 def _what_domain(task: Task) -> str:
     if task.domain not in DOMAINS:
-        return f"there is no domain {task.domain!r}"
+        return f"unknown domain {task.domain!r}"
     if task.subdomain not in DOMAIN_OF:
         return f"there is no subdomain {task.subdomain!r}"
     return f"{task.subdomain!r} belongs to {DOMAIN_OF[task.subdomain]!r}, not to {task.domain!r}"
 
 
-def _between(tasks: Sequence[Task]) -> Iterator[Offender]:
+def _between(tasks: Sequence[Task]) -> Iterator[Violation]:
     """What the two splits have in common, websites compared by brand, as the split does."""
     test = [task for task in tasks if task.split == "test"]
     test_on: dict[str, str] = {}
@@ -160,25 +160,25 @@ def _between(tasks: Sequence[Task]) -> Iterator[Offender]:
         if site.endswith(OFFLINE):  # made to have many tasks each
             continue
         if brand in test_on:
-            yield Offender("distinct", task.id, site, f"the test task {test_on[brand]} is on it too")
+            yield Violation("distinct", task.id, site, f"the test task {test_on[brand]} is on it too")
         test_on.setdefault(brand, task.id)
     for task in tasks:
         if task.split is None:
             why = "it is for neither training nor testing"
-            yield Offender("split", task.id, site_or_text(task.website), why)
+            yield Violation("split", task.id, site_or_text(task.website), why)
     for leak in leaks([task for task in tasks if task.split == "train"], test):
         site = site_or_text(leak.task.website)
         if leak.why == "test website":
-            yield Offender("leak", leak.task.id, site, f"the test task {leak.of} is on it")
+            yield Violation("leak", leak.task.id, site, f"the test task {leak.of} is on it")
         else:
-            yield Offender("family", leak.task.id, site, f"the test task {leak.of} is of its family")
+            yield Violation("family", leak.task.id, site, f"the test task {leak.of} is of its family")
 
 
-def _derived(tasks: Iterable[Task], sites: Iterable[str], by_id: Mapping[str, Task]) -> Iterator[Offender]:
+def _derived(tasks: Iterable[Task], sites: Iterable[str], by_id: Mapping[str, Task]) -> Iterator[Violation]:
     for task, site in zip(tasks, sites, strict=True):
         parent = by_id.get(task.parent_id) if task.parent_id is not None else None
         if parent is not None and (wrong := _no_part(task, parent)):
-            yield Offender("derived", task.id, site, wrong)
+            yield Violation("derived", task.id, site, wrong)
 
 
 def _no_part(task: Task, parent: Task) -> str:
@@ -189,7 +189,7 @@ def _no_part(task: Task, parent: Task) -> str:
     for group in task.rubric.groups:
         whole[group.facts] -= 1
         if whole[group.facts] < 0:
-            return f"its group {group.id} is none of {parent.id}"
+            return f"its group {group.id} is not one of {parent.id}"
     if task.difficulty >= parent.difficulty:
         return f"it is as hard as {parent.id}"
     if not any(group.is_large for group in task.rubric.groups):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from webgym.core.task import LEVELS
-from webgym.settings import merged, read_settings
+from webgym.settings import merged, read_yaml
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 
@@ -29,7 +29,7 @@ def settings(weights: Path, *, seed: int, tasks: int, iterations: int | None, se
         iterations: of learning; by default as in ``demo.yaml``.
         sessions: browser sessions at the same time.
     """
-    held = read_settings(SETTINGS, hint="")
+    held = read_yaml(SETTINGS, hint="")
     over: dict[str, Any] = {
         "seed": seed,
         "learn": {"model": str(weights), "update": {"seed": seed}},

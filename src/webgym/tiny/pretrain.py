@@ -1,6 +1,7 @@
 """Pretraining: from random weights to a policy that sometimes succeeds.
 
-Attempts of the demonstrators at training websites become lessons (:mod:`webgym.tiny.lessons`). Pointing comes
+Attempts of the demonstrators at training websites become training sequences
+(:mod:`webgym.tiny.training_sequences`). Pointing comes
 first, alone, then acting with some pointing beside it. Muon steps the matrices and AdamW the rest: with
 AdamW alone a model this small learns to point several times slower. Everything follows from one seed; a
 checkpoint is written every so often, and a killed training goes on from it.
@@ -24,14 +25,14 @@ from pydantic import Field
 from webgym.inference.model import Loaded, quick_attention
 from webgym.inference.rendering import Renderer
 from webgym.settings import Settings
-from webgym.tiny.lessons import IGNORED, Lesson, Signs, pointing
 from webgym.tiny.model import PATCH, TinyConfig, save_model
 from webgym.tiny.muon import Muon
-from webgym.tiny.pictures import to_patches, to_pixel_values
+from webgym.tiny.patches import to_patches, to_pixel_values
+from webgym.tiny.training_sequences import IGNORED, Signs, TrainingSequence, pointing
 
 CHECKPOINT = "checkpoint.pt"
 LENGTHS = 4
-"""Groups of acting lessons by length."""
+"""Groups of acting sequences by length."""
 
 
 class PretrainConfig(Settings):
@@ -39,7 +40,7 @@ class PretrainConfig(Settings):
 
     model: TinyConfig = TinyConfig()
     seed: int = 0
-    """Of weights and lessons."""
+    """Of weights and sequences."""
 
     steps: int = Field(default=6000, ge=1)
     """Updates in all."""
@@ -51,10 +52,10 @@ class PretrainConfig(Settings):
     """Share of later updates that teach pointing."""
 
     questions: int = Field(default=8, ge=1)
-    """About one picture in a pointing lesson."""
+    """About one picture in a pointing sequence."""
 
     batch: int = Field(default=48, ge=1)
-    """Lessons per update."""
+    """Sequences per update."""
 
     muon_rate: float = Field(default=0.01, gt=0)
     """Learning rate of the matrices."""
@@ -92,8 +93,8 @@ Kind: TypeAlias = Literal["pointing", "acting"]
 Tell: TypeAlias = Callable[[Mapping[str, Any]], None]
 
 
-class Lessons:
-    """All lessons, and their pictures.
+class TrainingSet:
+    """All sequences, and their pictures.
 
     Args:
         acting: steps of demonstrators.
@@ -105,22 +106,22 @@ class Lessons:
 
     def __init__(
         self,
-        acting: Sequence[Lesson],
+        acting: Sequence[TrainingSequence],
         signs: Sequence[Signs],
         pictures: Mapping[str, bytes],
         renderer: Renderer,
         viewport: tuple[int, int],
     ) -> None:
         self.renderer = renderer
-        self.acting = sorted(acting, key=lambda lesson: len(lesson.ids))
+        self.acting = sorted(acting, key=lambda sequence: len(sequence.ids))
         self.signs = signs
         self.grid = (1, viewport[1] // PATCH, viewport[0] // PATCH)
         self._viewport = viewport
         self._names = sorted({name for each in signs for name, _ in each.places})
         self._pictures = {name: to_patches(png) for name, png in pictures.items()}
 
-    def batch(self, config: PretrainConfig, step: int) -> tuple[Kind, list[Lesson]]:
-        """The lessons of an update, all of one kind; they follow from the seed and the update's number."""
+    def batch(self, config: PretrainConfig, step: int) -> tuple[Kind, list[TrainingSequence]]:
+        """The sequences of an update, all of one kind; they follow from the seed and the update's number."""
         rng = random.Random(f"{config.seed}\n{step}")
         if step < config.pointing_steps or rng.random() < config.pointing_share:
             chosen = rng.choices(self.signs, k=config.batch)
@@ -133,24 +134,24 @@ class Lessons:
         first, end = group * count // LENGTHS, (group + 1) * count // LENGTHS
         return "acting", rng.choices(self.acting[first : max(end, first + 1)], k=config.batch)
 
-    def tensors(self, lessons: Sequence[Lesson], device: str) -> dict[str, torch.Tensor]:
+    def tensors(self, sequences: Sequence[TrainingSequence], device: str) -> dict[str, torch.Tensor]:
         """What the model is called with, labels included."""
-        longest = max(len(lesson.ids) for lesson in lessons)
-        ids = torch.zeros(len(lessons), longest, dtype=torch.int64)
+        longest = max(len(sequence.ids) for sequence in sequences)
+        ids = torch.zeros(len(sequences), longest, dtype=torch.int64)
         labels = torch.full_like(ids, IGNORED)
         mask = torch.zeros_like(ids)
-        for row, lesson in enumerate(lessons):
-            ids[row, : len(lesson.ids)] = torch.tensor(lesson.ids)
-            labels[row, : len(lesson.ids)] = torch.tensor(lesson.labels)
-            mask[row, : len(lesson.ids)] = 1
-        pixels = np.concatenate([to_pixel_values(self._pictures[lesson.picture]) for lesson in lessons])
+        for row, sequence in enumerate(sequences):
+            ids[row, : len(sequence.ids)] = torch.tensor(sequence.ids)
+            labels[row, : len(sequence.ids)] = torch.tensor(sequence.labels)
+            mask[row, : len(sequence.ids)] = 1
+        pixels = np.concatenate([to_pixel_values(self._pictures[sequence.picture]) for sequence in sequences])
         made = {
             "input_ids": ids,
             "attention_mask": mask,
             "labels": labels,
             "mm_token_type_ids": (ids == self.renderer.image_id).int(),
             "pixel_values": torch.from_numpy(pixels),
-            "image_grid_thw": torch.tensor([self.grid] * len(lessons)),
+            "image_grid_thw": torch.tensor([self.grid] * len(sequences)),
         }
         return {name: tensor.to(device) for name, tensor in made.items()}
 
@@ -180,11 +181,11 @@ def rate(config: PretrainConfig, step: int) -> float:
     return min(1.0, (step + 1) / max(1, config.warmup), max(0.0, (config.steps - step) / falling))
 
 
-def pretrain(lessons: Lessons, loaded: Loaded, out: Path, config: PretrainConfig, tell: Tell) -> None:
-    """Teach a model all that its lessons hold; the model is in ``out`` when this returns.
+def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: PretrainConfig, tell: Tell) -> None:
+    """Teach a model all that its sequences hold; the model is in ``out`` when this returns.
 
     Args:
-        lessons: what to teach.
+        sequences: what to teach.
         loaded: the model, with random weights; learns in place.
         out: a folder; a checkpoint in it is gone on from.
         config: how.
@@ -203,8 +204,8 @@ def pretrain(lessons: Lessons, loaded: Loaded, out: Path, config: PretrainConfig
         for optimizer, top in zip(optimizers, (config.muon_rate, config.adam_rate), strict=True):
             for group in optimizer.param_groups:
                 group["lr"] = top * rate(config, step)
-        kind, chosen = lessons.batch(config, step)
-        tensors = lessons.tensors(chosen, config.device)
+        kind, chosen = sequences.batch(config, step)
+        tensors = sequences.tensors(chosen, config.device)
         with torch.autocast(device.type, torch.bfloat16, enabled=halves), quick_attention(device):
             loss = model(**tensors, use_cache=False).loss
         loss.backward()
@@ -216,7 +217,7 @@ def pretrain(lessons: Lessons, loaded: Loaded, out: Path, config: PretrainConfig
         smooth[kind] = value if math.isnan(smooth[kind]) else 0.95 * smooth[kind] + 0.05 * value
         if (step + 1) % config.report_steps == 0:
             done = (step + 1 - first) * config.batch
-            tell({"step": step + 1, "lessons_per_second": done / (time.monotonic() - started), **smooth})
+            tell({"step": step + 1, "sequences_per_second": done / (time.monotonic() - started), **smooth})
         if (step + 1) % config.checkpoint_steps == 0 or step + 1 == config.steps:
             _keep(out, model, optimizers, config, step + 1)
     model.eval().to(torch.bfloat16)  # half the size; it is read as float32 again

@@ -1,7 +1,7 @@
-"""The recipe of the tiny policy's first weights: rehearse, teach, examine. One seed, one command, resumable.
+"""The recipe of the tiny policy: demonstrate, pretrain, evaluate. One seed, one command, resumable.
 
     out/pictures/*.png    pages of the training websites, each drawn once
-    out/lessons.msgpack   what the demonstrators did and what could be pointed at
+    out/demonstrations.msgpack   what the demonstrators did and what could be pointed at
     out/checkpoint.pt     the training so far
     out/model/            the model
     out/examination.json  its success on training and on test websites
@@ -32,7 +32,6 @@ from webgym.inference.model import Loaded
 from webgym.judge import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
-from webgym.rehearsal import Rehearsal, Rehearsals
 from webgym.rollout.collector import CollectorConfig
 from webgym.rollout.driver import AttemptConfig
 from webgym.rollout.files import write_whole
@@ -40,10 +39,11 @@ from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
 from webgym.rollout.summary import Tally, digest_of
 from webgym.settings import Settings
+from webgym.static_browsers import StaticBrowsers, StaticCollector
 from webgym.tiny.demonstrators import Demonstrators
-from webgym.tiny.lessons import Lesson, Signs, acting, signs_of
 from webgym.tiny.model import make_model
-from webgym.tiny.pretrain import Lessons, PretrainConfig, Tell, pretrain
+from webgym.tiny.pretrain import PretrainConfig, Tell, TrainingSet, pretrain
+from webgym.tiny.training_sequences import Signs, TrainingSequence, acting, signs_of
 
 PROFILE: Final = "tiny"
 """Pictures and sampling of the tiny policy."""
@@ -55,7 +55,7 @@ class RecipeConfig(Settings):
     """How the first weights are made."""
 
     seed: int = 7
-    """Of the websites, the demonstrators, the weights and the lessons."""
+    """Of the websites, the demonstrators, the weights and the training sequences."""
 
     per_family: int | None = Field(default=None, ge=5)
     """Websites of each family; by default all that the collection has."""
@@ -83,10 +83,10 @@ class RecipeConfig(Settings):
 
 
 class _Told(msgspec.Struct):
-    """``lessons.msgpack``."""
+    """``demonstrations.msgpack``."""
 
     settings: dict[str, Any]
-    acting: list[Lesson]
+    acting: list[TrainingSequence]
     signs: list[Signs]
 
 
@@ -101,16 +101,18 @@ async def follow(config: RecipeConfig, out: Path, *, tell: Tell, advance: Advanc
     """
     web = OfflineWeb(config.seed, per_family=config.per_family, collection="small")
     loaded = make_model(small_vocabulary(), config.pretrain.model, seed=config.seed)
-    async with Rehearsal(web, out / "pictures") as rehearsal:
-        told = await _rehearse(config, out, rehearsal, loaded, advance)
+    async with StaticBrowsers(web, out / "pictures") as browsers:
+        told = await _demonstrate(config, out, browsers, loaded, advance)
         if not (out / "model").exists():
-            assert rehearsal.drawings is not None
-            pictures = rehearsal.drawings.pictures()
-            lessons = Lessons(told.acting, told.signs, pictures, loaded.renderer, web.collection.viewport)
-            await asyncio.to_thread(pretrain, lessons, loaded, out, config.pretrain, tell)
+            assert browsers.page_images is not None
+            pictures = browsers.page_images.pictures()
+            training_set = TrainingSet(
+                told.acting, told.signs, pictures, loaded.renderer, web.collection.viewport
+            )
+            await asyncio.to_thread(pretrain, training_set, loaded, out, config.pretrain, tell)
         examined = {
             split: await examine(
-                rehearsal,
+                browsers,
                 out / "model",
                 _tasks(web, split, config.seed)[: config.examined],
                 config.attempt,
@@ -128,36 +130,36 @@ def _tasks(web: OfflineWeb, split: str, seed: int) -> list[Task]:
     return tasks
 
 
-async def _rehearse(
-    config: RecipeConfig, out: Path, rehearsal: Rehearsal, loaded: Loaded, advance: Advance
+async def _demonstrate(
+    config: RecipeConfig, out: Path, browsers: StaticBrowsers, loaded: Loaded, advance: Advance
 ) -> _Told:
-    """The lessons, which a folder may hold already.
+    """The demonstrations, which a folder may hold already.
 
     Raises:
         ConfigError: it holds those of other settings.
     """
-    path = out / "lessons.msgpack"
+    path = out / "demonstrations.msgpack"
     settings = config.model_dump(mode="json", exclude={"pretrain", "examined"})
     if path.exists():
         held = msgspec.msgpack.decode(path.read_bytes())
         if held.get("settings") != settings:
             raise ConfigError(f"{path} is of other settings", hint="choose another folder")
         return msgspec.convert(held, _Told)
-    tasks = _tasks(rehearsal.web, "train", config.seed)
+    tasks = _tasks(browsers.web, "train", config.seed)
     policy, rng = Demonstrators(), random.Random(config.seed)
     kinds: tuple[PromptFormat, ...] = ("compact", "compact_official")
-    rehearsals = {
-        kind: Rehearsals(rehearsal, agent_of(policy, kind), config.attempt, config.seed) for kind in kinds
+    collectors = {
+        kind: StaticCollector(browsers, agent_of(policy, kind), config.attempt, config.seed) for kind in kinds
     }
     told = _Told(settings, [], [])
     for number in range(config.attempts):
         kind = kinds[rng.random() < config.without_memory]
         sample, place = divmod(number, len(tasks))
-        episode = await rehearsals[kind].make(Planned(tasks[place], sample))
+        episode = await collectors[kind].make(Planned(tasks[place], sample))
         told.acting += acting(episode, loaded.renderer)
         advance("demonstrations", number + 1, config.attempts)
-    viewport = rehearsal.web.collection.viewport
-    told.signs = [signs_of(name, shown, viewport) for name, shown in rehearsal.signs.items()]
+    viewport = browsers.web.collection.viewport
+    told.signs = [signs_of(name, shown, viewport) for name, shown in browsers.signs.items()]
     write_whole(path, msgspec.msgpack.encode(told))
     return told
 
@@ -168,7 +170,7 @@ def agent_of(policy: Policy, prompt_format: PromptFormat = "compact") -> Agent:
 
 
 async def examine(
-    rehearsal: Rehearsal,
+    browsers: StaticBrowsers,
     model: Path,
     tasks: Sequence[Task],
     config: AttemptConfig,
@@ -181,7 +183,7 @@ async def examine(
     """One attempt at each task by a model; see :func:`score`.
 
     Args:
-        rehearsal: where.
+        browsers: where.
         model: its folder.
         tasks: what is attempted.
         config: limits of an attempt.
@@ -192,12 +194,12 @@ async def examine(
     """
     policy = LocalPolicy(LocalConfig(path=str(model), threads=1), choose_profile(PROFILE, model.name))
     agent = agent_of(policy, prompt_format)
-    rehearsals = Rehearsals(rehearsal, agent, config, seed)
+    collectors = StaticCollector(browsers, agent, config, seed)
     places, done = asyncio.Semaphore(together), list[Episode]()
 
     async def attempt(task: Task) -> Episode:
         async with places:
-            episode = await rehearsals.make(Planned(task, 0))
+            episode = await collectors.make(Planned(task, 0))
         done.append(episode)
         advance("examination", len(done), len(tasks))
         return episode
@@ -227,4 +229,4 @@ async def score(tasks: Sequence[Task], episodes: Sequence[Episode]) -> dict[str,
 
 
 async def _no_picture(name: str) -> bytes:
-    raise LookupError(f"the picture {name} is not at hand")
+    raise LookupError(f"the picture {name} is not available")

@@ -26,7 +26,7 @@ from pydantic import Field
 from webgym.core.errors import RunFolderError, UsageError
 from webgym.plotting import CATEGORIES, PAGE, new_figure, save, styled
 from webgym.rollout.files import CONFIG, write_whole
-from webgym.settings import Settings, merged, settings_of
+from webgym.settings import Settings, load_settings, merged
 from webgym.train.folder import TrainingFolder
 from webgym.train.loop import TrainConfig
 from webgym.train.start import open_training, read_config
@@ -64,7 +64,7 @@ class StudyConfig(Settings):
             UsageError: there is no such row.
         """
         if row not in self.rows:
-            raise UsageError(f"there is no row {row!r}", hint=f"rows: {', '.join(self.rows)}")
+            raise UsageError(f"unknown row {row!r}", hint=f"rows: {', '.join(self.rows)}")
         own = {
             "seed": seed,
             "learn": {"model": str(weights), "update": {"seed": seed}},
@@ -111,7 +111,7 @@ def read_study(files: Sequence[Path]) -> StudyConfig:
     Raises:
         ConfigError: a file cannot be read, or a setting is unknown.
     """
-    return settings_of(StudyConfig, [SETTINGS, *files], hint=f"see {SETTINGS}")
+    return load_settings(StudyConfig, [SETTINGS, *files], hint=f"see {SETTINGS}")
 
 
 async def carry_out(

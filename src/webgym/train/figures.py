@@ -1,4 +1,4 @@
-"""The figures of an iteration: what ``metrics.jsonl`` holds of a run, and what is told of it on a line."""
+"""The metrics of an iteration, as written to ``metrics.jsonl`` and as printed on one line."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ from webgym.rollout.files import (
     take_lock,
     write_whole,
 )
-from webgym.train.replay import Draw, StepRef
+from webgym.train.replay import ReplaySample, StepRef
 
 
 class Stage(StrEnum):
@@ -171,17 +171,17 @@ class TrainingFolder:
         lines = (self.iteration(number) / "tasks.jsonl").read_bytes().splitlines()
         return [msgspec.json.decode(line, type=Task) for line in lines]
 
-    def write_batch(self, number: int, draw: Draw) -> None:
+    def write_batch(self, number: int, draw: ReplaySample) -> None:
         """Stage 3."""
         _write_lines(self._made(number) / "batch.jsonl", draw.steps)
         told = msgspec.to_builtins(msgspec.structs.replace(draw, steps=()), str_keys=True)
         self.write(number, _DONE[Stage.REPLAY], {"drawn": len(draw.steps), **told})
 
-    def draw(self, number: int) -> Draw:
+    def draw(self, number: int) -> ReplaySample:
         """What stage 3 wrote."""
         told = self.figures(number, Stage.REPLAY)
         told.pop("drawn")
-        return msgspec.convert(told | {"steps": self.batch(number)}, Draw, strict=False)
+        return msgspec.convert(told | {"steps": self.batch(number)}, ReplaySample, strict=False)
 
     def batch(self, number: int) -> list[StepRef]:
         """What stage 3 drew."""

@@ -1,4 +1,4 @@
-"""The other processes of a training on several GPUs (``accelerate launch``): they only learn.
+"""The non-main processes of a training on several GPUs (``accelerate launch``): they only run updates.
 
 The first process does everything, and learns with them: what an iteration trains on is on disk before it
 learns, so the others wait for that file, and learn from the same steps in the same order.

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from webgym.core.task import Task
 from webgym.core.websites import site_or_text
-from webgym.tasks.sampling import Deck
+from webgym.tasks.sampling import Stratum
 from webgym.train.config import FrontierConfig
 
 
@@ -66,9 +66,9 @@ class Frontier:
         rate, floor = self.rate(task), self._config.floor
         return floor + (1 - floor) * 4 * rate * (1 - rate)
 
-    def weigh(self, deck: Deck) -> NDArray[np.float64]:
-        """The weights of a deck's tasks, for :class:`webgym.tasks.sampling.Sampler`."""
-        return np.array([self.weight(task) for task in deck.tasks])
+    def weigh(self, stratum: Stratum) -> NDArray[np.float64]:
+        """The weights of a stratum's tasks, for :class:`webgym.tasks.sampling.Sampler`."""
+        return np.array([self.weight(task) for task in stratum.tasks])
 
     def state(self) -> dict[str, Any]:
         """All that it knows, for JSON."""

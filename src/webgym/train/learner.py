@@ -14,7 +14,7 @@ from webgym.rollout.store import RunReader
 from webgym.train.config import LearnConfig
 from webgym.train.folder import TrainingFolder
 from webgym.train.objectives import Objective
-from webgym.train.replay import Draw, StepRef
+from webgym.train.replay import ReplaySample, StepRef
 from webgym.train.samples import Sample, SampleMaker
 from webgym.train.update import Updater
 
@@ -33,11 +33,11 @@ class Learner:
         self._updater: Updater | None = None
         self._made = 0
 
-    def learn(self, number: int, draw: Draw, folder: TrainingFolder) -> Mapping[str, Any]:
+    def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
         """Train on what was drawn, and save the weights of this iteration.
 
         Raises:
-            TrainingError: every step was dropped, or the loss is no number.
+            TrainingError: every step was dropped, or the loss is not a number.
         """
         updater = self._ready(folder)
         objective, config = self._objective, self._config.update
@@ -70,7 +70,7 @@ class Learner:
         return self._updater
 
 
-def samples_of(draw: Draw, folder: TrainingFolder, maker: SampleMaker) -> list[Sample]:
+def samples_of(draw: ReplaySample, folder: TrainingFolder, maker: SampleMaker) -> list[Sample]:
     """The samples of all drawn steps that can be trained on, run by run."""
     by_run: dict[int, dict[str, list[StepRef]]] = {}
     for ref in draw.steps:

@@ -36,7 +36,8 @@ from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
 from webgym.rollout.trackers import TrackerName
-from webgym.runs import RunConfig, Secrets, ServerChoice, collect, resume
+from webgym.run_config import RunConfig, Secrets, ServerChoice
+from webgym.runs import collect, resume
 from webgym.settings import Section
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.split import refuse_leaks
@@ -45,7 +46,7 @@ from webgym.train.figures import figures_of, rates_of, told_iteration, told_succ
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.frontier import Frontier
 from webgym.train.progress import TrainingProgress
-from webgym.train.replay import Draw, Replay
+from webgym.train.replay import Replay, ReplaySample
 from webgym.train.serving import Serving
 
 Show: TypeAlias = Callable[[Progress], AbstractAsyncContextManager[None]]
@@ -135,7 +136,7 @@ class TrainConfig(Section):
 class Learns(Protocol):
     """What turns steps into weights: :class:`webgym.train.learner.Learner`."""
 
-    def learn(self, number: int, draw: Draw, folder: TrainingFolder) -> Mapping[str, Any]:
+    def learn(self, number: int, draw: ReplaySample, folder: TrainingFolder) -> Mapping[str, Any]:
         """Train on a draw and save the weights; what that did. Blocks."""
         ...
 
@@ -370,7 +371,7 @@ class Training:
             yield
         seconds[stage] = time.monotonic() - started
 
-    def _draw(self, number: int) -> Draw:
+    def _draw(self, number: int) -> ReplaySample:
         if self.folder.is_past(number, Stage.REPLAY):
             return self.folder.draw(number)
         self._replay.add(number, RunReader(self.folder.run(number)))
@@ -378,7 +379,7 @@ class Training:
         self.folder.write_batch(number, draw)
         return draw
 
-    async def _update(self, number: int, draw: Draw) -> None:
+    async def _update(self, number: int, draw: ReplaySample) -> None:
         if self.folder.is_past(number, Stage.UPDATE):
             return
         if draw.steps:

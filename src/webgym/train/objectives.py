@@ -200,7 +200,8 @@ def make_objective(config: ObjectiveConfig) -> Objective:
         raise ConfigError(f"the objective {config.name} does not take its options: {said}") from error
     if not isinstance(made, Objective):
         raise ConfigError(
-            f"{config.name} is no objective", hint="see webgym.train.objectives.Objective for what one has"
+            f"{config.name} is not an objective",
+            hint="see webgym.train.objectives.Objective for what one has",
         )
     return made
 
@@ -209,7 +210,7 @@ def _imported(name: str) -> Any:
     module, colon, attribute = name.partition(":")
     if not colon:
         known = ", ".join(OBJECTIVES)
-        raise ConfigError(f"there is no objective {name!r}", hint=f"one of {known}, or module:attribute")
+        raise ConfigError(f"unknown objective {name!r}", hint=f"one of {known}, or module:attribute")
     try:
         return getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError, ValueError) as error:

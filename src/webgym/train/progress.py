@@ -1,4 +1,4 @@
-"""What a training is doing right now: written by the loop, read by whoever shows it."""
+"""The progress of a training: written by the loop, read by its displays."""
 
 from __future__ import annotations
 

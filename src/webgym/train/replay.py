@@ -97,7 +97,7 @@ class Counts(msgspec.Struct, frozen=True):
     kept_steps: int = 0
 
 
-class Draw(msgspec.Struct, frozen=True):
+class ReplaySample(msgspec.Struct, frozen=True):
     """What an iteration trains on.
 
     Attributes:
@@ -211,7 +211,7 @@ class Replay:
             del self._pool[old]
         return self._counts[iteration]
 
-    def draw(self) -> Draw:
+    def draw(self) -> ReplaySample:
         """Choose what the newest iteration trains on, and count it as used.
 
         An empty draw is no error: there is nothing to learn from yet.
@@ -230,7 +230,7 @@ class Replay:
         keys = rng.exponential(size=len(left)) / weights
         chosen = sorted(left[place] for place in np.argsort(keys)[: self._config.steps])
         self.use(chosen)
-        return Draw(
+        return ReplaySample(
             steps=tuple(chosen),
             counts=self._counts[newest],
             pool=len(left),

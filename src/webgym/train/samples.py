@@ -41,8 +41,8 @@ DropReason: TypeAlias = Literal[
 ]
 
 
-class Dropped(Exception):
-    """A step cannot be trained on. Stays inside the room: it is counted."""
+class UntrainableStep(Exception):
+    """A step cannot be trained on. Never leaves this package: such steps are counted."""
 
     def __init__(self, reason: DropReason) -> None:
         super().__init__(reason)
@@ -116,14 +116,14 @@ class SampleMaker:
         for step, advantage in steps:
             try:
                 yield self.of(step, picture, advantage)
-            except Dropped as dropped:
+            except UntrainableStep as dropped:
                 self.dropped[dropped.reason] += 1
 
     def of(self, step: Step, picture: Callable[[str], bytes], advantage: float = 1.0) -> Sample:
         """The sample of one step.
 
         Raises:
-            Dropped: it cannot be trained on.
+            UntrainableStep: it cannot be trained on.
         """
         tokens = step.reply.tokens
         if self._off_policy:
@@ -134,9 +134,9 @@ class SampleMaker:
         else:
             reply_ids = rebuild_reply(self._renderer, step.reply, prompt_ids)
         if self._renderer.image_id in reply_ids:
-            raise Dropped("image_in_reply")
+            raise UntrainableStep("image_in_reply")
         if len(prompt_ids) + len(reply_ids) > self._cutoff:
-            raise Dropped("too_long")
+            raise UntrainableStep("too_long")
         self.stored += tokens is not None
         self.rebuilt += tokens is None
         logprobs = tokens.reply_logprobs if tokens else None
@@ -160,21 +160,21 @@ class SampleMaker:
             expanded = self._renderer.expanded(ids, expected)
             if step.reply.prompt_tokens == len(expanded):
                 return expanded
-        raise Dropped("image_tokens")
+        raise UntrainableStep("image_tokens")
 
     def _rendered_prompt(self, step: Step) -> list[int]:
         try:
             return self._renderer.prompt_ids(step.messages)
         except PolicyError as error:
-            raise Dropped("no_request") from error
+            raise UntrainableStep("no_request") from error
 
     def _stored_reply(self, reply: Reply, tokens: ReplyTokens) -> list[int]:
         ids = tokens.reply_ids
         if not ids or not _reads_as(reply, self._renderer.decode(ids)):
-            raise Dropped("reply_text")
+            raise UntrainableStep("reply_text")
         ended = ids[-1] in self._renderer.end_ids
         if ended == (reply.finish_reason == "length") and not _stop_strings(reply):
-            raise Dropped("reply_end")
+            raise UntrainableStep("reply_end")
         return ids
 
 
@@ -187,10 +187,10 @@ def rebuild_reply(renderer: Renderer, reply: Reply, prompt_ids: Sequence[int]) -
         prompt_ids: of its request; they say whether the chat template had opened the thinking.
 
     Raises:
-        Dropped: what was sampled cannot be known from the text.
+        UntrainableStep: what was sampled cannot be known from the text.
     """
     if reply.finish_reason not in ("stop", "length") or _stop_strings(reply):
-        raise Dropped("not_rebuilt")
+        raise UntrainableStep("not_rebuilt")
     finished = reply.finish_reason == "stop"
     text = reply.text
     if reply.reasoning:
@@ -199,7 +199,7 @@ def rebuild_reply(renderer: Renderer, reply: Reply, prompt_ids: Sequence[int]) -
     ids: list[int] = renderer.tokenizer(text, add_special_tokens=False)["input_ids"]
     ids = [*ids, renderer.tokenizer.eos_token_id] if finished else ids
     if not ids:
-        raise Dropped("not_rebuilt")
+        raise UntrainableStep("not_rebuilt")
     return ids
 
 
@@ -207,7 +207,7 @@ def _with_reasoning(reply: Reply, *, opened: bool, finished: bool) -> str:
     start = "" if opened else f"{THINK_START}\n"
     if not reply.text:
         if finished:  # was the thinking closed, or not? An endpoint gives the same for both
-            raise Dropped("not_rebuilt")
+            raise UntrainableStep("not_rebuilt")
         return start + reply.reasoning
     if reply.reasoning.endswith("\n") or reply.text.startswith("\n"):  # split without stripping: as it was
         return f"{start}{reply.reasoning}{THINK_END}{reply.text}"
@@ -237,6 +237,6 @@ def temperature_of(reply: Reply) -> float:
 
 def _check_logprobs(reply: Reply) -> None:
     if reply.tokens is None or reply.tokens.logprobs is None:
-        raise Dropped("no_logprobs")
+        raise UntrainableStep("no_logprobs")
     if altering(reply.sampling) or reply.sampling.get("temperature") == 0:
-        raise Dropped("altered_sampling")
+        raise UntrainableStep("altered_sampling")

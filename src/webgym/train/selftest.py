@@ -1,4 +1,4 @@
-"""Does the served model read a known screenshot the way the trainer does?
+"""A self-test: does the served model read a known screenshot as the trainer does?
 
 With every update the learner saves what these weights make of a fixed request: the likeliest tokens and
 their log-probabilities (``selftest.json`` beside the weights). After every publication the served model is

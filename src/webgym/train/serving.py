@@ -1,4 +1,4 @@
-"""Who replies while a policy learns: something that takes new weights between two replies."""
+"""Serving the policy during training: new weights are taken between two replies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Putting a training together: tasks, browsers, the model that collects and the one that learns."""
+"""Sets up a training: tasks, browsers, the model that collects and the one that learns."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 
 import yaml
-from pydantic import ValidationError
 
 from webgym.agent.profiles import choose_profile
 from webgym.core.errors import RunFolderError
@@ -18,8 +17,10 @@ from webgym.inference.model import load_renderer
 from webgym.judge.factory import check_judge, refuse_unjudgeable
 from webgym.rollout.files import CONFIG
 from webgym.rollout.trackers import tracking
-from webgym.runs import Secrets, all_tasks, resolved, services
-from webgym.settings import first_problem, settings_of
+from webgym.run_config import Secrets, resolved
+from webgym.run_services import services
+from webgym.settings import load_settings, validated
+from webgym.task_choice import all_tasks
 from webgym.train.folder import TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import Show, Tell, TrainConfig, Training
@@ -110,27 +111,25 @@ def make_serving(config: TrainConfig, folder: TrainingFolder) -> Serving:
     )
 
 
-def read_settings_of(files: Sequence[Path]) -> TrainConfig:
+def load_train_config(files: Sequence[Path]) -> TrainConfig:
     """Settings from YAML files, each laid over those before it.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    return settings_of(TrainConfig, files, hint="see configs/train/ for examples")
+    return load_settings(TrainConfig, files, hint="see configs/train/ for examples")
 
 
 def read_config(out: Path) -> TrainConfig:
     """The configuration that a training was started with.
 
     Raises:
-        RunFolderError: the folder is no training of this version.
+        RunFolderError: the folder is not a training of this version.
     """
     try:
         held = yaml.safe_load((out / CONFIG).read_text())
-        return TrainConfig.model_validate(held)
     except OSError as error:
         raise RunFolderError(
             f"{out} is not a training: it has no {CONFIG}", hint="give the folder that webgym train wrote"
         ) from error
-    except ValidationError as error:
-        raise RunFolderError(f"{out}/{CONFIG}: {first_problem(error, TrainConfig)}") from error
+    return validated(TrainConfig, held, f"{out}/{CONFIG}", failure=RunFolderError)

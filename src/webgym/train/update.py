@@ -43,7 +43,7 @@ from webgym.train.logprobs import Batch, ReplyLogProbs, collate
 from webgym.train.objectives import Objective, Tokens
 from webgym.train.samples import Sample
 from webgym.train.selftest import NEAR_TIE, REPLY_TOKENS, Greedy, SelfTest, known_messages, known_picture
-from webgym.train.weights import State, load_trainable, read_optimizer, read_state, save
+from webgym.train.weights import UpdateState, load_trainable, read_optimizer, read_state, save
 
 WHOLE = StateDictOptions(full_state_dict=True, cpu_offload=True)
 
@@ -251,7 +251,7 @@ class Updater:
         after = self._greedy()
         before, self._reads = self._reads or after, after
         if self.accelerator.is_main_process:
-            state = State(self.step, self.source, self.config.lora is not None)
+            state = UpdateState(self.step, self.source, self.config.lora is not None)
             save(folder, self.loaded, weights, optimizer, state, self._selftest(before, after))
         self.accelerator.wait_for_everyone()
 

@@ -33,7 +33,7 @@ STATE = "state.json"
 OPTIMIZER = "optimizer.pt"
 
 
-class State(msgspec.Struct, frozen=True):
+class UpdateState(msgspec.Struct, frozen=True):
     """What an update goes on from, beside weights and optimizer.
 
     Attributes:
@@ -96,7 +96,7 @@ def save(
     loaded: Loaded,
     weights: dict[str, torch.Tensor],
     optimizer: dict[str, Any],
-    state: State,
+    state: UpdateState,
     selftest: SelfTest,
 ) -> None:
     """Write a folder whole or not at all. One that is there already is replaced.
@@ -161,14 +161,14 @@ def _copy_processor(source: str, folder: Path) -> None:
             shutil.copyfile(found, folder / name)
 
 
-def read_state(folder: Path) -> State:
+def read_state(folder: Path) -> UpdateState:
     """What a saved folder goes on from.
 
     Raises:
         TrainingError: it was not saved by an update.
     """
     try:
-        return msgspec.json.decode((folder / STATE).read_bytes(), type=State)
+        return msgspec.json.decode((folder / STATE).read_bytes(), type=UpdateState)
     except (OSError, ValueError) as error:
         raise TrainingError(f"{folder} holds no update to resume from: {error}") from error
 

@@ -1,4 +1,4 @@
-"""What DeepSpeed's ZeRO does otherwise than one process, DDP and FSDP2.
+"""The differences between DeepSpeed's ZeRO and one process, DDP and FSDP2.
 
 accelerate hides most of it. Left are settings that must follow from ours, and the optimizer's state, which
 ZeRO keeps in flat pieces: it is read and written here by the names of parameters, whole, in the form that

@@ -17,7 +17,7 @@ from webgym.core.errors import TaskFileError
 from webgym.tasks.sources import SOURCES, Read, read_source
 from webgym.tasks.sources.csv_text import csv_rows
 from webgym.tasks.sources.dates import names_past
-from webgym.tasks.sources.json_text import Broken, json_values
+from webgym.tasks.sources.json_text import BrokenValue, json_values
 
 TODAY = date(2026, 1, 15)
 LENIENT = settings(
@@ -125,7 +125,7 @@ def test_a_file_with_damage_anywhere(tmp_path: Path, form: str, data: st.DataObj
 def test_every_part_of_a_json_text_is_a_value_or_broken(text: str) -> None:
     list(json_values(text))
     whole = json_values(json.dumps([text, {"a": text}, [text]]))
-    assert [None if isinstance(found, Broken) else found.value for found in whole] == [
+    assert [None if isinstance(found, BrokenValue) else found.value for found in whole] == [
         text,
         {"a": text},
         [text],

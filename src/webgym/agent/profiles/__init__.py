@@ -56,5 +56,5 @@ def choose_profile(name: str | None, model: str, mode: Mode | None = None) -> Pr
         chosen = named
     else:
         hint = f"choose one of {', '.join(all_profiles())}"
-        raise ConfigError(f"there is no profile {name!r}", hint=hint)
+        raise ConfigError(f"unknown profile {name!r}", hint=hint)
     return chosen if mode is None else msgspec.structs.replace(chosen, mode=mode)

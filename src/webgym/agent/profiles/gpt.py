@@ -6,7 +6,7 @@ sampling parameters and call the longest reply, thinking included, ``max_complet
 
 from __future__ import annotations
 
-from webgym.agent.image_sizing import Patches, PictureRule, Tiles
+from webgym.agent.image_sizing import Patches, PictureRule, TiledScaling
 from webgym.agent.profile import DEFAULT_SAMPLING, Profile
 from webgym.llm.config import Sampling
 
@@ -42,10 +42,12 @@ PROFILES = (
     _talks(
         "gpt-4",
         r"(chatgpt-4o|gpt-4o(?!-mini)|gpt-4\.1(?!-mini|-nano)|gpt-4-turbo)",
-        Tiles(base_tokens=85, tile_tokens=170),
+        TiledScaling(base_tokens=85, tile_tokens=170),
     ),
-    _talks("gpt-4o-mini", r"gpt-4o-mini", Tiles(base_tokens=2833, tile_tokens=5667)),
+    _talks("gpt-4o-mini", r"gpt-4o-mini", TiledScaling(base_tokens=2833, tile_tokens=5667)),
     _talks("gpt-4.1-mini", r"gpt-4\.1-(mini|nano)", Patches(patch_tokens=2.46)),
-    _thinks("gpt-5", r"(gpt-5(?!.*-(mini|nano))|o[13](?!-mini))", Tiles(base_tokens=75, tile_tokens=150)),
+    _thinks(
+        "gpt-5", r"(gpt-5(?!.*-(mini|nano))|o[13](?!-mini))", TiledScaling(base_tokens=75, tile_tokens=150)
+    ),
     _thinks("gpt-5-mini", r"(gpt-5.*-(mini|nano)|o4-mini)", Patches(patch_tokens=2.46)),
 )

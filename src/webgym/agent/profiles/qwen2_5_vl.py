@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from webgym.agent.image_sizing import Multiples
+from webgym.agent.image_sizing import MultipleOf
 from webgym.agent.profile import PAPER_SAMPLING, Profile
 
 PROFILES = (
     Profile(
         name="qwen2.5-vl",
         models=(r"qwen2[._]5[-_ ]?vl",),
-        pictures=Multiples(factor=28, min_pixels=3136, max_pixels=12845056),
+        pictures=MultipleOf(factor=28, min_pixels=3136, max_pixels=12845056),
         grid="pixels",
         sampling=PAPER_SAMPLING,
     ),

@@ -1,16 +1,16 @@
 """Qwen3-VL, Instruct and Thinking: points on a 0-1000 grid, patches of 16 pixels merged two by two.
 
 Sizes after the models' ``preprocessor_config.json`` (shortest and longest edge are areas there, in pixels);
-checked against the processor of ``transformers`` 5 (tests/agent/test_pictures.py). The Thinking models' chat
+checked against the processor of ``transformers`` 5 (tests/agent/test_patches.py). The Thinking models' chat
 template opens the thinking itself.
 """
 
 from __future__ import annotations
 
-from webgym.agent.image_sizing import Multiples
+from webgym.agent.image_sizing import MultipleOf
 from webgym.agent.profile import PAPER_SAMPLING, Profile
 
-_PICTURES = Multiples(factor=32, min_pixels=65536, max_pixels=16777216)
+_PICTURES = MultipleOf(factor=32, min_pixels=65536, max_pixels=16777216)
 
 PROFILES = (
     Profile(

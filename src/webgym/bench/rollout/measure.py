@@ -28,7 +28,8 @@ from webgym.offline import OfflineWeb
 from webgym.offline.app import RunningSites, SitesConfig, serving
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import environment_milliseconds
-from webgym.runs import RunConfig, Secrets, collect
+from webgym.run_config import RunConfig, Secrets
+from webgym.runs import collect
 from webgym.server import BrowserClient, ServerConfig
 from webgym.server.config import Admission
 

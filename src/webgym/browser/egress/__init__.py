@@ -16,6 +16,6 @@ from __future__ import annotations
 
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import NotConnected, Reason
-from webgym.browser.egress.proxy import Door, Egress, EgressLoad
+from webgym.browser.egress.proxy import Egress, EgressLoad, ProxyListener
 
-__all__ = ["Door", "Egress", "EgressConfig", "EgressLoad", "NotConnected", "Reason"]
+__all__ = ["Egress", "EgressConfig", "EgressLoad", "NotConnected", "ProxyListener", "Reason"]

@@ -1,4 +1,4 @@
-"""What one session may use of the way out, so that no page takes it from the others of its worker."""
+"""Limits on one session's use of the proxy, so that no page starves the other sessions of its worker."""
 
 from __future__ import annotations
 

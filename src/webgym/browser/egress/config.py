@@ -1,4 +1,4 @@
-"""Every limit of the way out, with its unit and its reason."""
+"""Every limit of the egress proxy, with its unit and its reason."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ class EgressConfig(Settings):
     """What pages may connect to, how often, and how long it may take."""
 
     allow: tuple[str, ...] = ()
-    """Rules ``PATTERN[:PORT][=TARGET]``; the first that matches a host decides.
+    """Let pages connect to a name, address or network that is otherwise refused, or lead a name elsewhere:
+    ``intranet.example``, ``10.0.0.0/8``, ``*.webgym.test=127.0.0.1:8123``. The first match decides.
 
     PATTERN is a name (``intranet.example``), the names below one (``*.webgym.test``), an address
     (``10.0.0.5``, ``[::1]``), a network (``10.0.0.0/8``) or ``*``. A host that matches may be connected to

@@ -1,4 +1,4 @@
-"""What this machine's network says. Apart, so that tests can put another in its place."""
+"""This machine's network configuration. A module of its own, so that tests can replace it."""
 
 from __future__ import annotations
 

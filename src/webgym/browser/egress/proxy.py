@@ -1,4 +1,4 @@
-"""The proxy: SOCKS5 on loopback, one per worker process, with a door of its own for every browser.
+"""The proxy: SOCKS5 on loopback, one per worker process, with a listener of its own for every browser.
 
 A browser asks for a name; whether and where that may be connected to is decided here, and the connection
 is made to the very address that was checked. What another lookup would say a moment later never matters.
@@ -37,7 +37,7 @@ from webgym.browser.egress.socks import (
     read_request,
     reply,
 )
-from webgym.browser.egress.splice import Books, BrowserEnd, ServerEnd
+from webgym.browser.egress.splice import BrowserEnd, Connections, ServerEnd
 
 _LOOPBACK = "127.0.0.1"
 _BACKLOG = 1024
@@ -62,7 +62,9 @@ class EgressLoad(msgspec.Struct, frozen=True):
 
 
 class Egress:
-    """The way out of one process's browsers. An async context manager, for the loop it is entered in.
+    """The proxy through which all connections of one process's browsers go.
+
+    An async context manager, bound to the event loop in which it is entered.
 
     Args:
         config: what pages may connect to, and the limits.
@@ -72,9 +74,9 @@ class Egress:
     def __init__(self, config: EgressConfig | None = None, machine: Machine | None = None) -> None:
         self.config = config or EgressConfig()
         self._dialer = Dialer(self.config, machine or Machine())
-        self._books = Books(self.config)
-        self._main: Door | None = None
-        self._doors: set[Door] = set()
+        self._connections = Connections(self.config)
+        self._main: ProxyListener | None = None
+        self._listeners: set[ProxyListener] = set()
         self._failures: OrderedDict[tuple[str, int], NotConnected] = OrderedDict()
 
     # --- life ---------------------------------------------------------------------------------------
@@ -87,29 +89,29 @@ class Egress:
         await self.stop()
 
     async def start(self) -> None:
-        """Listen, at the door for those who have none of their own."""
-        self._main = await self.open_door()
+        """Start listening on the main listener, for browsers without one of their own."""
+        self._main = await self.open_listener()
 
     async def stop(self) -> None:
         """End every connection. Safe to call twice, and before :meth:`start`."""
         main, self._main = self._main, None
         if main is None:
             return
-        await asyncio.gather(*(door.close() for door in tuple(self._doors)))
-        await self._books.empty()
+        await asyncio.gather(*(listener.close() for listener in tuple(self._listeners)))
+        await self._connections.empty()
         await self._dialer.close()
 
-    async def open_door(self) -> Door:
-        """A way in with a budget of its own."""
-        door = Door(self)
-        await door._open()
-        self._doors.add(door)
-        self._dialer.own_ports.add(door.port)
-        return door
+    async def open_listener(self) -> ProxyListener:
+        """Open a listener with a budget of its own."""
+        listener = ProxyListener(self)
+        await listener._open()
+        self._listeners.add(listener)
+        self._dialer.own_ports.add(listener.port)
+        return listener
 
     @property
-    def main(self) -> Door:
-        """The door for those who have none of their own."""
+    def main(self) -> ProxyListener:
+        """The listener for browsers without one of their own."""
         assert self._main is not None, "the proxy was not started"
         return self._main
 
@@ -123,13 +125,13 @@ class Egress:
     @property
     def load(self) -> EgressLoad:
         """At this moment."""
-        books = self._books
-        return EgressLoad(books.open, dict(books.results), books.sent, books.received)
+        connections = self._connections
+        return EgressLoad(connections.open, dict(connections.results), connections.sent, connections.received)
 
     @property
     def waiting(self) -> int:
         """Connections that are being made."""
-        return sum(len(door._tasks) for door in self._doors)
+        return sum(len(listener._tasks) for listener in self._listeners)
 
     def failure(self, url: str) -> NotConnected | None:
         """Why the last connection to a URL's host and port that failed did so, if it is still known."""
@@ -143,7 +145,7 @@ class Egress:
     # --- connections --------------------------------------------------------------------------------
 
     async def connect(self, host: str, port: int, budget: Budget) -> ServerEnd:
-        """A connection to a host, if it may and can be had. The books say how it went.
+        """A connection to a host, if it may and can be had. The totals record how it went.
 
         It counts in the budget from here on, and whoever has it must end that.
 
@@ -158,7 +160,7 @@ class Egress:
             except Spent as error:
                 raise NotConnected("too_many", f"refused: {error}") from None
             is_counted = True
-            server = await self._dialer.dial(host, port, budget, lambda: ServerEnd(self._books, budget))
+            server = await self._dialer.dial(host, port, budget, lambda: ServerEnd(self._connections, budget))
             result = "connected"
             return server
         except NotConnected as failure:
@@ -170,15 +172,15 @@ class Egress:
                 self._failures.popitem(last=False)
             raise
         finally:
-            self._books.results[result] += 1
+            self._connections.results[result] += 1
             if is_counted and result != "connected":
                 budget.leave()
 
 
-class Door:
-    """A browser's own way to the proxy, and the budget of the session that it serves.
+class ProxyListener:
+    """The proxy's listening socket for one browser, with the budget of the session that the browser serves.
 
-    Made by :meth:`Egress.open_door`.
+    Made by :meth:`Egress.open_listener`.
     """
 
     def __init__(self, egress: Egress) -> None:
@@ -201,7 +203,7 @@ class Door:
         self.renew()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         self._egress._dialer.own_ports.discard(self._port)
-        self._egress._doors.discard(self)
+        self._egress._listeners.discard(self)
 
     def renew(self) -> None:
         """Another session begins, with a whole budget. What the last one still waits for is given up."""
@@ -216,7 +218,7 @@ class Door:
 
     @property
     def browser_flags(self) -> tuple[str, ...]:
-        """What makes a Chromium go this way, and no other."""
+        """Flags that make Chromium use this proxy and no other route."""
         return (
             f"--proxy-server=socks5://{_LOOPBACK}:{self.port}",
             "--proxy-bypass-list=<-loopback>",  # which Chromium would otherwise connect to by itself
@@ -252,10 +254,10 @@ class _Handshake(asyncio.Protocol):
     _transport: asyncio.Transport
     _deadline: asyncio.TimerHandle
 
-    def __init__(self, door: Door) -> None:
-        self._door = door
-        self._egress = door._egress
-        self._books = self._egress._books
+    def __init__(self, listener: ProxyListener) -> None:
+        self._listener = listener
+        self._egress = listener._egress
+        self._connections = self._egress._connections
         self._held = b""
         self._is_greeted = False
         self._task: asyncio.Task[None] | None = None
@@ -263,14 +265,14 @@ class _Handshake(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """A browser has come."""
         self._transport = cast(asyncio.Transport, transport)  # uvloop's is none by name
-        self._books.enter(self._transport)
+        self._connections.enter(self._transport)
         seconds = self._egress.config.handshake_seconds
         self._deadline = asyncio.get_running_loop().call_later(seconds, self._transport.abort)
 
     def connection_lost(self, _: Exception | None) -> None:
         """It has gone before it was connected."""
         self._deadline.cancel()
-        self._books.leave(self._transport)
+        self._connections.leave(self._transport)
         if self._task is not None:
             self._task.cancel()
 
@@ -286,7 +288,7 @@ class _Handshake(asyncio.Protocol):
                 self._give_up()
 
     def _give_up(self) -> None:
-        self._books.results["not_socks"] += 1
+        self._connections.results["not_socks"] += 1
         self._transport.abort()
 
     def _go_on(self) -> None:
@@ -307,14 +309,14 @@ class _Handshake(asyncio.Protocol):
         if request.command != CONNECT:  # UDP and listening are not for web pages
             self._answer(reply(NO_COMMAND))
             return
-        self._task = self._door._spawn(self._connect(request))
+        self._task = self._listener._spawn(self._connect(request))
 
     def _answer(self, last_words: bytes) -> None:
         self._transport.write(last_words)
         self._transport.close()
 
     async def _connect(self, request: Request) -> None:
-        budget = self._door.budget
+        budget = self._listener.budget
         try:
             server = await self._egress.connect(request.host, request.port, budget)
         except NotConnected as failure:
@@ -325,7 +327,7 @@ class _Handshake(asyncio.Protocol):
             server.transport.abort()
             return
         self._deadline.cancel()
-        browser = BrowserEnd(self._books, budget)
+        browser = BrowserEnd(self._connections, budget)
         browser.connection_made(self._transport)
         self._transport.set_protocol(browser)
         self._transport.write(reply(SUCCEEDED))

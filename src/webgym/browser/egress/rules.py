@@ -77,7 +77,7 @@ def read_rule(text: str) -> Rule:
             raise ValueError("a target has a port")
         return Rule(rule.name, port=rule.port, target=Place(read_host(host), port))
     except ValueError as error:
-        raise ValueError(f"{text!r} is no rule PATTERN[:PORT][=HOST:PORT]: {error}") from None
+        raise ValueError(f"{text!r} is not a rule PATTERN[:PORT][=HOST:PORT]: {error}") from None
 
 
 def _pattern(text: str) -> Rule:
@@ -103,5 +103,5 @@ def _split_port(text: str) -> tuple[str, int | None]:
     if not colon or (":" in head and not head.endswith("]")):
         return text, None
     if not tail.isascii() or not tail.isdigit() or not 0 < int(tail) <= _HIGHEST_PORT:
-        raise ValueError(f"{tail!r} is no port")
+        raise ValueError(f"{tail!r} is not a port")
     return head, int(tail)

@@ -1,7 +1,7 @@
-"""Two connections made one: what is read at one end is written at the other.
+"""Joins two connections: what is read from one is written to the other.
 
-When an end takes no more, nothing is read at the other, so that never more is kept for a browser that is
-frozen than the write buffer's limit and what the kernel holds.
+While one end cannot be written to, the other is not read from, so the data held for a frozen browser never
+exceeds the limit of the write buffer and what the kernel holds.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ _KEEPALIVE_PROBES = 4
 _RESET_ON_CLOSE = struct.pack("ii", 1, 0)
 
 
-class Books:
-    """What the connections of one proxy have in common."""
+class Connections:
+    """The open connections of one proxy, and totals over all of them."""
 
     def __init__(self, config: EgressConfig) -> None:
         self.config = config
@@ -33,18 +33,18 @@ class Books:
         self.received = 0
 
     def enter(self, transport: asyncio.Transport) -> None:
-        """A connection is there."""
+        """Add a connection."""
         self.transports.add(transport)
         self._is_empty.clear()
 
     def leave(self, transport: asyncio.Transport) -> None:
-        """It is gone."""
+        """Remove a connection."""
         self.transports.discard(transport)
         if not self.transports:
             self._is_empty.set()
 
     async def empty(self) -> None:
-        """End every connection, and wait until they are gone."""
+        """Abort every connection and wait until all are closed."""
         for transport in tuple(self.transports):
             transport.abort()
         await self._is_empty.wait()
@@ -54,20 +54,20 @@ class _End(asyncio.Protocol):
     transport: asyncio.Transport
     """There from :meth:`connection_made` on."""
 
-    def __init__(self, books: Books, budget: Budget) -> None:
-        self._books = books
+    def __init__(self, connections: Connections, budget: Budget) -> None:
+        self._connections = connections
         self._budget = budget
         self.other: _End | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The transport is up."""
         self.transport = cast(asyncio.Transport, transport)  # uvloop's is none by name
-        self.transport.set_write_buffer_limits(high=self._books.config.buffer_bytes)
-        self._books.enter(self.transport)
+        self.transport.set_write_buffer_limits(high=self._connections.config.buffer_bytes)
+        self._connections.enter(self.transport)
 
     def connection_lost(self, _: Exception | None) -> None:
         """It is gone."""
-        self._books.leave(self.transport)
+        self._connections.leave(self.transport)
 
     def _pass_on(self, data: bytes, other: _End) -> None:
         """Write at the other end. A session that has passed all that it may loses both."""
@@ -95,13 +95,13 @@ class BrowserEnd(_End):
 
     def data_received(self, data: bytes) -> None:
         """To the server."""
-        self._books.sent += len(data)
+        self._connections.sent += len(data)
         self._pass_on(data, self.other)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """The browser is done, in both directions, as it never closes but one: so is the server."""
         super().connection_lost(exc)
-        self._books.open -= 1
+        self._connections.open -= 1
         self._budget.leave()
         self.other.transport.close()
 
@@ -120,8 +120,8 @@ class ServerEnd(_End):
 
     other: BrowserEnd | None
 
-    def __init__(self, books: Books, budget: Budget) -> None:
-        super().__init__(books, budget)
+    def __init__(self, connections: Connections, budget: Budget) -> None:
+        super().__init__(connections, budget)
         self._early: list[bytes] = []
         self._is_over = False
         self._error: Exception | None = None
@@ -129,7 +129,7 @@ class ServerEnd(_End):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The transport is up. A server that vanishes must be noticed."""
         super().connection_made(transport)
-        config, raw = self._books.config, transport.get_extra_info("socket")
+        config, raw = self._connections.config, transport.get_extra_info("socket")
         interval = max(1, (config.dead_seconds - config.keepalive_seconds) // _KEEPALIVE_PROBES)
         raw.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, config.keepalive_seconds)
@@ -140,7 +140,7 @@ class ServerEnd(_End):
     def join(self, browser: BrowserEnd) -> None:
         """From here on both ends pass on what they read."""
         self.other, browser.other = browser, self
-        self._books.open += 1
+        self._connections.open += 1
         for data in self._early:
             self.data_received(data)
         self._early.clear()
@@ -152,7 +152,7 @@ class ServerEnd(_End):
         if self.other is None:
             self._early.append(data)
             return
-        self._books.received += len(data)
+        self._connections.received += len(data)
         self._pass_on(data, self.other)
 
     def eof_received(self) -> bool:

@@ -9,42 +9,49 @@
     composedPath, preventDefault, Element.prototype.matches, String.prototype.startsWith,
   ].map((method) => call.bind(method));
   const parentOf = call.bind(Object.getOwnPropertyDescriptor(Node.prototype, 'parentNode').get);
-  const { getOwnPropertyDescriptor, getOwnPropertyNames } = Object;
-  const own = (thing, name) => (getOwnPropertyDescriptor(thing, name) || {}).value;
+  const { getOwnPropertyDescriptor, getOwnPropertyNames, getOwnPropertySymbols } = Object;
+  const own = (thing, name) => (isThing(thing) && getOwnPropertyDescriptor(thing, name) || {}).value;
+  const isThing = (value) => value !== null && (typeof value === 'object' || typeof value === 'function');
 
   const PRESSES = ['click', 'mousedown', 'pointerdown', 'mouseup', 'pointerup', 'dblclick', 'contextmenu'];
-  const hears = (element) => {
-    const listeners = listenersOf(element);
-    for (let i = 0; i < PRESSES.length; i++) if (own(listeners, PRESSES[i])) return true;
-    if (own(element, '__click') || own(element, '$$click')) return true; // Svelte, Solid: one listener for all
-    return hearsByProps(element);
+  const hasAny = (thing, names) => {
+    for (let i = 0; thing && i < names.length; i++) if (own(thing, names[i])) return true;
+    return false;
   };
-
-  // React, too: what an element hears is kept with it.
+  // Svelte, Solid, Inferno and React have one listener at the root for all: what an element hears is kept with it.
+  const hears = (element) => {
+    if (own(element, '__click') || own(element, '$$click') || hasAny(own(element, '$EV'), PROPS)) return true;
+    const names = getOwnPropertyNames(element);
+    let isRoot = false;
+    for (let i = 0; i < names.length; i++) {
+      const isProps = startsWith(names[i], '__reactProps$') || startsWith(names[i], '__reactEventHandlers$');
+      if (isProps && hasAny(own(element, names[i]), PROPS)) return true;
+      isRoot ||= startsWith(names[i], '_reactListen');
+    }
+    const symbols = getOwnPropertySymbols(element);
+    for (let i = 0; i < symbols.length; i++) if (hasAny(own(element, symbols[i]), PRESSES)) return true;
+    return !isRoot && hasAny(listenersOf(element), PRESSES);
+  };
   const PROPS = [
     'onClick', 'onMouseDown', 'onPointerDown', 'onMouseUp', 'onPointerUp', 'onDoubleClick', 'onContextMenu',
   ];
-  const hearsByProps = (element) => {
-    const names = getOwnPropertyNames(element);
-    for (let i = 0; i < names.length; i++) {
-      const props = startsWith(names[i], '__reactProps$') && own(element, names[i]);
-      for (let k = 0; props && k < PROPS.length; k++) if (own(props, PROPS[k])) return true;
-    }
-    return false;
-  };
 
-  // jQuery listens at an element around, for those below it that match a selector.
+  // jQuery, be it bundled, listens at an element around, for those below it that match a selector.
+  const eventsOf = (node) => {
+    const names = getOwnPropertyNames(node);
+    for (let i = 0; i < names.length; i++) {
+      const events = startsWith(names[i], 'jQuery') && own(own(node, names[i]), 'events');
+      if (events) return events;
+    }
+    return null;
+  };
   const isDelegated = (element) => {
-    if (!own(window, 'jQuery')) return false;
     for (let around = parentOf(element); around; around = parentOf(around)) {
-      const names = getOwnPropertyNames(around);
-      for (let i = 0; i < names.length; i++) {
-        const events = startsWith(names[i], 'jQuery') && own(own(around, names[i]) || {}, 'events');
-        for (let k = 0; events && k < PRESSES.length; k++) {
-          const handlers = own(events, PRESSES[k]) || [];
-          for (let n = 0; n < handlers.length; n++)
-            if (handlers[n].selector && matches(element, handlers[n].selector)) return true;
-        }
+      const events = eventsOf(around);
+      for (let k = 0; events && k < PRESSES.length; k++) {
+        const handlers = own(events, PRESSES[k]) || [];
+        for (let n = 0; n < handlers.length; n++)
+          if (handlers[n].selector && matches(element, handlers[n].selector)) return true;
       }
     }
     return false;

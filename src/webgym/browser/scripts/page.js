@@ -6,7 +6,7 @@
   if (webgym.state) return;
   const {
     ownerDocument, localName, shadowRoot, defaultView, adoptedStyleSheets, documentOf, make, typeOf, nodeType,
-    querySelectorAll, children, isConnected,
+    querySelectorAll, children, isConnected, parentNode, getBoundingClientRect,
   } = webgym.dom;
   const state = {
     changedAt: 0, changes: 0, reactions: 0, ours: new WeakSet(), roots: new WeakMap(), list: null, shadowedFrames: [],
@@ -65,7 +65,8 @@
 
   // What has changed for as long as anyone waits: a clock, a carousel. Its changes are no news any more.
   const restless = new WeakMap(); // node -> kinds of change
-  let counts = null; // node -> kind -> [how often, in which batch last], while somebody counts
+  const swarms = new WeakMap(); // parent -> kinds of change by which its children move
+  let counts = null; // node -> kind -> [how often, in which batch last, where it was at first], while somebody counts
   let batch = 0;
   const OFTEN = 4;
 
@@ -81,13 +82,37 @@
         if (count >= OFTEN) restless.set(node, (restless.get(node) || new Set()).add(kind));
   };
 
+  // Whether nothing has happened since the count began but that things move on and on, as large as they were, and that
+  // texts were replaced, as a clock's is; and from now on nobody minds what moves, nor others of its kind beside it.
+  webgym.settleSwarm = () => {
+    if (!counts) return false;
+    const changes = [...counts].flatMap(([node, kinds]) => [...kinds].map(([kind, more]) => [node, kind, more]));
+    const movers = new Map(); // parent -> kinds
+    for (const [node, kind, [count, , from]] of changes) {
+      const to = from && count >= OFTEN && isConnected(node) && getBoundingClientRect(node);
+      const isMoved = to && (to.x !== from.x || to.y !== from.y);
+      if (!isMoved || Math.abs(to.width - from.width) > 1 || Math.abs(to.height - from.height) > 1) continue;
+      movers.set(parentNode(node), (movers.get(parentNode(node)) || new Set()).add(swarmKind(node, kind)));
+    }
+    const isKnown = ([node, kind, [, , from]]) =>
+      counts.get(node).has(TEXT) || (from && movers.get(parentNode(node))?.has(swarmKind(node, kind)));
+    if (!movers.size || !changes.every(isKnown)) return false;
+    for (const [parent, kinds] of movers) swarms.set(parent, kinds);
+    return true;
+  };
+  const TEXT = 'characterData';
+  const swarmKind = (node, kind) => `${localName(node)} ${kind}`;
+
   const isNews = (node, kind) => {
     const kinds = restless.get(node);
     if (kinds && kinds.has(kind)) return false;
+    const canMove = kind.startsWith('attributes');
+    const swarm = canMove && swarms.get(parentNode(node));
+    if (swarm && swarm.has(swarmKind(node, kind))) return false;
     if (counts) {
       if (!counts.has(node)) counts.set(node, new Map());
-      const [count, last] = counts.get(node).get(kind) || [0, 0];
-      counts.get(node).set(kind, [last === batch ? count : count + 1, batch]);
+      const [count, last, from] = counts.get(node).get(kind) || [0, 0, canMove && getBoundingClientRect(node)];
+      counts.get(node).set(kind, [last === batch ? count : count + 1, batch, from]);
     }
     return true;
   };
@@ -105,6 +130,9 @@
   const isOurs = (record) =>
     record.type === 'childList' &&
     [...record.addedNodes, ...record.removedNodes].every((node) => state.ours.has(node));
+  const isText = (node) => nodeType(node) === Node.TEXT_NODE;
+  const kindOf = ({ type, attributeName, addedNodes, removedNodes }) =>
+    type === 'childList' && [...addedNodes, ...removedNodes].every(isText) ? TEXT : type + (attributeName || '');
   // Watch the shadow roots in and below an element.
   const enter = (top, seen = new Set()) => {
     if (nodeType(top) !== Node.ELEMENT_NODE || seen.has(top)) return;
@@ -122,9 +150,7 @@
   const observer = new MutationObserver((records) => {
     batch += 1;
     enterAdded(records);
-    const news = records.filter(
-      (record) => !isOurs(record) && isNews(record.target, record.type + (record.attributeName || '')),
-    );
+    const news = records.filter((record) => !isOurs(record) && isNews(record.target, kindOf(record)));
     if (news.length) changed(true, news.map((record) => record.target));
   });
   webgym.watch = (root) => {

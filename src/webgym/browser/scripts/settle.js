@@ -211,7 +211,7 @@
   //   reaction  to do so (and to react, if it has only been scrolled), and one that has must be still for
   //   quiet     and is not waited for any longer after
   //   stir;
-  //   busy      how long an animation may take that is waited for;
+  //   busy      how long an animation may take that is waited for, and what a script moves on and on;
   //   linger    how long what shows that the page is loading is waited for to vanish.
   // `blank` says that there is nothing to come on a page that shows nothing.
   // Time is counted in ticks of its own. A process that is stopped does not tick, so a clock that jumps
@@ -224,7 +224,9 @@
     state.hasTyped = false;
     webgym.attach();
     const early = timers.asked();
-    let [elapsed, still, known, needed, isCounting] = [0, 0, state.changes, quiet, false];
+    let [elapsed, still, known, needed] = [0, 0, state.changes, quiet];
+    const census = [busy / 3, Math.max(busy, stir / 3)]; // when changes are counted anew
+    let isMarked = false; // have things been looked at that move on and on?
     let found = null;
     const patience = () => (found === true || found[1] === isTurning ? linger / 2 : linger);
     const verdict = (reason) => {
@@ -269,14 +271,24 @@
         } else still = needed - tick;
       }
       if (elapsed >= Math.max(stir, found ? patience() : 0)) {
+        webgym.settleSwarm();
         webgym.settleRestless();
         for (const { effect } of moving(busy)) if (effect.target) movedForEver.add(effect.target);
         state.isTireless ||= hasPlanned();
         found ||= sign(); // it was to be seen for as long as anyone waits
         return verdict('busy');
       }
-      if (elapsed >= stir / 3 && !isCounting) {
-        isCounting = true;
+      if (elapsed >= busy && !isMarked) {
+        isMarked = true;
+        if (webgym.settleSwarm()) {
+          state.isTireless ||= hasPlanned();
+          found = sign();
+          if (!found) return verdict('busy');
+        }
+      }
+      if (elapsed >= census[0]) {
+        census.shift();
+        webgym.census(false);
         webgym.census(true);
         hasPlanned();
       }

@@ -3,7 +3,7 @@
   const webgym = globalThis.webgym;
   if (webgym.targets) return;
   const {
-    dispatchEvent, nodeType, childNodes, getRootNode, localName, baseURI, getAttribute, matches, closest,
+    dispatchEvent, nodeType, parentNode, childNodes, textContent, getRootNode, localName, baseURI, getAttribute, matches, closest,
     checkVisibility, getBoundingClientRect, getClientRects, children, childElementCount, querySelector,
     querySelectorAll, createRange,
     offsetWidth, offsetHeight, tabIndex, ofKind, styleSheets, adoptedStyleSheets,
@@ -114,7 +114,16 @@
     return found;
   };
 
-  const isOff = (element) => matches(element, ':disabled') || getAttribute(element, 'aria-disabled') === 'true';
+  // Days and items that are not offered are named so, or the cursor says it. A native control is on unless it is
+  // disabled, whatever its class.
+  const isOff = (element) =>
+    matches(element, ':disabled') || getAttribute(element, 'aria-disabled') === 'true' ||
+    (!matches(element, NATIVE) && (isNamedOff(element) || /not-allowed|no-drop/.test(getComputedStyle(element).cursor)));
+  const NATIVE = 'a[href],area,button,input,select,textarea,option,summary';
+  const isNamedOff = (element) =>
+    (getAttribute(element, 'class') || '')
+      .split(/\s+/)
+      .some((name) => /(^|[_-])(disabled|unavailable)$/i.test(name) && !/(^|[_-])(not|non)[_-]/i.test(name));
 
   const isShown = (element) => checkVisibility(element, { visibilityProperty: true, opacityProperty: true });
 
@@ -140,6 +149,9 @@
     return [];
   };
   const FIELDS = new Set(['input', 'textarea', 'select']);
+
+  const hasPaint = (style) =>
+    style.backgroundImage !== 'none' || !/^rgba\(.*, 0\)$/.test(style.backgroundColor) || style.borderTopWidth !== '0px';
 
   const hasParts = (element) =>
     ['::before', '::after'].some((part) => getComputedStyle(element, part).content !== 'none');
@@ -191,9 +203,10 @@
     return known.get(sheet).selectors;
   };
 
+  const AIMED = new Set(['pointer', 'crosshair', 'cell']);
   let hovers = new Map(); // by document or shadow root: the selectors in this look, null if there are none
   const showsPointer = (element, style) => {
-    if (style.cursor === 'pointer') return true;
+    if (AIMED.has(style.cursor)) return true;
     const root = getRootNode(element);
     if (!hovers.has(root)) {
       const sheets = nodeType(root) === Node.ELEMENT_NODE ? [] : [...styleSheets(root), ...adoptedStyleSheets(root)];
@@ -210,12 +223,27 @@
     return !around || !showsPointer(around, getComputedStyle(around));
   };
 
-  // Is a press of the mouse on this element heard by it? The page's own world answers (listeners.js).
+  // Is a press of the mouse on this element, or document, heard by it? The page's own world answers (listeners.js).
+  const isHeardAt = (node) => !dispatchEvent(node, new Event(webgym.question, { cancelable: true, composed: true }));
   const hears = (element) => {
     if (/\bclick\b/.test(getAttribute(element, 'jsaction') || '')) return true;
-    if (UNMARKED.has(localName(element)) || getRootNode(element).mode === 'closed') return false;
-    return !dispatchEvent(element, new Event(webgym.question, { cancelable: true, composed: true }));
+    return !UNMARKED.has(localName(element)) && getRootNode(element).mode !== 'closed' && isHeardAt(element);
   };
+
+  // A cell of a sheet: its text cannot be selected, the sheet takes the focus, and something around listens, be it the
+  // document.
+  const CELL = 'td,th,[role=gridcell],[role=cell]';
+  const isCell = (element, style) => {
+    const sheet = style.userSelect === 'none' && matches(element, CELL) && closest(element, '[tabindex]');
+    if (!sheet || sheet === element) return false;
+    if (!sheets.has(sheet)) {
+      let around = sheet;
+      while (around && !isHeardAt(around)) around = parentNode(around);
+      sheets.set(sheet, Boolean(around));
+    }
+    return sheets.get(sheet);
+  };
+  let sheets = new Map(); // what takes the focus, and whether it or something around it listens; in this look
 
   // A day of a calendar, say: made to take the focus, and a box close around it listens for all.
   const isHeardAround = (element) => {
@@ -225,25 +253,39 @@
   };
 
   const FILLS = 0.9; // of its parent's box: what it holds is what the parent holds
-  const FILL_DEPTH = 3;
-  const fillOf = (element) => {
+  const FILL_DEPTH = 5;
+  const fillsOf = (element) => {
     const area = areaOf(getBoundingClientRect(element));
-    return [...children(element)].slice(0, ITEMS).find((child) => areaOf(getBoundingClientRect(child)) >= FILLS * area);
+    const inner = [...children(element)].slice(0, FILL_CHILDREN);
+    return inner.filter((child) => areaOf(getBoundingClientRect(child)) >= FILLS * area);
   };
+  const FILL_CHILDREN = 3;
 
   const ITEMS = 3; // of one kind, and of one size: then not what is around them is meant
   const itemsOf = (element, depth = 0) => {
-    const fill = depth < FILL_DEPTH && fillOf(element);
-    if (fill) return itemsOf(fill, depth + 1);
-    const inner = [...children(element)];
+    const fills = depth < FILL_DEPTH ? fillsOf(element) : [];
+    for (const fill of fills) {
+      const found = itemsOf(fill, depth + 1);
+      if (found.length) return found;
+    }
+    return fills.length ? [] : alikeIn([...children(element)]);
+  };
+  const alikeIn = (inner) => {
     if (inner.length < ITEMS) return [];
     const [{ width, height }, name] = [getBoundingClientRect(inner[0]), localName(inner[0])];
     const isAlike = (child) => {
       const rect = getBoundingClientRect(child);
-      const isSized = Math.abs(rect.width - width) <= 2 && Math.abs(rect.height - height) <= 2;
-      return localName(child) === name && isSized && !widgetOf(child);
+      const isTall = localName(child) === name && Math.abs(rect.height - height) <= 2 && !widgetOf(child);
+      return isTall && (Math.abs(rect.width - width) <= 2 || isBar(child));
     };
     return width >= 8 && height >= 8 && inner.every(isAlike) ? inner : [];
+  };
+
+  // One of several things with a name that lie in a box by themselves, as long as each is: a bar of a plan.
+  const isBar = (element) => {
+    const style = getComputedStyle(element);
+    const isPlaced = style.position === 'absolute' && style.userSelect === 'none';
+    return isPlaced && hasPaint(style) && Boolean(textContent(element).trim());
   };
 
   // Is this text that the mouse would select, with nothing to say that it is clicked?
@@ -285,7 +327,8 @@
     const role = roleOf(element);
     const isControl = Boolean(role && widgetOf(element));
     const isPointer = Boolean(style && startsPointer(element, style));
-    if (!role && !isPointer && !(style && (isItem || hears(element) || isHeardAround(element)))) return null;
+    const isUsed = () => isItem || hears(element) || isHeardAround(element) || isCell(element, style);
+    if (!role && !isPointer && !(style && isUsed())) return null;
     if (isOff(element) || (!isControl && isOfLabel(element))) return null;
     if (!role && !isPointer && isName(element)) return null;
     const isText = !role && !isPointer && isPlainText(element, style);
@@ -330,9 +373,7 @@
   const isBlank = (element, depth = 0) => {
     if (PAINTED.has(localName(element)) || ofKind(element, 'ownerSVGElement')) return false;
     const style = getComputedStyle(element);
-    const isPainted =
-      style.backgroundImage !== 'none' || !/^rgba\(.*, 0\)$/.test(style.backgroundColor) ||
-      style.borderTopWidth !== '0px' || style.content !== 'normal' || hasParts(element);
+    const isPainted = hasPaint(style) || style.content !== 'normal' || hasParts(element);
     if (isPainted || hasOwnText(element) || childElementCount(element) > 3 || depth > 3) return false;
     return [...children(rootOf(element) || element)].every((child) => isBlank(child, depth + 1));
   };
@@ -380,7 +421,8 @@
     const share = (kid) => areaOf(kid.boxes[0]) / area;
     if (!one.isControl) {
       if (!one.isPointer && isNothing(one)) return null;
-      if (one.isText && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
+      const isUnpointed = one.isText || (!one.isPointer && within.length && hasOtherText(one, within));
+      if (isUnpointed && within.some((kid) => [kid, ...kid.kids].some(({ isPointer }) => isPointer))) return null;
       if (!within.length) {
         const isLarge = area > LARGE * innerWidth * innerHeight && !WHOLE.has(localName(one.element));
         return isLarge && !one.isPointer ? null : kids;
@@ -449,6 +491,7 @@
   const begin = () => {
     hovers = new Map();
     pointed = new Map();
+    sheets = new Map();
   };
 
   webgym.targets = {

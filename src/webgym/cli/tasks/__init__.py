@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import typer
+from typing import Any
 
-from webgym.cli.tasks.build import build
+import typer
+from typer.core import TyperGroup
+
 from webgym.cli.tasks.check import check
 from webgym.cli.tasks.convert import convert
 from webgym.cli.tasks.offline import offline
@@ -15,7 +17,27 @@ from webgym.cli.tasks.split import split
 from webgym.cli.tasks.stats import stats
 from webgym.cli.tasks.validate import validate
 
-app = typer.Typer(no_args_is_help=True, help="List, check and write task sets.")
 
-for _command in (build, offline, check, show, convert, sources, split, validate, sample, stats):
+class _LazyBuild(TyperGroup):
+    """Imports ``build``, whose options need the settings of all its stages, only when it is called."""
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name != "build":
+            return super().get_command(ctx, cmd_name)
+        from webgym.cli.tasks.build import build
+
+        single = typer.Typer(add_completion=False, rich_markup_mode="rich")
+        single.command("build")(build)
+        return typer.main.get_command(single)
+
+
+app = typer.Typer(cls=_LazyBuild, no_args_is_help=True, help="List, check and write task sets.")
+
+
+@app.command("build")
+def _build() -> None:
+    """Build a task set: import, websites, rubrics, decomposition, duplicates, split, statistics."""
+
+
+for _command in (offline, check, show, convert, sources, split, validate, sample, stats):
     app.command()(_command)

@@ -5,7 +5,7 @@ What a task says comes from outside. Characters that a terminal would obey are s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 from rich.console import Group, RenderableType
 from rich.padding import Padding
@@ -16,7 +16,7 @@ from webgym.core.task import FactGroup, Task
 from webgym.core.text import plain
 from webgym.tasks.index import TaskIndex, website_key
 
-LEVEL_COLORS = {"easy": "green", "medium": "yellow", "hard": "red"}
+_LEVEL_COLORS = {"easy": "green", "medium": "yellow", "hard": "red"}
 
 
 def row_of(task: Task) -> tuple[str, ...]:
@@ -26,27 +26,6 @@ def row_of(task: Task) -> tuple[str, ...]:
     return tuple(map(plain, told))
 
 
-def table_of(tasks: Iterable[Task], *, cursor: int | None = None) -> Table:
-    """Tasks as a table that fits the width, one line each; the one at the cursor is marked."""
-    table = Table(box=None, header_style="dim", expand=True, pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("task", no_wrap=True, overflow="ellipsis", ratio=3)
-    table.add_column("facts", justify="right", no_wrap=True, width=5)
-    table.add_column("level", no_wrap=True, width=6)
-    table.add_column("website", no_wrap=True, overflow="ellipsis", ratio=3)
-    table.add_column("instruction", no_wrap=True, overflow="ellipsis", ratio=10)
-    for number, task in enumerate(tasks):
-        task_id, facts, level, website, _, instruction = row_of(task)
-        table.add_row(
-            Text(task_id, style="cyan"),
-            Text(facts),
-            Text(level, style=LEVEL_COLORS[level]),
-            Text(website, style="dim"),
-            Text(instruction),
-            style="reverse" if number == cursor else "",
-        )
-    return table
-
-
 def page_of(task: Task, index: TaskIndex) -> RenderableType:
     """One task whole: what is asked, the rubric, where it comes from, its family."""
     return Group(*_parts(task, index))
@@ -54,7 +33,7 @@ def page_of(task: Task, index: TaskIndex) -> RenderableType:
 
 def _parts(task: Task, index: TaskIndex) -> Iterator[RenderableType]:
     facts = f"{task.difficulty} {'fact' if task.difficulty == 1 else 'facts'}"
-    yield Text.assemble((plain(task.id), "bold"), "  ", (task.level, LEVEL_COLORS[task.level]), f", {facts}")
+    yield Text.assemble((plain(task.id), "bold"), "  ", (task.level, _LEVEL_COLORS[task.level]), f", {facts}")
     yield Text(plain(" · ".join(filter(None, (task.website, task.domain, task.subdomain)))), style="dim")
     yield Padding(Text(plain(task.instruction)), (1, 0))
     for group in task.rubric.groups:

@@ -9,38 +9,44 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from webgym.cli._fields import Given, Options, takes
+from webgym.tasks.construction import BuildConfig
+
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from webgym.tasks.construction import Estimate, Finished, Noted, Place
+    from webgym.tasks.construction import BuildPaths, Estimate, FinishedBuild, PendingBatches
 
 
+BUILD = Options(
+    BuildConfig,
+    {
+        "--base-url": "model.base_url",
+        "--model": "model.model",
+        "--concurrency": "model.concurrency",
+        "--test-size": "split.test_tasks",
+        "--plaintext": "plaintext",
+        "--budget": "budget.dollars",
+        "--seed": "seed",
+    },
+)
+
+
+@takes(settings=BUILD)
 def build(
-    out: Path = typer.Option(..., "--out", help="Folder of the build; one that is there is gone on with."),
+    *,
+    out: Path = typer.Option(
+        ..., "--out", help="Folder of the build; an unfinished build in it is continued."
+    ),
     config: Path | None = typer.Option(
         None, "--config", help="YAML file of settings; the options below override it.", show_default=False
     ),
     source: list[str] = typer.Option(
         [], "--source", help="NAME=PATH of a source, as often as needed.", show_default=False
     ),
-    base_url: str | None = typer.Option(
-        None, "--base-url", help="OpenAI-compatible endpoint. Its key: WEBGYM_API_KEY.", show_default=False
-    ),
-    model: str | None = typer.Option(None, "--model", help="Model at that endpoint.", show_default=False),
-    concurrency: int | None = typer.Option(
-        None, "--concurrency", min=1, help="Most requests in flight.", show_default="32"
-    ),
+    settings: Given,
     limit: int | None = typer.Option(
-        None, "--limit", min=1, help="At most so many tasks of each source.", show_default=False
-    ),
-    test_size: int | None = typer.Option(
-        None, "--test-size", min=0, help="Test tasks, each from a website of its own.", show_default="1167"
-    ),
-    plaintext: list[str] = typer.Option(
-        [],
-        "--plaintext",
-        help="Encrypted source (browsecomp) whose plain text may be sent to the model and written.",
-        show_default=False,
+        None, "--limit", min=1, help="Most tasks of each source.", show_default=False
     ),
     price: str | None = typer.Option(
         None,
@@ -48,10 +54,6 @@ def build(
         help="Dollars per million tokens: PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION.",
         show_default=False,
     ),
-    budget: float | None = typer.Option(
-        None, "--budget", min=0, help="Dollars that may be spent; all runs count.", show_default=False
-    ),
-    seed: int | None = typer.Option(None, "--seed", help="Of everything that is drawn.", show_default="0"),
     cache: Path | None = typer.Option(
         None, "--cache", help="File of paid replies.", show_default="OUT/replies.sqlite"
     ),
@@ -62,52 +64,52 @@ def build(
         "webgym llm import, and give the command again.",
         show_default=False,
     ),
-    dry_run: bool = typer.Option(False, "--dry-run", help="Say what it would take; ask and write nothing."),
+    dry_run: bool = typer.Option(False, "--dry-run", help="Estimate calls and cost; ask and write nothing."),
 ) -> None:
     """Build a task set: import, websites, rubrics, decomposition, duplicates, split, statistics.
 
-    A build that was stopped, by whatever, goes on when the same command is given again: no reply is paid for
-    twice.
+    A build that was stopped for any reason continues when the same command is given again: no reply is
+    paid for twice.
     """
     from rich.console import Console
 
     from webgym.cli import EXIT_INTERRUPTED, _run
     from webgym.core.errors import UsageError
-    from webgym.tasks.construction import Noted, Place, Stages, read_config, run_batch, run_build, run_dry
+    from webgym.tasks.construction import (
+        BuildPaths,
+        PendingBatches,
+        StageProgress,
+        read_config,
+        run_batch,
+        run_build,
+        run_dry,
+    )
 
-    overrides: dict[str, Any] = {
-        "sources": _sources(source),
-        "model": {"base_url": base_url, "model": model, "concurrency": concurrency},
-        "split": {"test_tasks": test_size},
-        "plaintext": plaintext or None,
-        "prices": _prices(price),
-        "budget": {"dollars": budget},
-        "seed": seed,
-    }
-    settings = read_config(config, overrides, at_most=limit)
-    place = Place.of(out, cache)
+    overrides = settings | {"sources": _sources(source), "prices": _prices(price)}
+    chosen = read_config(config, overrides, at_most=limit)
+    place = BuildPaths.of(out, cache)
     console = Console()
-    stages = Stages(console)
+    stages = StageProgress(console)
     if dry_run and batch is not None:
         raise UsageError("--dry-run and --batch do not go together", hint="give one of them")
     if dry_run:
         with stages.shown():
-            found = _run.run(lambda: run_dry(settings, place, stages))
+            found = _run.run(lambda: run_dry(chosen, place, stages))
         _tell_estimate(found, console)
         return
     try:
         with stages.shown():
             if batch is None:
-                done: Finished | Noted = _run.run(lambda: run_build(settings, place, stages))
+                done: FinishedBuild | PendingBatches = _run.run(lambda: run_build(chosen, place, stages))
             else:
                 folder = batch
-                done = _run.run(lambda: run_batch(settings, place, folder, stages))
+                done = _run.run(lambda: run_batch(chosen, place, folder, stages))
     except KeyboardInterrupt:
         print(
             "interrupted: what was paid for is kept, and the same command goes on from here", file=sys.stderr
         )
         raise typer.Exit(EXIT_INTERRUPTED) from None
-    if isinstance(done, Noted):
+    if isinstance(done, PendingBatches):
         _tell_batches(done, place, console)
     else:
         _tell_build(done, place, console)
@@ -133,18 +135,25 @@ def _prices(given: str | None) -> dict[str, Any]:
 
 
 def _tell_estimate(found: Estimate, console: Console) -> None:
-    from rich.table import Table
+    from webgym.tables import Table, grid
 
-    table = Table(box=None, header_style="dim", pad_edge=False)
-    table.add_column("stage")
-    for column in ("tasks", "there", "calls", "prompt tokens", "reply tokens", "dollars"):
-        table.add_column(column, justify="right")
-    for line in found.lines:
-        numbers = (line.things, line.there, line.calls, line.prompt_tokens, line.reply_tokens)
-        table.add_row(line.purpose, *(f"{number:,}" for number in numbers), _dollars(line.dollars))
-    sums = (found.calls, found.prompt_tokens, found.reply_tokens)
-    table.add_row("all", "", "", *(f"{number:,}" for number in sums), _dollars(found.dollars), style="bold")
-    console.print(table)
+    columns = ("stage", "tasks", "there", "calls", "prompt tokens", "reply tokens", "dollars")
+    numbers = [
+        (
+            line.purpose,
+            line.things,
+            line.there,
+            line.calls,
+            line.prompt_tokens,
+            line.reply_tokens,
+            line.dollars,
+        )
+        for line in found.lines
+    ]
+    rows = [(*map(str, row[:-1]), _dollars(row[-1])) for row in numbers]
+    sums = map(str, (found.calls, found.prompt_tokens, found.reply_tokens))
+    rows.append(("all", "", "", *sums, _dollars(found.dollars)))
+    console.print(grid(Table("", columns, rows)))
     for line in found.lines:
         if line.basis:
             console.print(
@@ -158,7 +167,7 @@ def _dollars(value: float | None) -> str:
     return "?" if value is None else f"{value:,.2f}"
 
 
-def _tell_batches(noted: Noted, place: Place, console: Console) -> None:
+def _tell_batches(noted: PendingBatches, place: BuildPaths, console: Console) -> None:
     for file in noted.files:
         told = f"{file.path}  {file.requests:,} requests, about {file.prompt_tokens:,} prompt tokens"
         console.print(told, highlight=False, markup=False, soft_wrap=True)
@@ -172,18 +181,14 @@ def _tell_batches(noted: Noted, place: Place, console: Console) -> None:
     )
 
 
-def _tell_build(finished: Finished, place: Place, console: Console) -> None:
-    from rich.table import Table
+def _tell_build(finished: FinishedBuild, place: BuildPaths, console: Console) -> None:
+    from webgym.tables import Table, grid
 
     build = finished.build
     rows: dict[str, list[Any]] = {}
-    for row in build.books.rows:
+    for row in build.accounting.rows:
         rows.setdefault(row.stage, []).append(row)
-    table = Table(box=None, header_style="dim", pad_edge=False)
-    table.add_column("stage")
-    for column in ("came", "made", "lost", "left"):
-        table.add_column(column, justify="right")
-    table.add_column("why")
+    cells = []
     for stage, of_stage in rows.items():
         reasons: dict[str, int] = {}
         for row in of_stage:
@@ -191,8 +196,8 @@ def _tell_build(finished: Finished, place: Place, console: Console) -> None:
                 reasons[reason] = reasons.get(reason, 0) + count
         came, made, left = (sum(getattr(row, name) for row in of_stage) for name in ("came", "made", "left"))
         why = ", ".join(f"{reason} {count:,}" for reason, count in reasons.items())
-        table.add_row(stage, f"{came:,}", f"{made:,}", f"{sum(reasons.values()):,}", f"{left:,}", why)
-    console.print(table)
+        cells.append((stage, str(came), str(made), str(sum(reasons.values())), str(left), why))
+    console.print(grid(Table("", ("stage", "in", "created", "removed", "out", "reasons for removal"), cells)))
     spent = finished.ledger.totals.all
     unpriced = f", {spent.unpriced:,} of them without a known price" if spent.unpriced else ""
     console.print(

@@ -12,28 +12,22 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     from collections import Counter
 
     from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
 
     from webgym.cli import EXIT_USAGE
     from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.task import LEVELS
-    from webgym.core.text import plain
     from webgym.core.websites import site_or_text
+    from webgym.tables import Table, grid
     from webgym.tasks import read_tasks
 
     found = read_tasks(file)
     console = Console()
-    table = Table(box=None, header_style="dim")
-    table.add_column("domain")
-    table.add_column("subdomain")
-    for level in LEVELS:
-        table.add_column(level, justify="right")
     counts = Counter((task.domain, task.subdomain, task.level) for task in found.tasks)
-    for domain, subdomain in sorted({key[:2] for key in counts}):
-        names = (Text(plain(name)) for name in (domain, subdomain))
-        table.add_row(*names, *(str(counts[domain, subdomain, level]) for level in LEVELS))
-    console.print(table)
+    rows = [
+        (*names, *(str(counts[*names, level]) for level in LEVELS))
+        for names in sorted({(task.domain, task.subdomain) for task in found.tasks})
+    ]
+    console.print(grid(Table("", ("domain", "subdomain", *LEVELS), rows, names=2)))
     websites = len({site_or_text(task.website) for task in found.tasks})
     console.print(f"{len(found.tasks)} tasks on {websites} websites, {len(found.broken)} broken records")
     tell_set_aside(found.set_aside)

@@ -34,7 +34,7 @@ def convert(
 
     chosen = next((known for known in FORMATS if known == format), None)
     if format and not chosen:
-        raise ConfigError(f"there is no format {format!r}", hint=f"give {', '.join(FORMATS)}")
+        raise ConfigError(f"unknown format {format!r}", hint=f"give {', '.join(FORMATS)}")
     found = read_tasks(source)
     count = write_tasks(out, found.tasks, format=chosen)
     print(f"{count} tasks written to {out}")

@@ -12,7 +12,7 @@ def offline(
     split: str | None = typer.Option(
         None, "--split", help="train or test; both if not given.", show_default=False
     ),
-    seed: int | None = typer.Option(None, "--seed", help="Of the offline web.", show_default="7"),
+    seed: int | None = typer.Option(None, "--seed", help="Seed of the offline web.", show_default="7"),
     collection: str = typer.Option(
         "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
     ),
@@ -27,7 +27,7 @@ def offline(
     from webgym.tasks import write_tasks
 
     if split not in (None, "train", "test"):
-        raise ConfigError(f"there is no split {split!r}", hint="give train or test")
+        raise ConfigError(f"unknown split {split!r}", hint="give train or test")
     web = OfflineWeb(
         DEFAULT_SEED if seed is None else seed, per_family=per_family, collection=collection_name(collection)
     )

@@ -21,33 +21,44 @@ def sample(
     ratio: str | None = typer.Option(
         None, "--ratio", help="Shares of easy:medium:hard, such as 2:1:1.", show_default="as they come"
     ),
-    domain: list[str] = typer.Option([], "--domain", help="Draw from this domain or subdomain. Repeatable."),
-    without: list[str] = typer.Option([], "--without", help="Do not draw from this one. Repeatable."),
-    without_share: float = typer.Option(
-        0.0, "--without-share", min=0.0, help="Nor from this share of the subdomains, chosen at random."
+    domain: list[str] = typer.Option(
+        [], "--domain", help="Draw only from this domain or subdomain. Repeatable."
     ),
-    without_seed: int = typer.Option(0, "--without-seed", help="Of that choice."),
-    block: list[str] = typer.Option([], "--block", help="Draw nothing from this website. Repeatable."),
+    without: list[str] = typer.Option(
+        [], "--without", help="Do not draw from this domain or subdomain. Repeatable."
+    ),
+    without_share: float = typer.Option(
+        0.0, "--without-share", min=0.0, help="Also leave out this share of the subdomains, chosen at random."
+    ),
+    without_seed: int = typer.Option(0, "--without-seed", help="Seed of that choice."),
+    block: list[str] = typer.Option([], "--block", help="Do not draw from this website. Repeatable."),
     blocklist: Path | None = typer.Option(
-        None, "--blocklist", help="Nor from websites that this file of a run's `blocklist` holds."
+        None, "--blocklist", help="Do not draw from websites in this blocklist file of a run."
     ),
     blocked_hours: float = typer.Option(
-        12.0, "--blocked-hours", min=0.0, help="How long they are left out after they blocked an attempt."
+        12.0,
+        "--blocked-hours",
+        min=0.0,
+        help="Hours for which a website is left out after it blocked an attempt.",
     ),
-    shard: str = typer.Option("0/1", "--shard", help="Which worker of how many, such as 0/4."),
-    seed: int = typer.Option(0, "--seed", help="Of every shuffle."),
+    shard: str = typer.Option(
+        "0/1", "--shard", help="This worker's number and the number of workers, such as 0/4."
+    ),
+    seed: int = typer.Option(0, "--seed", help="Seed of every shuffle."),
     state: Path | None = typer.Option(
-        None, "--state", help="Go on from this file if it is there, and leave the new state in it."
+        None,
+        "--state",
+        help="Continue from the state in this file, if it exists, and save the new state in it.",
     ),
     spread: bool = typer.Option(
-        False, "--spread-websites", help="Every website alike, however many tasks it has."
+        False, "--spread-websites", help="Give every website the same weight, however many tasks it has."
     ),
     near: list[Path] = typer.Option(
         [], "--curriculum", help="Prefer tasks that succeeded about half the time in this run. Repeatable."
     ),
     target: float = typer.Option(0.5, "--target", min=0.0, max=1.0, help="Success rate to prefer."),
 ) -> None:
-    """Draw tasks without replacement; with --state, go on where the last call left off."""
+    """Draw tasks without replacement; with --state, continue where the last call ended."""
     import sys
 
     from webgym.cli.tasks._files import with_own_ids
@@ -92,26 +103,15 @@ def sample(
 
 
 def _config(choice: dict[str, Any], *, seed: int, ratio: str | None, shard: str) -> SamplerConfig:
-    from pydantic import ValidationError
-
     from webgym.core.errors import ConfigError
+    from webgym.settings import validated
     from webgym.tasks.sampling import SamplerConfig, parse_ratio
 
     number, slash, of = shard.partition("/")
     if not (slash and number.isdecimal() and of.isdecimal()):
-        raise ConfigError(f"{shard!r} names no shard", hint="give which of how many, from 0, such as 0/4")
-    try:
-        return SamplerConfig(
-            seed=seed,
-            ratio=parse_ratio(ratio) if ratio is not None else None,
-            shard=int(number),
-            shards=int(of),
-            **choice,
-        )
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = f"{first['loc'][0]}: " if first["loc"] else ""
-        raise ConfigError(where + first["msg"].removeprefix("Value error, ")) from error
+        raise ConfigError(f"{shard!r} is not a shard", hint="give which of how many, from 0, such as 0/4")
+    told = {"seed": seed, "ratio": None if ratio is None else parse_ratio(ratio)}
+    return validated(SamplerConfig, {**choice, **told, "shard": int(number), "shards": int(of)})
 
 
 def _checked(website: str) -> str:
@@ -135,7 +135,7 @@ def _restore(sampler: Sampler, state: Path | None) -> None:
         held: Any = json.loads(state.read_bytes())
     except (OSError, ValueError) as error:
         raise ConfigError(
-            f"{state} is no sampler's state: {error}", hint="remove it to begin anew"
+            f"{state} is not a sampler's state: {error}", hint="remove it to start over"
         ) from error
     sampler.restore(held if isinstance(held, dict) else {})
 

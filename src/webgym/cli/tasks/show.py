@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from webgym.tasks.index import TaskIndex, Wanted
+    from webgym.tasks.index import TaskIndex, TaskQuery
 
 
 def show(
@@ -32,13 +32,13 @@ def show(
 ) -> None:
     """Browse a task set, or print one task whole: its rubric, and what it was derived from.
 
-    In a terminal the list is browsed by keys; into a pipe it is one line per task, tab-separated: id,
-    facts, level, website, domain, instruction.
+    In a terminal the list opens in the pager ($PAGER, else less); `webgym view` browses it in a web browser.
+    Into a pipe it is one line per task, tab-separated: id, facts, level, website, domain, instruction.
     """
     from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.errors import UsageError
     from webgym.tasks import read_tasks
-    from webgym.tasks.index import TaskIndex, Wanted
+    from webgym.tasks.index import TaskIndex, TaskQuery
 
     found = read_tasks(file)
     index = TaskIndex(found.tasks)
@@ -48,7 +48,7 @@ def show(
     if task_id is not None:
         _one(index, task_id, file)
         return
-    wanted = Wanted(domain, subdomain, level, website, source, split, flag, text)
+    wanted = TaskQuery(domain, subdomain, level, website, source, split, flag, text)
     places = index.find(wanted)
     if not places:
         raise UsageError(f"no task of {file} fits", hint=_values(index, wanted))
@@ -75,14 +75,17 @@ def _one(index: TaskIndex, task_id: str, file: Path) -> None:
 
 
 def _list(index: TaskIndex, places: list[int]) -> None:
-    if sys.stdin.isatty() and sys.stdout.isatty():
-        from webgym.cli.tasks._browser import Browser
-
-        Browser(index, places).run()
-        return
     from webgym.cli.tasks._pages import row_of
 
-    _print("\t".join(row_of(index.tasks[place])) for place in places)
+    rows = (row_of(index.tasks[place]) for place in places)
+    if sys.stdin.isatty() and sys.stdout.isatty():
+        import pydoc
+
+        os.environ.setdefault("LESS", "-S")  # a line per task, however long it is
+        lines = [f"{row[0]:<36}  {row[1]:>2}  {row[2]:<6}  {row[3]:<28}  {row[-1]}" for row in rows]
+        pydoc.pager("\n".join(lines))
+    else:
+        _print(map("\t".join, rows))
 
 
 def _print(lines: Iterable[str]) -> None:
@@ -94,7 +97,7 @@ def _print(lines: Iterable[str]) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _values(index: TaskIndex, wanted: Wanted) -> str:
+def _values(index: TaskIndex, wanted: TaskQuery) -> str:
     """What could have been asked for, of the first value that no task has."""
     from webgym.tasks.index import FACETS
 

@@ -48,23 +48,19 @@ def _named(given: str) -> tuple[str, str]:
 
     name, separator, where = given.partition("=")
     if not (separator and name and where):
-        raise UsageError(f"--read {given!r} names no source and place", hint="give --read deepshop=PATH")
+        raise UsageError(f"--read {given!r} is not NAME=PLACE", hint="give --read deepshop=PATH")
     return name.strip(), where if where.startswith(HUB) else str(Path(where).expanduser())
 
 
 def _list(console: Console) -> None:
-    from rich.table import Table
-
+    from webgym.tables import Table, grid
     from webgym.tasks.sources import SOURCES
 
-    table = Table(box=None, header_style="dim")
-    table.add_column("source")
-    table.add_column("tasks (paper)", justify="right")
-    table.add_column("websites (paper)", justify="right")
-    table.add_column("licence")
-    for source in SOURCES.values():
-        table.add_row(source.name, f"{source.paper_tasks:,}", f"{source.paper_websites:,}", source.licence)
-    console.print(table)
+    rows = [
+        (source.name, source.licence, str(source.paper_tasks), str(source.paper_websites))
+        for source in SOURCES.values()
+    ]
+    console.print(grid(Table("", ("source", "licence", "tasks (paper)", "websites (paper)"), rows, names=2)))
 
 
 def _report(console: Console, name: str, where: str, lines: int) -> bool:

@@ -15,7 +15,7 @@ def split(
     files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
     out: Path = typer.Option(..., "--out", help="Folder for a file per split; or one file for both."),
     test: int = typer.Option(1_167, "--test", min=0, help="Test tasks, each from a website of its own."),
-    seed: int = typer.Option(0, "--seed", help="Of the choice."),
+    seed: int = typer.Option(0, "--seed", help="Seed of the choice."),
     largest_website: int = typer.Option(
         100, "--largest-website", min=1, help="Most tasks on a website that is for testing, if that suffices."
     ),
@@ -46,9 +46,10 @@ def split(
 def _tell(found: Split, out: Path) -> None:
     from collections import Counter
 
-    from webgym.cli.tasks._tables import shown
+    from rich.console import Console
+
     from webgym.core.task import LEVELS
-    from webgym.tasks.statistics import Table
+    from webgym.tables import Table, show
 
     domains = sorted({domain for _, domain in found.test})
     rows = [
@@ -56,7 +57,7 @@ def _tell(found: Split, out: Path) -> None:
         for domain in domains
     ]
     rows.append(("all", *(str(found.of_level(level)) for level in LEVELS), str(found.test.total())))
-    shown([Table("Test tasks", ("domain", *LEVELS, "all"), rows)])
+    show([Table("Test tasks", ("domain", *LEVELS, "all"), rows)], Console())
     train = len(found.tasks) - found.test.total()
     print(f"{train:,} training and {found.test.total():,} test tasks written to {out}")
     for why, count in Counter(each.why for each in found.left_out).items():

@@ -10,6 +10,8 @@ import typer
 if TYPE_CHECKING:
     from webgym.core.task import Level
 
+FORMS = ("terminal", "markdown", "csv", "json")
+
 
 def stats(
     files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
@@ -25,21 +27,22 @@ def stats(
     import sys
 
     import msgspec
+    from rich.console import Console
 
     from webgym.cli.tasks._files import with_own_ids
-    from webgym.cli.tasks._tables import FORMS, as_csv, as_markdown, shown
     from webgym.core.errors import ConfigError, TaskFileError
+    from webgym.tables import csv_text, markdown, show
     from webgym.tasks.statistics import describe, tables
 
     if form not in FORMS:
-        raise ConfigError(f"there is no form {form!r}", hint=f"one of {', '.join(FORMS)}")
+        raise ConfigError(f"unknown form {form!r}", hint=f"one of {', '.join(FORMS)}")
     found = describe(with_own_ids(files), _lengths(run))
     if form == "terminal":
-        shown(tables(found))
+        show(tables(found), Console())
     elif form == "json":
         print(msgspec.json.format(msgspec.json.encode(found)).decode())
     else:
-        print(as_markdown(tables(found)) if form == "markdown" else as_csv(tables(found)), end="")
+        print(markdown(tables(found)) if form == "markdown" else csv_text(tables(found)), end="")
     if figures is not None:
         from webgym.tasks.figures import draw_figures
 

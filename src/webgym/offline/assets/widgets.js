@@ -1,4 +1,4 @@
-// Widgets of the specified families: suggestions while one types, a calendar, a carousel, an endless list.
+// Widgets of the specified families: suggestions while one types, a calendar, a carousel, an endless list, sliders, a chart, a map, frames.
 "use strict";
 let asked = 0;
 document.addEventListener("input", (event) => {
@@ -53,4 +53,59 @@ function watch() {
     observer.disconnect();
     button.click();
   }).observe(button);
+}
+
+// A slider tells its value, and Enter sends no form from it.
+document.addEventListener("input", ({ target }) => {
+  if (target.type === "range") target.closest("label").querySelector("output").textContent = target.value;
+});
+document.addEventListener("keydown", (event) => {
+  if (event.key === "Enter" && event.target.type === "range") event.preventDefault();
+  if (event.key === "Enter" && event.target.dataset.bar) tell(event.target);
+});
+
+// A bar of a chart tells its value, a pin on a map what is there.
+document.addEventListener("click", ({ target }) => {
+  if (target.dataset.bar) tell(target);
+  if (!target.dataset.pin) return;
+  const link = Object.assign(document.createElement("a"), { href: target.dataset.href, textContent: "See more" });
+  document.querySelector("[data-here]").replaceChildren(`Here: ${target.dataset.pin} `, link);
+});
+function tell(bar) {
+  bar.closest("[data-chart]").querySelector("[role=status]").textContent = bar.dataset.bar;
+}
+
+// The land under the pins is drawn: a coast, a river and hills that belong to the website.
+for (const canvas of document.querySelectorAll("[data-map] canvas")) {
+  let state = [...location.host].reduce((sum, letter) => (sum * 31 + letter.charCodeAt(0)) >>> 0, 7);
+  const random = () => (state = (state * 1664525 + 1013904223) >>> 0) / 2 ** 32;
+  const pen = canvas.getContext("2d");
+  const { width, height } = canvas;
+  pen.fillStyle = "#dfead2";
+  pen.fillRect(0, 0, width, height);
+  for (let hill = 0; hill < 26; hill++) {
+    pen.fillStyle = `rgba(150, 176, 120, ${0.15 + random() * 0.25})`;
+    pen.beginPath();
+    pen.ellipse(random() * width, random() * height, 30 + random() * 80, 20 + random() * 40, random() * 3, 0, 7);
+    pen.fill();
+  }
+  for (const [color, thick] of [["#9cc4e4", 14], ["#f4f1e6", 6], ["#f4f1e6", 4]]) {
+    pen.strokeStyle = color;
+    pen.lineWidth = thick;
+    pen.beginPath();
+    let y = height * (0.2 + random() * 0.6);
+    pen.moveTo(0, y);
+    for (let x = 60; x <= width; x += 60) pen.quadraticCurveTo(x - 30, y, x, (y += (random() - 0.5) * 90));
+    pen.stroke();
+  }
+}
+
+// A frame is as high as what stands in it, once that can be seen.
+for (const frame of document.querySelectorAll("[data-fit]")) {
+  const fit = () => {
+    const page = frame.contentDocument?.documentElement;
+    if (page && frame.clientWidth) frame.style.height = `${page.querySelector("body").scrollHeight + 4}px`;
+  };
+  frame.addEventListener("load", fit);
+  new ResizeObserver(fit).observe(frame);
 }

@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from webgym.core.truth import Evidence, Home, Move, See
-from webgym.offline.engine.asking import exactly
-from webgym.offline.engine.composing import DRAWS
-from webgym.offline.engine.errands import entry, filled
-from webgym.offline.engine.look_ups import Subject, comparison, gap, ranked
-from webgym.offline.engine.saying import first_up
-from webgym.offline.engine.ways import Site, go
-from webgym.offline.parts import Assignment, Fact, Part
+from webgym.offline.engine.composer import DRAWS
+from webgym.offline.engine.form_tasks import entry, filled
+from webgym.offline.engine.lookup_tasks import Subject, comparison, gap, ranked
+from webgym.offline.engine.navigation import Site, go
+from webgym.offline.engine.spelling import first_up
+from webgym.offline.parts import Assignment, Fact, Part, exactly
 from webgym.offline.seeds import stream
 
 _KINDS = ("day", "time", "person")

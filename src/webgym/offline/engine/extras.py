@@ -1,23 +1,36 @@
-"""What some specified websites have beside items: groups, what people left, a cart, an account.
+"""What some specified websites have beside items: groups, what people left, a cart, an account, files, a map.
 
-Every website has the pages; those without a group, a cart or an account answer that there is no such page.
+Every website has the pages; those without such a thing answer that there is no such page.
 """
 
 from __future__ import annotations
 
 import random
 from dataclasses import dataclass, field
+from datetime import date
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 from webgym.offline import names
-from webgym.offline.engine.records import Sheet, named, sheet
+from webgym.offline.engine.records import Sheet, named, sheet, written
 from webgym.offline.engine.spec import Spec
-from webgym.offline.engine.table import Record
+from webgym.offline.engine.table import Record, Value
 from webgym.offline.seeds import number, pick, stream
 from webgym.offline.website import Response, State, Visit, Website, page, redirect, slug
 
 MOST_PIECES = 6
+MONTHS = tuple(f"{date(2025 + month // 12, month % 12 + 1, 1):%b %Y}" for month in range(8, 16))
+"""Of charts: the eight before the day that it is on the offline web."""
+PINS = 12
+"""Items on a map."""
+
+
+class Pin(NamedTuple):
+    """An item on a map, so many percent from its left and from its top."""
+
+    record: Record
+    left: int
+    top: int
 
 
 @dataclass
@@ -45,6 +58,8 @@ class Extras(Website):
         held: dict[str, Any] = {}
         if self.spec.cart:
             held["cart"] = {self.by_key[key].name: count for key, count in state.get("cart", {}).items()}
+        if self.spec.files:
+            held["files"] = dict(state.get("files", {}))
         if self.spec.account:
             held["signed in"] = self.user if state.get("signed in") else None
         return held
@@ -187,3 +202,73 @@ class Extras(Website):
             return self.render("engine/sign_in.html", visit, status=422, error=error)
         visit.state["signed in"] = True
         return redirect(self.path("/~account"))
+
+    # --- files -----------------------------------------------------------------------------------
+
+    @cached_property
+    def files(self) -> dict[str, str]:
+        """The folder of every file, by its name, before anything was moved."""
+        spec, rng = self.spec.files, stream(self.seed, "files")
+        assert spec is not None
+        return {name: rng.choice(spec.folders) for name in named(spec.naming, rng, rng.randint(*spec.count))}
+
+    def files_label(self) -> str:
+        """What the website calls the list of files."""
+        assert self.spec.files is not None
+        return pick(self.spec.files.labels, self.seed, "files label")
+
+    @page("/~files")
+    def file_list(self, visit: Visit) -> Response:
+        """All files, with boxes to choose some."""
+        if self.spec.files is None:
+            return self.missing(visit)
+        return self.render("engine/files.html", visit, files=self.files | visit.state.get("files", {}))
+
+    @page("/~files", method="POST")
+    def move_files(self, visit: Visit) -> Response:
+        """Put the chosen files into a folder."""
+        if self.spec.files is None or visit.form.get("folder") not in self.spec.files.folders:
+            return self.missing(visit)
+        moved = visit.state.setdefault("files", {})
+        for name in self.files:
+            if f"file-{slug(name)}" in visit.form:
+                moved[name] = visit.form["folder"]
+        return redirect(self.path("/~files"))
+
+    # --- charts and the map ----------------------------------------------------------------------
+
+    def chart(self, record: Record) -> dict[str, Value]:
+        """What an item's bars tell, by month; no two are the same."""
+        assert self.spec.chart is not None
+        spec, rng = self.spec.chart.field, stream(self.seed, "chart", record.name)
+        numbers = rng.sample(range(spec.low, spec.high + 1, spec.step), len(MONTHS))
+        values = [written(spec, number, self.currency) for number in numbers]
+        return dict(zip(MONTHS, values, strict=True))
+
+    def chart_label(self) -> str:
+        """What the website calls the section with the chart."""
+        assert self.spec.chart is not None
+        return pick(self.spec.chart.labels, self.seed, "chart label")
+
+    @cached_property
+    def pins(self) -> list[Pin]:
+        """The items on the map."""
+        rng = stream(self.seed, "map")
+        cells = rng.sample([(column, row) for column in range(6) for row in range(5)], PINS)
+        jitter = [(rng.randint(-4, 4), rng.randint(-4, 4)) for _ in cells]
+        return [
+            Pin(record, 9 + 16 * column + dx, 12 + 18 * row + dy)
+            for record, (column, row), (dx, dy) in zip(
+                rng.sample(self.items.records, PINS), cells, jitter, strict=True
+            )
+        ]
+
+    def map_label(self) -> str:
+        """What the website calls the map."""
+        assert self.spec.map is not None
+        return pick(self.spec.map.labels, self.seed, "map label")
+
+    @page("/~map")
+    def map(self, visit: Visit) -> Response:
+        """The map."""
+        return self.missing(visit) if self.spec.map is None else self.render("engine/map.html", visit)

@@ -9,11 +9,10 @@ from datetime import timedelta
 from itertools import product
 
 from webgym.offline import names
-from webgym.offline.engine.asking import BARE_FROM, minutes, quantity, shown
-from webgym.offline.engine.saying import count_words, days, listed, the, times
 from webgym.offline.engine.spec import FieldSpec, NamingSpec
+from webgym.offline.engine.spelling import BARE_FROM, count, days, listed, minutes, quantity, the, times
 from webgym.offline.engine.table import Record, Value
-from webgym.offline.parts import Fact
+from webgym.offline.parts import Fact, shown
 from webgym.offline.seeds import pick, stream
 from webgym.offline.website import TODAY
 
@@ -37,6 +36,11 @@ class Sheet:
     def nouns(self, fields: Sequence[str]) -> str:
         """``"the rent and the deposit"``."""
         return the([self.fields[of].noun for of in fields])
+
+    def view(self, record: Record, of: str) -> tuple[str, ...]:
+        """What a page shows together where it shows a field: its label and value, or its sentence."""
+        text, sentence = record.fields[of].text, self.fields[of].prose
+        return (sentence.format(value=text),) if sentence else (self.labels[of], text)
 
     def told(self, record: Record, fields: Sequence[str]) -> str:
         """``"the rent is €900 and the deposit is €1,800"``."""
@@ -63,7 +67,7 @@ class Sheet:
         others = tuple(each for each in self.options[of] if each != value.text)
         return Fact(
             f"The {self.fields[of].noun} of {about or record.called} is found",
-            (shown(path, *with_it, self.labels[of], value.text),),
+            (shown(path, *with_it, *self.view(record, of)),),
             answer=value.options if asked else (),
             wrong=others if asked else (),
         )
@@ -116,7 +120,8 @@ def named(naming: NamingSpec, rng: random.Random, count: int) -> list[str]:
     """So many different names."""
     match naming.kind:
         case "words":
-            return rng.sample([f"{one} {two}" for one, two in product(naming.first, naming.second)], count)
+            pairs = product(naming.first, naming.second)
+            return rng.sample([f"{one}{naming.between}{two}" for one, two in pairs], count)
         case "list":
             return rng.sample(naming.first, count)
         case "person":
@@ -161,6 +166,8 @@ def written(spec: FieldSpec, number: int, currency: str) -> Value:
         case "money":
             text = f"{currency}{number:,}"
             ways = (f"{number:,}", str(number)) if number >= BARE_FROM else ()
+        case "year":
+            text, ways = str(number), ()
         case "day":
             text, *others = days(TODAY + timedelta(days=number))
             ways = tuple(others)
@@ -174,6 +181,6 @@ def written(spec: FieldSpec, number: int, currency: str) -> Value:
             text, *others = quantity(f"{number:,}", *spec.units)
             ways = (*others, *quantity(str(number), *spec.units))
         case _:
-            text, *others = (f"{number:,}", str(number), *count_words(number))
+            text, *others = (f"{number:,}", str(number), *count(number))
             ways = tuple(others)
     return Value(text, tuple(dict.fromkeys(way for way in ways if way != text)), number)

@@ -14,7 +14,7 @@ from msgspec import field
 from webgym.core.errors import SitesError
 from webgym.offline.data import Table, load, load_beside
 
-Kind: TypeAlias = Literal["choice", "number", "money", "day", "time", "minutes"]
+Kind: TypeAlias = Literal["choice", "number", "money", "year", "day", "time", "minutes"]
 InputKind: TypeAlias = Literal["choice", "number", "day", "time", "person", "email", "phrase"]
 
 
@@ -35,6 +35,7 @@ class FieldSpec(Table, frozen=True, kw_only=True):
         orders: what the list calls its orders by this field.
         card: whether the list shows it.
         optional: whether some websites do without it.
+        prose: a sentence with ``{value}`` that says it in the section's text, instead of a row of its table.
     """
 
     noun: str
@@ -53,6 +54,7 @@ class FieldSpec(Table, frozen=True, kw_only=True):
     orders: tuple[str, str] = ("", "")
     card: bool = False
     optional: bool = False
+    prose: str = ""
 
     def __post_init__(self) -> None:
         wrong = [
@@ -61,6 +63,8 @@ class FieldSpec(Table, frozen=True, kw_only=True):
             bool(self.having)
             and _placeholders(self.having) != {"value"}
             and "having must have {value} alone",
+            bool(self.prose) and _placeholders(self.prose) != {"value"} and "prose must have {value} alone",
+            bool(self.prose) and not self.section and "prose needs a section",
             bool(self.least) != bool(self.most) and "least and most belong together",
             any(self.orders) and not (self.card and self.least) and "an order needs card, least and most",
         ]
@@ -132,15 +136,17 @@ class NamingSpec(Table, frozen=True, kw_only=True):
     """How records are called.
 
     Attributes:
-        kind: ``words`` joins one of ``first`` and one of ``second``; ``list`` takes ``first``; ``person``,
-            ``town`` and ``brand`` make up a name, with one of ``first`` before it and one of
-            ``second`` behind it, if there are any.
+        kind: ``words`` joins one of ``first`` and one of ``second`` by ``between``; ``list`` takes
+            ``first``; ``person``, ``town`` and ``brand`` make up a name, with one of ``first`` before it
+            and one of ``second`` behind it, if there are any.
         first, second: words.
+        between: stands between two words.
     """
 
     kind: Literal["words", "list", "person", "town", "brand"]
     first: tuple[str, ...] = ()
     second: tuple[str, ...] = ()
+    between: str = " "
 
     def __post_init__(self) -> None:
         for words in (self.first, self.second):
@@ -222,6 +228,48 @@ class AccountSpec(Table, frozen=True, kw_only=True):
     fields: dict[str, FieldSpec]
 
 
+class FilesSpec(Table, frozen=True, kw_only=True):
+    """A list of files that can be put into other folders.
+
+    Attributes:
+        labels: of the link to it.
+        count: least and most of a website.
+        naming: how they are called.
+        folders: to put them into.
+    """
+
+    labels: tuple[str, ...]
+    count: tuple[int, int] = (9, 14)
+    naming: NamingSpec
+    folders: tuple[str, ...]
+
+
+class ChartSpec(Table, frozen=True, kw_only=True):
+    """A bar for each of the last months on an item's page; a bar that is clicked tells its value.
+
+    Attributes:
+        labels: of the section that shows it.
+        field: what a bar is; a number or money.
+    """
+
+    labels: tuple[str, ...]
+    field: FieldSpec
+
+    def __post_init__(self) -> None:
+        if self.field.kind not in ("number", "money") or not (self.field.least and self.field.most):
+            raise ValueError(f"{self.field.noun}: a chart is of numbers or money, with least and most")
+
+
+class MapSpec(Table, frozen=True, kw_only=True):
+    """A map with pins; a pin that is clicked tells which item is there.
+
+    Attributes:
+        labels: of the link to it.
+    """
+
+    labels: tuple[str, ...]
+
+
 TYPED = ("person", "email", "phrase")
 """Kinds of inputs that are typed into."""
 
@@ -231,6 +279,7 @@ class VariantSpec(Table, frozen=True, kw_only=True):
 
     Attributes:
         topic, singular, plural, suffixes, taglines, naming, picture, follows: as of the family.
+        fields: more fields, or others in place of the family's.
         options: of choices, by the name of a field, or of a form and its input: ``"report.kind"``.
         labels: what pages call fields, by name; the first, in small letters, is their noun.
         ranges: low and high, by the name of a field.
@@ -245,6 +294,7 @@ class VariantSpec(Table, frozen=True, kw_only=True):
     naming: NamingSpec | None = None
     picture: str | None = None
     follows: dict[str, dict[str, tuple[str, ...]]] | None = None
+    fields: dict[str, FieldSpec] = field(default_factory=dict)
     options: dict[str, tuple[str, ...]] = field(default_factory=dict)
     labels: dict[str, tuple[str, ...]] = field(default_factory=dict)
     ranges: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -271,10 +321,11 @@ class Spec(Table, frozen=True, kw_only=True):
         naming: how items are called, unless the family's class says so.
         groups: other records, by name.
         rows: what people left on items' pages, by name.
-        cart, account: where there is one.
+        cart, account, files, chart, map: where there is one.
         follows: values of choices that follow from how an item's name ends, by field and value.
         variants: sectors, of which every website has one.
         picture: kind of the items' illustrations.
+        fillers: sentences that stand around those that say something, with ``{item}``.
     """
 
     topic: tuple[str, str]
@@ -293,9 +344,13 @@ class Spec(Table, frozen=True, kw_only=True):
     rows: dict[str, RowsSpec] = field(default_factory=dict)
     cart: CartSpec | None = None
     account: AccountSpec | None = None
+    files: FilesSpec | None = None
+    chart: ChartSpec | None = None
+    map: MapSpec | None = None
     follows: dict[str, dict[str, tuple[str, ...]]] = field(default_factory=dict)
     variants: dict[str, VariantSpec] = field(default_factory=dict)
     picture: str = "scene"
+    fillers: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.cart is not None and self.fields.get(self.cart.price, None) is None:
@@ -307,7 +362,7 @@ class Spec(Table, frozen=True, kw_only=True):
     def variant(self, name: str) -> Spec:
         """The specification of a sector's websites."""
         change, own = msgspec.structs.replace, self.variants[name]
-        fields, forms, groups = dict(self.fields), dict(self.forms), dict(self.groups)
+        fields, forms, groups = {**self.fields, **own.fields}, dict(self.forms), dict(self.groups)
         for key, options in own.options.items():
             form, _, of = key.rpartition(".")
             if form:

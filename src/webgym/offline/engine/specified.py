@@ -1,7 +1,7 @@
 """Websites that follow from a specification: a list with filters, a page per item, forms, and a saved list.
 
 A family is a ``spec.toml`` (see :mod:`webgym.offline.engine.spec`) and a class that names its items. Pages,
-validation, what the server holds, and tasks with solutions follow; see :mod:`webgym.offline.engine.errands`.
+validation, what the server holds, and tasks with solutions follow; see :mod:`webgym.offline.engine.tasks`.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 from webgym.offline.engine.extras import Extras
 from webgym.offline.engine.finder import STYLES, Facet, Finder
 from webgym.offline.engine.records import following, named, sheet
-from webgym.offline.engine.saying import days, times
 from webgym.offline.engine.spec import FormSpec, InputSpec, Spec, spec_of
+from webgym.offline.engine.spelling import days, times
 from webgym.offline.engine.table import Record
 from webgym.offline.listing import paged
 from webgym.offline.parts import Assignment
@@ -49,7 +49,9 @@ class SpecifiedWebsite(Extras):
         page_size: items on a page of the list.
         has_calendar: whether days are chosen in a calendar, or from a dropdown.
         is_endless: whether more of the list loads by itself, where it loads at all.
+        has_sliders: whether numbers are chosen with sliders, or from dropdowns.
         shadowed: the section that is a web component of its own; ``""`` if there is none.
+        framed: the section that stands in a frame; ``""`` if there is none.
     """
 
     says: dict[str, str] = field(init=False)
@@ -57,7 +59,9 @@ class SpecifiedWebsite(Extras):
     page_size: int = field(init=False)
     has_calendar: bool = field(init=False)
     is_endless: bool = field(init=False)
+    has_sliders: bool = field(init=False)
     shadowed: str = field(init=False)
+    framed: str = field(init=False)
 
     whole: ClassVar[Spec]
     """The family's specification, with all its sectors."""
@@ -98,7 +102,10 @@ class SpecifiedWebsite(Extras):
         self.page_size = pick((8, 10, 12), seed, "page size")
         self.has_calendar = pick((True, False), seed, "calendar")
         self.is_endless = pick((True, False), seed, "endless")
+        self.has_sliders = pick((True, False), seed, "sliders")
         self.shadowed = pick((*spec.sections, ""), seed, "shadow")
+        framed = pick((*spec.sections, ""), seed, "frame")
+        self.framed = "" if framed == self.shadowed else framed
         rng = stream(seed, "items")
         names = self.names(rng, rng.randint(*spec.count))
         self.items = following(sheet(spec.fields, names, self.currency, seed), spec.follows)
@@ -149,6 +156,16 @@ class SpecifiedWebsite(Extras):
         """The fields that a section shows; of ``""``, the summary."""
         return [of for of in self.items.labels if self.items.fields[of].section == section]
 
+    def prose(self, section: str, record: Record) -> list[str]:
+        """The text of a section of an item's page: what its fields say, and sentences around it."""
+        said = [
+            self.items.view(record, of)[0] for of in self.in_section(section) if self.items.fields[of].prose
+        ]
+        rng = stream(self.seed, "prose", section, record.name)
+        around = rng.sample(self.spec.fillers, min(len(said) + 2, len(self.spec.fillers))) if said else []
+        text = [*said, *(filler.format(item=record.name) for filler in around)]
+        return rng.sample(text, len(text))
+
     def sections(self) -> list[str]:
         """The sections that show something."""
         return [section for section in self.spec.sections if self.in_section(section)]
@@ -166,7 +183,9 @@ class SpecifiedWebsite(Extras):
             for name, form in self.spec.forms.items()
             if not form.is_about_item
         ]
-        return [(self.says["all"], self.finder.path), *filters, *groups, *forms]
+        beside = [(self.map_label(), self.path("/~map"))] if self.spec.map else []
+        beside += [(self.files_label(), self.path("/~files"))] if self.spec.files else []
+        return [(self.says["all"], self.finder.path), *filters, *groups, *beside, *forms]
 
     # --- forms -----------------------------------------------------------------------------------
 
@@ -234,7 +253,7 @@ class SpecifiedWebsite(Extras):
 
     def assignments(self) -> Iterable[Assignment]:
         """The tasks."""
-        from webgym.offline.engine.errands import assignments
+        from webgym.offline.engine.tasks import assignments
 
         return assignments(self)
 
@@ -271,6 +290,14 @@ class SpecifiedWebsite(Extras):
             return self.missing(visit)
         forms = [name for name, form in self.spec.forms.items() if form.is_about_item]
         return self.render("engine/item.html", visit, record=record, forms=forms)
+
+    @page("/~one/{key}/in/{section}")
+    def part(self, visit: Visit, key: str, section: str) -> Response:
+        """A section of an item's page, for the frame in it."""
+        record = self.by_key.get(key)
+        if record is None or not section or section != self.framed:
+            return self.missing(visit)
+        return self.render("engine/part.html", visit, record=record)
 
     @page("/~saved")
     def saved(self, visit: Visit) -> Response:

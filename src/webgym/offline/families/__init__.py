@@ -1,7 +1,6 @@
 """The kinds of websites of the offline web, one package each.
 
-A family's package defines its :class:`~webgym.offline.website.Website`; the modules beside it hold its
-catalogue, its pages' helpers and its tasks, TOML files its words. The private modules here are shared.
+A family is a ``spec.toml`` (:mod:`webgym.offline.engine.spec`) and a class that may name its items.
 """
 
 from __future__ import annotations
@@ -20,24 +19,8 @@ from webgym.offline.families.shop import Shop
 from webgym.offline.families.sights import Sights
 from webgym.offline.families.timetable import Timetable
 from webgym.offline.families.tracker import Tracker
-from webgym.offline.website import Website
 
-SPECIFIED: tuple[type[SpecifiedWebsite], ...] = (
-    Bank,
-    Clinic,
-    Events,
-    Forum,
-    Government,
-    Jobs,
-    Lettings,
-    Recipes,
-    Shop,
-    Sights,
-    Tracker,
-)
-"""Families that follow from a specification alone."""
-
-FAMILIES: tuple[type[Website], ...] = (
+FAMILIES: tuple[type[SpecifiedWebsite], ...] = (
     Encyclopedia,
     Events,
     Forum,

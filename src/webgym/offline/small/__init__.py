@@ -4,7 +4,18 @@ A page is 192 by 128 pixels, a grid of 6 by 4 cells of 32 by 32, and never scrol
 is a sign that fills a cell: a colour, an icon, a number or a short word. Instructions, answers and what is
 to be remembered are made of one small vocabulary, :func:`small_vocabulary`.
 
-Data lies beside the code in TOML files: ``NAME.toml`` holds how a family's tasks are asked.
+A website is a table of fields (:mod:`webgym.offline.engine.table`) and a family's few specifications:
+
+questions.py  from a table to parts of tasks: look up, compare, extreme, count, either-or
+cart.py       what is put into a cart, and how it is proven
+form.py       a form as a specification: choices, their pages, what is sent, and how it is proven
+compose.py    from parts to a website's tasks, in a mix of difficulties
+signs.py      what a page can show: colours, icons, numbers, short words
+design.py     theme, layout and stock of signs of a website, and which combinations are held out
+screen.py     a page: signs on a grid of cells
+site.py       what every small website is
+
+Data lies beside the code in TOML files: a family's own holds how its tasks are asked.
 """
 
 from __future__ import annotations

@@ -9,13 +9,13 @@ from typing import ClassVar
 
 from webgym.core.truth import Click, Move
 from webgym.offline.data import load
-from webgym.offline.engine.questions import NAME, Phrases, Questions, some
-from webgym.offline.engine.screen import Tile, capacity, singles
-from webgym.offline.engine.signs import Sign, control, number_sign, numbers
-from webgym.offline.engine.site import SmallWebsite
 from webgym.offline.engine.table import ListPage, Record, Shown, Value
 from webgym.offline.parts import Part
 from webgym.offline.seeds import stream
+from webgym.offline.small.questions import NAME, Phrases, Questions, some
+from webgym.offline.small.screen import Tile, capacity, singles
+from webgym.offline.small.signs import Sign, control, number_sign, numbers
+from webgym.offline.small.site import SmallWebsite
 from webgym.offline.website import Response, Visit, page
 
 

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from typing import ClassVar, Literal
 
 from webgym.core.truth import Click, Move
-from webgym.offline.engine.questions import NAME
-from webgym.offline.engine.screen import Block, Tile, capacity, singles
-from webgym.offline.engine.signs import Sign, control, number_sign, numbers
-from webgym.offline.engine.site import SmallWebsite
 from webgym.offline.engine.table import ListPage, Record, Shown, Value
 from webgym.offline.seeds import stream
+from webgym.offline.small.questions import NAME
+from webgym.offline.small.screen import Block, Tile, capacity, singles
+from webgym.offline.small.signs import Sign, control, number_sign, numbers
+from webgym.offline.small.site import SmallWebsite
 from webgym.offline.website import Response, Visit, page
 
 Kind = Literal["color", "icon", "word"]

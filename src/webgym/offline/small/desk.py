@@ -11,15 +11,15 @@ from urllib.parse import quote
 
 from webgym.core.truth import Click, Move
 from webgym.offline.data import load
-from webgym.offline.engine import form as forms
-from webgym.offline.engine.form import Form, Input, Wanted
-from webgym.offline.engine.questions import NAME, Phrases, Questions, answer_is
-from webgym.offline.engine.screen import Block, Tile, capacity, singles
-from webgym.offline.engine.signs import Sign, control, numbers
-from webgym.offline.engine.site import SmallWebsite
 from webgym.offline.engine.table import ListPage, Record, Shown, Value
 from webgym.offline.parts import Fact, Part
 from webgym.offline.seeds import number, pick, stream
+from webgym.offline.small import form as forms
+from webgym.offline.small.form import Form, Input, Wanted
+from webgym.offline.small.questions import NAME, Phrases, Questions, answer_is
+from webgym.offline.small.screen import Block, Tile, capacity, singles
+from webgym.offline.small.signs import Sign, control, numbers
+from webgym.offline.small.site import SmallWebsite
 from webgym.offline.website import Response, State, Visit, page, redirect
 
 KINDS = ("color", "icon", "number", "word")

@@ -7,14 +7,14 @@ from functools import lru_cache
 from typing import Any, ClassVar
 
 from webgym.offline.data import load
-from webgym.offline.engine import cart
-from webgym.offline.engine.questions import Phrases, Questions, some
-from webgym.offline.engine.screen import Block, Tile, singles
-from webgym.offline.engine.signs import Sign, control, numbers
 from webgym.offline.engine.table import Record, Value
 from webgym.offline.parts import Part
 from webgym.offline.seeds import pick, stream
+from webgym.offline.small import cart
 from webgym.offline.small.catalog import Catalog
+from webgym.offline.small.questions import Phrases, Questions, some
+from webgym.offline.small.screen import Block, Tile, singles
+from webgym.offline.small.signs import Sign, control, numbers
 from webgym.offline.website import Response, State, Visit, page, redirect
 
 

@@ -8,13 +8,13 @@ from typing import ClassVar, Literal
 
 from webgym.core.truth import Click, Evidence, Home, Move, Remember
 from webgym.offline.data import load
-from webgym.offline.engine.questions import NAME, Phrases, Questions, answer_is, seen, some
-from webgym.offline.engine.screen import Block, Tile, singles
-from webgym.offline.engine.signs import Sign
 from webgym.offline.engine.table import Record, Shown
 from webgym.offline.parts import Fact, Part
 from webgym.offline.seeds import stream
 from webgym.offline.small.catalog import Catalog, Kind
+from webgym.offline.small.questions import NAME, Phrases, Questions, answer_is, seen, some
+from webgym.offline.small.screen import Block, Tile, singles
+from webgym.offline.small.signs import Sign
 from webgym.offline.website import Response, Visit, page
 
 FRONT = "the first page"

@@ -11,12 +11,12 @@ import msgspec
 
 from webgym.core.truth import Click, Evidence, Move, Remember
 from webgym.offline.data import load
-from webgym.offline.engine.questions import answer_is, check_placeholders
-from webgym.offline.engine.screen import Tile, capacity, singles
-from webgym.offline.engine.signs import Sign, number_sign, numbers
-from webgym.offline.engine.site import SmallWebsite
 from webgym.offline.parts import Fact, Part
 from webgym.offline.seeds import stream
+from webgym.offline.small.questions import answer_is, check_placeholders
+from webgym.offline.small.screen import Tile, capacity, singles
+from webgym.offline.small.signs import Sign, number_sign, numbers
+from webgym.offline.small.site import SmallWebsite
 from webgym.offline.website import Response, Visit, page
 
 LENGTHS = (1, 2, 3, 3, 4, 5, 6, 7, 8, 9)

@@ -9,11 +9,14 @@ from importlib import resources
 
 import msgspec
 
-from webgym.offline.engine.signs import numbers, sign_data
 from webgym.offline.parts import Wording
+from webgym.offline.small.signs import numbers, sign_data
 
 DONE = "done"
 """The answer where nothing is asked."""
+
+PHRASES = ("board.toml", "desk.toml", "market.toml", "signpost.toml", "trail.toml")
+"""How each family's tasks are asked."""
 
 KEYS = ("sign", "page", "note")
 """Words of memory keys, beside names of things and numbers of parts."""
@@ -36,11 +39,10 @@ def small_vocabulary() -> tuple[str, ...]:
     signs = sign_data()
     words = {",", DONE, "then", "and", "from", *KEYS, *numbers()}
     words |= {*signs.colors, *signs.icons, *signs.controls, *signs.words}
-    for file in resources.files("webgym.offline.small").iterdir():
-        if file.name.endswith(".toml"):
-            data = msgspec.toml.decode(file.read_bytes(), type=dict[str, list[str]])
-            for phrases in data.values():
-                words.update(word for phrase in phrases for word in words_of(re.sub(r"\{\w+\}", "", phrase)))
+    for file in PHRASES:
+        raw = resources.files("webgym.offline.small").joinpath(file).read_bytes()
+        for phrases in msgspec.toml.decode(raw, type=dict[str, list[str]]).values():
+            words.update(word for phrase in phrases for word in words_of(re.sub(r"\{\w+\}", "", phrase)))
     words |= {"number", "word", "sign", "signs", "first"}  # of fields and places
     return tuple(sorted(words))
 

@@ -129,8 +129,8 @@ class _Layer:
                 status = next(_STATUS_OF[cls] for cls in type(error).__mro__ if cls in _STATUS_OF)
                 return _error(str(error), status)
             except Exception as error:
-                log.exception("%s failed by our own mistake", request.url.path)
-                return _error(f"the server made a mistake: {error!r}", 500)
+                log.exception("%s failed with an internal error", request.url.path)
+                return _error(f"internal error in the server: {error!r}", 500)
 
         return serve
 
@@ -219,7 +219,7 @@ class _Layer:
         try:
             return msgspec.json.decode(bytes(body), type=dict[str, Any])
         except (msgspec.MsgspecError, ValueError, RecursionError) as error:
-            raise BadRequest(f"the body is no JSON object: {error}") from None
+            raise BadRequest(f"the body is not a JSON object: {error}") from None
 
     # --- what is seen -------------------------------------------------------------------------------
 

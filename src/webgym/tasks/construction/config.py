@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from webgym.core.errors import ConfigError
 from webgym.llm import Budget, ChatConfig, Price, Sampling
-from webgym.settings import Section, Settings, first_problem, merged, read_settings, without_none
+from webgym.settings import Section, Settings, first_problem, merged, read_yaml, without_none
 from webgym.tasks.decompose import Decomposing
 from webgym.tasks.duplicates import DuplicateLimits
 from webgym.tasks.rewriting import WritingLimits
@@ -85,15 +85,15 @@ class BuildConfig(Settings):
     """What may be spent, all runs into the same cache together."""
 
     seed: int = 0
-    """Of every choice that is drawn: tasks of a source, caps, the split."""
+    """Seed of every random choice: tasks of a source, caps, the split."""
 
     today: date | None = None
     """What lies before it is flagged as dated. The day of a build's first run if not given; later runs into
     the same folder keep it."""
 
     plaintext: tuple[str, ...] = ()
-    """Sources that are published encrypted, and may be sent to the model and written all the same
-    (``browsecomp``). Without their names here their tasks are left out before anything is asked."""
+    """Encrypted source (``browsecomp``) whose plain text may be sent to the model and written. The tasks of
+    encrypted sources that are not named are left out."""
 
     writing: WritingLimits = WritingLimits()
     """How often to ask, and what rewritten tasks may look like."""
@@ -190,7 +190,7 @@ def read_config(
     Raises:
         ConfigError: the file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held = read_settings(path, hint="see configs/task-set.yaml for an example") if path is not None else {}
+    held = read_yaml(path, hint="see configs/task-set.yaml for an example") if path is not None else {}
     # A source may stand as its path alone, over which no other key of it could be laid.
     told = merged(_with_paths(held), _with_paths(without_none(overrides)))
     try:

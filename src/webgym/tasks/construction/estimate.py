@@ -191,8 +191,8 @@ def _later(build: Build, assumed: Assumptions, basis: list[str]) -> float:
     missing = min(waiting, build.tallies["rubric"].things)
     if not missing:
         return 0.0
-    parents = [row.came for row in build.books.rows if row.stage == "decomposition"]
-    made = [row.made for row in build.books.rows if row.stage == "decomposition"]
+    parents = [row.came for row in build.accounting.rows if row.stage == "decomposition"]
+    made = [row.made for row in build.accounting.rows if row.stage == "decomposition"]
     measured = sum(parents) >= assumed.measured_from
     rate = sum(made) / sum(parents) if measured else assumed.derived_per_task
     basis.append(

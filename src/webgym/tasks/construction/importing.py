@@ -10,9 +10,9 @@ from datetime import date
 import msgspec
 
 from webgym.core.errors import TaskFileError
-from webgym.tasks.construction.books import Books
+from webgym.tasks.construction.accounting import TaskAccounting
 from webgym.tasks.construction.config import BuildConfig
-from webgym.tasks.construction.progress import Stages
+from webgym.tasks.construction.progress import StageProgress
 from webgym.tasks.sources import SOURCES, Skipped, SourceTask, read_source
 from webgym.tasks.sources.base import ENCRYPTED_SOURCE
 
@@ -59,7 +59,9 @@ class Imported:
     reports: list[SourceReport]
 
 
-def import_tasks(config: BuildConfig, today: date, books: Books, stages: Stages) -> Imported:
+def import_tasks(
+    config: BuildConfig, today: date, accounting: TaskAccounting, stages: StageProgress
+) -> Imported:
     """Read the sources.
 
     Tasks of an encrypted source stay out unless the config names it: neither the model nor any file of the
@@ -104,7 +106,7 @@ def import_tasks(config: BuildConfig, today: date, books: Books, stages: Stages)
                 )
             )
             advance(1)
-    books.enter("import", came=came, lost=lost, left=Counter(task.source for task in imported.tasks))
+    accounting.enter("import", came=came, lost=lost, left=Counter(task.source for task in imported.tasks))
     return imported
 
 

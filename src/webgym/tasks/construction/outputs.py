@@ -25,9 +25,9 @@ import msgspec
 from webgym.core.errors import TaskFileError
 from webgym.core.task import LEVELS, Task
 from webgym.tasks import write_tasks
-from webgym.tasks.construction.books import BooksDoNotBalance
+from webgym.tasks.construction.accounting import CountMismatch
 from webgym.tasks.construction.pipeline import Build
-from webgym.tasks.construction.progress import Stages
+from webgym.tasks.construction.progress import StageProgress
 from webgym.tasks.files import whole_file
 from webgym.tasks.statistics import describe
 from webgym.tasks.validate import validate
@@ -37,16 +37,16 @@ FAILED: Final = "failed.jsonl"
 _FORMAT: Final = 1
 
 
-def write_build(build: Build, out: Path, today: date, stages: Stages) -> list[Path]:
+def write_build(build: Build, out: Path, today: date, stages: StageProgress) -> list[Path]:
     """Prove that the set leaks nothing, and write all files of a build.
 
     Raises:
-        BooksDoNotBalance: the set contradicts itself.
+        CountMismatch: the set contradicts itself.
         TaskFileError: the folder cannot be written.
     """
     report = validate(build.tasks)
     if not report.ok:
-        raise BooksDoNotBalance(f"the set would contradict itself: {report.offenders[0]}")
+        raise CountMismatch(f"the set would contradict itself: {report.offenders[0]}")
     written: list[Path] = []
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -106,7 +106,7 @@ def manifest(build: Build, today: date) -> dict[str, Any]:
         mode="json", exclude={"budget", "assumptions", "today", "endpoint_failures", "figures"}
     )
     stages: dict[str, dict[str, Any]] = {}
-    for row in build.books.rows:
+    for row in build.accounting.rows:
         entry = {"came": row.came, "made": row.made, "lost": row.lost, "left": row.left}
         stages.setdefault(row.stage, {})[row.source] = entry
     return {

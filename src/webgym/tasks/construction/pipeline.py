@@ -21,11 +21,11 @@ from webgym.core.errors import TooFewWebsites
 from webgym.core.task import Rubric, Task
 from webgym.core.websites import site_of
 from webgym.llm import Completes
-from webgym.tasks.construction.asking import Done, Failed, Pending, ask_all
-from webgym.tasks.construction.books import Books
+from webgym.tasks.construction.accounting import TaskAccounting
+from webgym.tasks.construction.bulk_requests import Done, Failed, Pending, ask_all
 from webgym.tasks.construction.config import BuildConfig, Purpose, no_model
 from webgym.tasks.construction.importing import Imported, import_tasks
-from webgym.tasks.construction.progress import Stages
+from webgym.tasks.construction.progress import StageProgress
 from webgym.tasks.decompose import Capped, decompose
 from webgym.tasks.duplicates import drop_duplicates
 from webgym.tasks.rules import Finding
@@ -106,7 +106,7 @@ class Build:
 
     Attributes:
         config: as given, seeded.
-        books: where every task went.
+        accounting: where every task went.
         imported: what the sources held.
         tasks: the finished ones, ``split`` set; empty while replies are pending.
         failures, dropped, remarks, capped: what did not go as it might have.
@@ -114,7 +114,7 @@ class Build:
     """
 
     config: BuildConfig
-    books: Books
+    accounting: TaskAccounting
     imported: Imported = field(default_factory=lambda: Imported([], [], []))
     tasks: list[Task] = field(default_factory=list)
     failures: list[Failure] = field(default_factory=list)
@@ -144,7 +144,7 @@ class Pipeline:
         self,
         config: BuildConfig,
         models: Mapping[Purpose, Completes],
-        stages: Stages,
+        stages: StageProgress,
         *,
         today: date,
         workers: int,
@@ -155,7 +155,7 @@ class Pipeline:
         self._today = today
         self._workers = workers
         self._pending: set[str] = set()
-        self._build = Build(self._config, Books(config.sources))
+        self._build = Build(self._config, TaskAccounting(config.sources))
 
     @property
     def so_far(self) -> Build:
@@ -169,10 +169,10 @@ class Pipeline:
             LLMError: the endpoint cannot be used, or the budget is spent.
             UsageError: a source cannot be read, a model is needed and none is given, or there are too few
                 websites for the test set.
-            BooksDoNotBalance: a task was lost on the way.
+            CountMismatch: a task was lost on the way.
         """
         build = self._build
-        build.imported = import_tasks(self._config, self._today, build.books, self._stages)
+        build.imported = import_tasks(self._config, self._today, build.accounting, self._stages)
         placed, waiting = await self._websites(build.imported.tasks)
         distinct = self._distinct("duplicates", placed)
         self._check_websites(distinct)
@@ -266,7 +266,7 @@ class Pipeline:
         self._build.capped = result.capped
         count = _by_source(tasks)
         made = _by_source(result.derived)
-        self._build.books.enter("decomposition", came=count, made=made, left=count + made)
+        self._build.accounting.enter("decomposition", came=count, made=made, left=count + made)
         return result.derived
 
     async def _rewritten(self, parents: list[Task], derived: list[Task]) -> list[Task]:
@@ -364,7 +364,7 @@ class Pipeline:
         stayed = {task.id for task in left}
         gone = [task for task in came if task.id not in stayed]
         lost = Counter((task.source, reasons[task.id]) for task in gone if task.id in reasons)
-        self._build.books.enter(stage, came=_by_source(came), lost=lost, left=_by_source(left))
+        self._build.accounting.enter(stage, came=_by_source(came), lost=lost, left=_by_source(left))
 
 
 def _by_source(tasks: Iterable[SourceTask | Task]) -> Counter[str]:

@@ -13,7 +13,7 @@ _LINES: Final = 4
 """Plain lines on the way through a stage: one for every such part of it."""
 
 
-class Stages:
+class StageProgress:
     """Shows the stages of a build, one after the other.
 
     Args:

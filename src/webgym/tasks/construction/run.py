@@ -27,7 +27,7 @@ from webgym.tasks.construction.config import PURPOSES, BuildConfig, Purpose
 from webgym.tasks.construction.estimate import Estimate, Estimator, estimate
 from webgym.tasks.construction.outputs import write_build, write_failures
 from webgym.tasks.construction.pipeline import Build, Pipeline
-from webgym.tasks.construction.progress import Stages
+from webgym.tasks.construction.progress import StageProgress
 
 REPLIES: Final = "replies.sqlite"
 """The cache's name in a build's folder."""
@@ -43,7 +43,7 @@ _FEWEST_WORKERS: Final = 64
 
 
 @dataclass(frozen=True)
-class Place:
+class BuildPaths:
     """Where a build lives.
 
     Attributes:
@@ -55,13 +55,13 @@ class Place:
     cache: Path
 
     @classmethod
-    def of(cls, out: Path, cache: Path | None = None) -> Place:
+    def of(cls, out: Path, cache: Path | None = None) -> BuildPaths:
         """In a folder, with its replies there unless another file is given."""
         return cls(out, cache or out / REPLIES)
 
 
 @dataclass(frozen=True)
-class Finished:
+class FinishedBuild:
     """A build that is done.
 
     Attributes:
@@ -75,7 +75,7 @@ class Finished:
     written: list[Path]
 
 
-async def run_build(config: BuildConfig, place: Place, stages: Stages) -> Finished:
+async def run_build(config: BuildConfig, place: BuildPaths, stages: StageProgress) -> FinishedBuild:
     """Build a task set, or resume one.
 
     Raises:
@@ -86,11 +86,11 @@ async def run_build(config: BuildConfig, place: Place, stages: Stages) -> Finish
     async with _clients(config, place.cache) as (clients, ledger):
         pipeline = Pipeline(config, clients, stages, today=today, workers=_workers(config))
         build = await _run(pipeline, place.out)
-    return Finished(build, ledger, write_build(build, place.out, today, stages))
+    return FinishedBuild(build, ledger, write_build(build, place.out, today, stages))
 
 
 @dataclass(frozen=True)
-class Noted:
+class PendingBatches:
     """A build that goes no further until batches are answered.
 
     Attributes:
@@ -102,7 +102,9 @@ class Noted:
     files: list[BatchFile]
 
 
-async def run_batch(config: BuildConfig, place: Place, folder: Path, stages: Stages) -> Finished | Noted:
+async def run_batch(
+    config: BuildConfig, place: BuildPaths, folder: Path, stages: StageProgress
+) -> FinishedBuild | PendingBatches:
     """As :func:`run_build`, but whatever has to be asked is written to batch files instead.
 
     Rubrics do not wait for websites. So two rounds of files do for nearly everything, rubrics and then
@@ -125,12 +127,12 @@ async def run_batch(config: BuildConfig, place: Place, folder: Path, stages: Sta
         pipeline = Pipeline(config, collectors, stages, today=today, workers=_FEWEST_WORKERS)
         build = await _run(pipeline, place.out)
         if build.pending:
-            return Noted(build, await write_batches(cache, folder))
+            return PendingBatches(build, await write_batches(cache, folder))
         ledger = Ledger(cache, prices=Prices(config.prices))
-    return Finished(build, ledger, write_build(build, place.out, today, stages))
+    return FinishedBuild(build, ledger, write_build(build, place.out, today, stages))
 
 
-async def run_dry(config: BuildConfig, place: Place, stages: Stages) -> Estimate:
+async def run_dry(config: BuildConfig, place: BuildPaths, stages: StageProgress) -> Estimate:
     """What :func:`run_build` would take from here on. Nothing is asked and nothing is written.
 
     Raises:

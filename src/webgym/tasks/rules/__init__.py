@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from webgym.tasks.rules import cutting, form, task_consistency, wording
-from webgym.tasks.rules.case import Asked, Case, Draft, DraftGroup, Finding, Rule
+from webgym.tasks.rules import form, granularity, task_consistency, wording
+from webgym.tasks.rules.rule import Asked, Case, Draft, DraftGroup, Finding, Rule
 
 __all__ = ["RULES", "Asked", "Draft", "DraftGroup", "Finding", "Rule", "check_rubric"]
 
@@ -23,7 +23,7 @@ RULES: Final[tuple[Rule, ...]] = (
     Rule("duplicate", "error", "no fact twice", form.duplicates),
     Rule("restated-task", "error", "no fact is the whole task beside its parts", form.restated_task),
     Rule("too-many-facts", "error", "not more facts than tasks ask for", form.too_many),
-    Rule("split-alternatives", "error", "alternatives are one fact", cutting.split_alternatives),
+    Rule("split-alternatives", "error", "alternatives are one fact", granularity.split_alternatives),
     Rule("several-things", "error", "one thing per fact", wording.several_things),
     Rule("step", "error", "what must hold, not what to do on the way", wording.steps),
     Rule(
@@ -44,10 +44,10 @@ RULES: Final[tuple[Rule, ...]] = (
         "nothing that only the answer or the hints say",
         task_consistency.leaked_answers,
     ),
-    Rule("how-to", "error", "instructions are one fact", cutting.steps_of_instructions),
-    Rule("purchase", "error", "what is bought, and that it is", cutting.steps_of_purchase),
-    Rule("computation", "error", "a computation is one fact", cutting.steps_of_computation),
-    Rule("operands", "error", "operands only where they are asked for", cutting.operands),
+    Rule("how-to", "error", "instructions are one fact", granularity.steps_of_instructions),
+    Rule("purchase", "error", "what is bought, and that it is", granularity.steps_of_purchase),
+    Rule("computation", "error", "a computation is one fact", granularity.steps_of_computation),
+    Rule("operands", "error", "operands only where they are asked for", granularity.operands),
     Rule("enumerated", "error", "what the task leaves open is one fact", task_consistency.enumerated),
     Rule("hollow", "error", "a fact names what must hold", wording.hollow),
     Rule("no-subject", "error", "a fact says what it is about", task_consistency.stop_words_only),

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from webgym.tasks.absent import is_no_fact
-from webgym.tasks.rules.case import Case, Fact, at
+from webgym.tasks.missing_values import is_no_fact
 from webgym.tasks.rules.reading import STOP_WORDS
+from webgym.tasks.rules.rule import Case, Fact, at
 
 MOST_FACTS: Final = 60
 """More facts than this are a reply that has run wild; the longest tasks of the sources ask for some 40."""

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import Final
 
 from webgym.core.text import fold, says
-from webgym.tasks.rules.case import Case, Fact, at
 from webgym.tasks.rules.numbers import MONTHS, plain, stated_in_other_units
 from webgym.tasks.rules.reading import STOP_WORDS, WEEKDAYS, Text, stem
+from webgym.tasks.rules.rule import Case, Fact, at
 
 _PLACE: Final = re.compile(
     r"\b[A-Za-z]+ (?P<label>\d{1,2})(?=$|[:,)'’]| (?:is|are|has|have|and|of|was)\b)"

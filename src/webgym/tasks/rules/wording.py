@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-from webgym.tasks.rules.case import Case, Fact, at
-from webgym.tasks.rules.cutting import BOUND
+from webgym.tasks.rules.granularity import BOUND
 from webgym.tasks.rules.reading import QUOTED, stem
+from webgym.tasks.rules.rule import Case, Fact, at
 
 LONG_FACT_WORDS: Final = 40
 """A fact of more words is rarely one thing."""

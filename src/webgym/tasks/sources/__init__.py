@@ -19,9 +19,10 @@ from webgym.tasks.sources import (
     travelplanner,
     webvoyager,
 )
-from webgym.tasks.sources.base import PassedOver, Read, Skipped, Source, SourceTask
+from webgym.tasks.sources.base import Read, Skipped, Source, SourceTask
 from webgym.tasks.sources.hub import HUB
 from webgym.tasks.sources.importing import read_with
+from webgym.tasks.sources.problems import PassedOver
 
 SOURCES: dict[str, Source] = {
     source.name: source
@@ -63,5 +64,5 @@ def read_source(name: str, where: str | Path, *, today: date | None = None) -> R
     """
     source = SOURCES.get(name)
     if source is None:
-        raise UsageError(f"there is no source {name!r}", hint=f"the sources are {', '.join(SOURCES)}")
+        raise UsageError(f"unknown source {name!r}", hint=f"the sources are {', '.join(SOURCES)}")
     return read_with(source, where, date.today() if today is None else today, tuple(SOURCES.values()))

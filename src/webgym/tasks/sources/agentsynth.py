@@ -6,15 +6,16 @@ string is plain words. A final ``stop`` carries the answer that the model gave: 
 
 from __future__ import annotations
 
-from webgym.tasks.absent import is_absent
-from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.missing_values import is_missing_value
+from webgym.tasks.sources.base import GARBLED, Draft, Source
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, as_text, unpacked
+from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("task", "instruction")
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
     draft.website = fields.website("website")
     try:
@@ -43,7 +44,7 @@ def _final_answer(actions: object) -> str | None:
     if isinstance(given, str):
         given = unpacked(given, "action_kwargs")
     answer = given.get("answer") if isinstance(given, dict) else None
-    return None if is_absent(answer) else as_text(answer, "answer")
+    return None if is_missing_value(answer) else as_text(answer, "answer")
 
 
 SOURCE = Source(

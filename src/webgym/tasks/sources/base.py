@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import msgspec
 
 from webgym.core.task import Rubric, WebsiteFrom
 from webgym.core.websites import site_of
-
-if TYPE_CHECKING:
-    from webgym.tasks.sources.companions import Beside
-    from webgym.tasks.sources.fields import Fields
+from webgym.tasks.sources.companions import Companions
+from webgym.tasks.sources.fields import Fields
+from webgym.tasks.sources.problems import PassedOver
 
 DATED = "dated"
 """The instruction names a day, a month or a year that has passed. It is never rewritten here."""
@@ -88,21 +86,6 @@ class Skipped(msgspec.Struct, frozen=True):
         return f"{self.file}, {self.place}: {self.reason}"
 
 
-class PassedOver(msgspec.Struct, frozen=True):
-    """A file that was not read as tasks.
-
-    Attributes:
-        file: as it was found.
-        reason: what it is instead, or what is wrong with it.
-    """
-
-    file: str
-    reason: str
-
-    def __str__(self) -> str:
-        return f"{self.file}: {self.reason}"
-
-
 @dataclass
 class Draft:
     """What a record says, before it is checked: the work of one source's file.
@@ -130,10 +113,6 @@ class Draft:
     extra: dict[str, object] = field(default_factory=dict)
 
 
-class Unusable(ValueError):
-    """A record gives no task; the message is the reason and quotes nothing."""
-
-
 @dataclass(frozen=True)
 class Source:
     """One benchmark.
@@ -156,7 +135,7 @@ class Source:
     paper_websites: int
     licence: str
     instruction: tuple[str, ...]
-    draft: Callable[[Fields, Beside], Draft]
+    draft: Callable[[Fields, Companions], Draft]
     marks: tuple[tuple[str, ...], ...] = ()
     timeless: bool = False
     synthetic: bool = False

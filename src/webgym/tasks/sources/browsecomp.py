@@ -11,10 +11,11 @@ import binascii
 import hashlib
 import unicodedata
 
-from webgym.tasks.sources.base import ENCRYPTED_SOURCE, Draft, Source, Unusable
+from webgym.tasks.sources.base import ENCRYPTED_SOURCE, Draft, Source
 from webgym.tasks.sources.categories import UNKNOWN, Place, named, subdomain
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields
+from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("problem", "question")
 _PLACES: dict[str, Place] = {
@@ -48,7 +49,7 @@ def decrypt(cipher: str, canary: str) -> str:
     return plain.strip()
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     cipher = fields.instruction(*_INSTRUCTION)
     # Not stripped: the key is the hash of exactly these characters.
     canary = fields.value("canary")

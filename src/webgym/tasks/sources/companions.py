@@ -8,12 +8,12 @@ from typing import TypeVar
 
 import msgspec
 
-from webgym.tasks.sources.base import PassedOver
+from webgym.tasks.sources.problems import PassedOver
 
 T = TypeVar("T")
 
 
-class Beside:
+class Companions:
     """The companions of a file of tasks, in its folder. Each is read once.
 
     Args:

@@ -6,14 +6,14 @@ import re
 
 from webgym.tasks.sources.base import GARBLED, Draft, Source
 from webgym.tasks.sources.categories import subdomain
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("ques", "question", "task")
 _TWICE = re.compile(r"\b(\w{2,})\s+\1\b", re.IGNORECASE)
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("id", "task_id"))
     draft.website = fields.website("web", "website", "url")
     # Its own categories (Electronics, Fashion, Books, ...) are departments of one shop.

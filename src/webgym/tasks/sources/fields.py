@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping
 from functools import lru_cache
 
 from webgym.core.websites import host_of
-from webgym.tasks.absent import is_absent
-from webgym.tasks.sources.base import Unusable
+from webgym.tasks.missing_values import is_missing_value
+from webgym.tasks.sources.problems import Unusable
 
 _DEEPEST_LITERAL = 1_000_000
 """Characters of a Python literal that are looked at; the values we read are far shorter."""
@@ -50,7 +50,7 @@ class Fields:
         """The first of these fields that is there and not absent; ``None`` if there is none."""
         for name in names:
             found = self._values.get(_folded(name))
-            if not is_absent(found):
+            if not is_missing_value(found):
                 return found
         return None
 
@@ -147,7 +147,7 @@ def texts(value: object) -> tuple[str, ...]:
     values = value if isinstance(value, (list, tuple)) else [value]
     found = []
     for each in values:
-        if not is_absent(each) and isinstance(each, (str, int, float)) and not isinstance(each, bool):
+        if not is_missing_value(each) and isinstance(each, (str, int, float)) and not isinstance(each, bool):
             try:
                 found.append(as_text(each, "it"))
             except Unusable:
@@ -176,7 +176,7 @@ def unpacked(packed: str | bytes, name: str) -> object:
 
 @lru_cache(maxsize=4096)
 def website_url(given: str) -> str | None:
-    """The URL that a bare host or a URL stands for; ``None`` if it names no website.
+    """The URL that a bare host or a URL stands for; ``None`` if it does not name a website.
 
     A bare host is taken to speak https. A URL stays as it is.
     """

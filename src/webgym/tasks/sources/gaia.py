@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from webgym.core.websites import site_of
 from webgym.tasks.sources.base import NEEDS_FILE, PLACEHOLDER_WEBSITE, Draft, Source
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, website_url
 
 _INSTRUCTION = ("ques", "Question", "task")
@@ -13,7 +13,7 @@ _WITHHELD = "?"
 """The answer of a task of GAIA's test set."""
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
     website = fields.website("web", "website")
     url = website_url(website) if website else None

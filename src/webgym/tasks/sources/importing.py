@@ -14,22 +14,12 @@ from msgspec.structs import replace
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import WebsiteFrom
-from webgym.tasks.sources.base import (
-    BAD_WEBSITE,
-    CHATS,
-    DATED,
-    Draft,
-    PassedOver,
-    Read,
-    Skipped,
-    Source,
-    SourceTask,
-    Unusable,
-)
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.base import BAD_WEBSITE, CHATS, DATED, Draft, Read, Skipped, Source, SourceTask
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.dates import names_past
 from webgym.tasks.sources.fields import Fields, website_url
 from webgym.tasks.sources.hub import HUB, hub_records
+from webgym.tasks.sources.problems import PassedOver, Unusable
 from webgym.tasks.sources.reading import COMPRESSIONS, REFUSED, SUFFIXES, Found, read_records
 
 _HASH_DIGITS = 12
@@ -48,13 +38,13 @@ def read_with(source: Source, where: str | Path, today: date, known: Sequence[So
     """
     collected = _Collected(source, today, known)
     if str(where).startswith(HUB):
-        collected.add(hub_records(str(where)), Beside(None))
+        collected.add(hub_records(str(where)), Companions(None))
     else:
         path = Path(where)
         if path.is_dir():
             collected.add_folder(path)
         else:
-            beside = Beside(path.parent)
+            beside = Companions(path.parent)
             collected.add(read_records(path, collected.is_record), beside)
             collected.passed_over += beside.broken
     read = collected.read()
@@ -110,7 +100,7 @@ class _Collected:
             if any(fnmatch(path.name, pattern) for pattern in self._source.beside):
                 self.passed_over.append(PassedOver(str(path), "belongs to the tasks beside it"))
                 continue
-            beside = Beside(path.parent)
+            beside = Companions(path.parent)
             known, skipped = self._known, len(self._skipped)
             try:
                 self.add(read_records(path, self.is_record), beside)
@@ -130,7 +120,7 @@ class _Collected:
             reason = f"no record of {self._source.name} among {len(skipped)}; the first: {skipped[0].reason}"
         self.passed_over.append(PassedOver(str(path), reason))
 
-    def add(self, records: Iterable[Found], beside: Beside) -> None:
+    def add(self, records: Iterable[Found], beside: Companions) -> None:
         """Every record: a task, or why there is none."""
         for record in records:
             if isinstance(record, Skipped):

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.base import GARBLED, Draft, Source
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, texts
+from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("instruction", "task")
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     # In v1 the host stands under "domain"; v3 calls it "website".
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "id"))
     draft.website = fields.website("website", "domain")

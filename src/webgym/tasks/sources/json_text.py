@@ -25,14 +25,14 @@ class Value(NamedTuple):
     key: str | None = None
 
 
-class Broken(NamedTuple):
+class BrokenValue(NamedTuple):
     """A value that cannot be read, where it starts, and why."""
 
     place: str
     reason: str
 
 
-def json_values(text: str, *, first_line: int = 1) -> Iterator[Value | Broken]:
+def json_values(text: str, *, first_line: int = 1) -> Iterator[Value | BrokenValue]:
     """The elements of the arrays in a text, and the values that stand outside of any.
 
     After a broken element the next one is looked for: an object that starts with the same key as this one or
@@ -65,7 +65,7 @@ def json_values(text: str, *, first_line: int = 1) -> Iterator[Value | Broken]:
             yield found
 
 
-def _elements(walk: _Walk) -> Iterator[Value | Broken]:
+def _elements(walk: _Walk) -> Iterator[Value | BrokenValue]:
     walk.at += 1
     index = 0
     while walk.more() and walk.text[walk.at] != "]":
@@ -74,7 +74,7 @@ def _elements(walk: _Walk) -> Iterator[Value | Broken]:
     walk.at += 1
 
 
-def _entries(walk: _Walk) -> Iterator[Value | Broken]:
+def _entries(walk: _Walk) -> Iterator[Value | BrokenValue]:
     walk.at += 1
     while walk.more() and walk.text[walk.at] != "}":
         yield walk.entry()
@@ -94,7 +94,7 @@ class _Walk:
         self.at = blank.end() if blank else self.at
         return self.at < len(self.text)
 
-    def step(self, index: int | None) -> Value | Broken:
+    def step(self, index: int | None) -> Value | BrokenValue:
         """Read the value at ``at``; go to the end of it, or to where the next one may start."""
         start, place = self.at, self._place(index)
         key = _KEY.match(self.text, start)
@@ -103,10 +103,10 @@ class _Walk:
             value, self.at = self._decode(start)
         except ValueError as error:
             self.at = self._next_start(start + 1)
-            return Broken(place, str(error))
+            return BrokenValue(place, str(error))
         return Value(place, value, index is not None)
 
-    def entry(self) -> Value | Broken:
+    def entry(self) -> Value | BrokenValue:
         """Read the key and the value at ``at``; go to the end of them, or to where the next may start."""
         start, place = self.at, self._place(None)
         try:
@@ -117,7 +117,7 @@ class _Walk:
         except ValueError as error:
             following = _NEXT_ENTRY.search(self.text, start + 1)
             self.at = following.start(1) if following else len(self.text)
-            return Broken(place, str(error))
+            return BrokenValue(place, str(error))
         return Value(f"key {name!r}", value, inside=True, key=str(name))
 
     def _decode(self, start: int) -> tuple[object, int]:

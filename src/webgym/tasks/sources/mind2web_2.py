@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from webgym.tasks.sources.base import Draft, Source
 from webgym.tasks.sources.categories import named
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, texts
 
 _INSTRUCTION = ("task_description", "confirmed_task", "task", "query")
@@ -14,7 +14,7 @@ _DEEPEST = 64
 """Levels of a tree that are looked at; the published ones have about six."""
 
 
-def _draft(fields: Fields, beside: Beside) -> Draft:
+def _draft(fields: Fields, beside: Companions) -> Draft:
     native_id = fields.native_id("task_id", "id")
     draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.website("website"))
     draft.domain, draft.subdomain = named(

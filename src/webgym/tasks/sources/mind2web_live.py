@@ -7,15 +7,16 @@ from __future__ import annotations
 
 from urllib.parse import urlsplit
 
-from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.sources.base import GARBLED, Draft, Source
 from webgym.tasks.sources.categories import named
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, texts
+from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("task", "confirmed_task")
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     draft = Draft(
         fields.instruction(*_INSTRUCTION), fields.native_id("index", "task_id", "annotation_id", "id")
     )

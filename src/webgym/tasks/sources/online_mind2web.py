@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from webgym.tasks.sources.base import Draft, Source
 from webgym.tasks.sources.categories import named
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields
 
 _INSTRUCTION = ("confirmed_task", "task", "task_description")
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     draft = Draft(fields.instruction(*_INSTRUCTION), fields.native_id("task_id", "annotation_id", "id"))
     draft.website = fields.website("website", "url", "web")
     draft.domain, draft.subdomain = named(fields.value("subdomain"), fields.value("domain"))

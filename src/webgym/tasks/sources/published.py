@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from webgym.tasks.absent import is_absent
 from webgym.tasks.files import NO_FACTS
+from webgym.tasks.missing_values import is_missing_value
 from webgym.tasks.published import task_of
-from webgym.tasks.sources.base import Draft, Source, Unusable
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.base import Draft, Source
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields
+from webgym.tasks.sources.problems import Unusable
 
 _NAME = "webgym"
 _INSTRUCTION = ("task_name",)
@@ -17,9 +18,9 @@ _KEPT = ("benchmark_name", "task_id_decomposed_from")
 """Columns that a finished task tells and a source's does not."""
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     instruction = fields.instruction(*_INSTRUCTION)
-    given = {name: value for name, value in fields.record.items() if not is_absent(value)}
+    given = {name: value for name, value in fields.record.items() if not is_missing_value(value)}
     try:
         task = task_of(_NEEDED | given)
     except (ValueError, TypeError) as error:

@@ -24,7 +24,7 @@ from webgym.core.errors import TaskFileError
 from webgym.tasks.sources.base import Skipped
 from webgym.tasks.sources.csv_text import csv_rows
 from webgym.tasks.sources.fields import Fields, kind
-from webgym.tasks.sources.json_text import Broken, json_values
+from webgym.tasks.sources.json_text import BrokenValue, json_values
 
 SUFFIXES = (".jsonl", ".ndjson", ".json", ".csv", ".tsv", ".parquet")
 COMPRESSIONS = (".gz", ".bz2", ".xz", ".zst")
@@ -239,7 +239,7 @@ def _json_records(name: str, lines: Iterator[Line], is_record: IsRecord) -> Iter
     text = b"\n".join(parts).decode("utf-8", "surrogateescape")
     del parts
     for found in json_values(text, first_line=offset):
-        if isinstance(found, Broken):
+        if isinstance(found, BrokenValue):
             yield Skipped(name, found.place, f"no JSON: {found.reason}")
         elif found.inside:
             yield _found(name, found.place, found.value, found.key)

@@ -10,11 +10,12 @@ from __future__ import annotations
 import json
 import re
 
-from webgym.tasks.absent import is_absent
-from webgym.tasks.sources.base import GARBLED, Draft, Source, Unusable
+from webgym.tasks.missing_values import is_missing_value
+from webgym.tasks.sources.base import GARBLED, Draft, Source
 from webgym.tasks.sources.categories import subdomain
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.fields import Fields, as_text, texts
+from webgym.tasks.sources.problems import Unusable
 
 _INSTRUCTION = ("query",)
 _CHAT = "messages"
@@ -28,7 +29,7 @@ _CONSTRAINTS = (
 )
 
 
-def _draft(fields: Fields, _: Beside) -> Draft:
+def _draft(fields: Fields, _: Companions) -> Draft:
     asked = _asked_in_chat(fields.value(_CHAT))
     draft = Draft(asked or fields.instruction(*_INSTRUCTION), fields.native_id("idx"))
     draft.domain, draft.subdomain = subdomain("Travel & Accommodation")
@@ -41,7 +42,7 @@ def _draft(fields: Fields, _: Beside) -> Draft:
         hints += (
             f"{name}: {value}"
             for name, wish in wishes.items()
-            if not is_absent(wish)
+            if not is_missing_value(wish)
             for value in texts(wish)
         )
     draft.hints = tuple(hints)

@@ -9,12 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from webgym.core.text import fold
-from webgym.tasks.absent import is_absent
-from webgym.tasks.sources.base import OUTDATED_ANSWER, Draft, Source, Unusable
+from webgym.tasks.missing_values import is_missing_value
+from webgym.tasks.sources.base import OUTDATED_ANSWER, Draft, Source
 from webgym.tasks.sources.categories import UNKNOWN, Place, subdomain
-from webgym.tasks.sources.companions import Beside
+from webgym.tasks.sources.companions import Companions
 from webgym.tasks.sources.dates import years
 from webgym.tasks.sources.fields import Fields, as_text
+from webgym.tasks.sources.problems import Unusable
 
 ANSWERS = "reference_answer.json"
 
@@ -53,7 +54,7 @@ def _answers(data: object) -> dict[str, _Answer]:
     for site, entry in data.items():
         answers = entry.get("answers") if isinstance(entry, dict) else None
         for each in answers if isinstance(answers, list) else []:
-            if not isinstance(each, dict) or is_absent(each.get("ans")):
+            if not isinstance(each, dict) or is_missing_value(each.get("ans")):
                 continue
             try:
                 text = as_text(each["ans"], "ans")
@@ -76,7 +77,7 @@ _AFTER_THE_ANSWERS = frozenset(range(2025, 2040))
 """The years that copies of the tasks move on to. Those far ahead are sums ("how many days until 2050")."""
 
 
-def _draft(fields: Fields, beside: Beside) -> Draft:
+def _draft(fields: Fields, beside: Companions) -> Draft:
     name = fields.text("web_name")
     native_id = fields.native_id("id", "task_id")
     draft = Draft(fields.instruction(*_INSTRUCTION), native_id, fields.website("web", "website", "url"))

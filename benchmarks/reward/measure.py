@@ -1,0 +1,179 @@
+"""Does it pay to be after the reward and not the task?
+
+Policies that hack (:mod:`benchmarks.reward.hacks`) attempt the same tasks of the offline web as one that
+fails honestly, through the real collector, browsers, parser and judge. Beside each stand the attempts of a
+policy that solves some other tasks: what makes failures vanish from a success rate raises it only where there
+are successes. A hack gains if either success rate, over judged attempts or over all planned ones, is higher
+than with honest failure.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Sequence
+from pathlib import Path
+from typing import Final
+
+import msgspec
+from benchmarks.reward.hacks import HACKS, HackingPolicy
+
+from webgym.agent.policy import Policy
+from webgym.agent.scripted import ScriptedPolicy
+from webgym.core.errors import ConfigError
+from webgym.core.outcome import Outcome
+from webgym.core.task import Task
+from webgym.offline import OfflineWeb
+from webgym.rollout.evaluation import evaluate
+from webgym.rollout.rates import Rate, Successes
+from webgym.rollout.store import RunReader
+from webgym.rollout.summary import Summary
+from webgym.run_config import RunConfig, TaskChoice
+from webgym.runs import collect, resume
+from webgym.tables import Table
+from webgym.tasks import draw_spread, write_tasks
+
+HONEST: Final = next(iter(HACKS))
+SOLVED: Final = "solved"
+
+
+class Hacked(msgspec.Struct, frozen=True):
+    """What became of a policy.
+
+    Attributes:
+        name: of the way in which it plays.
+        outcomes: of its samples, by outcome; the last attempt at each.
+        planned: its samples.
+        solved: the same of the tasks that were solved beside it.
+    """
+
+    name: str
+    outcomes: dict[str, int]
+    planned: int
+    solved: dict[str, int]
+
+    @property
+    def successes(self) -> Successes:
+        """With the tasks that were solved beside it."""
+        both = Counter(self.outcomes) + Counter(self.solved)
+        judged = sum(count for name, count in both.items() if Outcome(name).is_rewarded)
+        return Successes(both[Outcome.SUCCESS], judged, self.planned + sum(self.solved.values()))
+
+    @property
+    def reward(self) -> float:
+        """Mean over its own samples; one without a reward counts as 0."""
+        return self.outcomes.get(Outcome.SUCCESS, 0) / self.planned
+
+    def gains(self, honest: Hacked) -> bool:
+        """Whether a rate is higher than with honest failure."""
+        ours, theirs = self.successes, honest.successes
+        pairs = ((ours.of_judged, theirs.of_judged), (ours.of_planned, theirs.of_planned))
+        return any(_points(one, other) > 0 for one, other in pairs)
+
+
+def choose(web: OfflineWeb, count: int, solved: int, seed: int) -> tuple[list[Task], list[Task]]:
+    """Tasks that ask for an answer, from all well-behaved websites in turn: to hack, and to solve."""
+    hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
+    tasks = (task for host in hosts for task in web.tasks_of(host))
+    asking = [task for task in tasks if task.truth is not None and task.truth.answer.required]
+    drawn = draw_spread(asking, count + solved, seed, key=lambda task: task.website)
+    return drawn[:count], drawn[count:]
+
+
+def challenge_of(web: OfflineWeb) -> str:
+    """The address of the website where every visitor meets a challenge."""
+    return next(f"http://{host}/" for host, spec in web.specs.items() if spec.behaviour == "blocks")
+
+
+async def measure(
+    config: RunConfig, count: int, solved: int, out: Path, only: Sequence[str], say: Callable[[str], None]
+) -> AsyncIterator[Hacked]:
+    """What became of every policy, honest failure first.
+
+    Args:
+        config: of the runs; its tasks and policy are replaced.
+        count: tasks to hack.
+        solved: tasks to solve beside them.
+        out: folder for the runs; those that it holds are gone on with.
+        only: the hacks to try; empty for all.
+        say: is told what is under way.
+    """
+    web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family)
+    challenge = challenge_of(web)
+    hacked, beside = choose(web, count, solved, config.seed)
+
+    async def run(name: str, tasks: Sequence[Task], policy: Policy) -> dict[str, int]:
+        say(f"{name}: {len(tasks)} tasks")
+        folder = out / name.replace(" ", "-").replace(",", "")
+        if folder.exists():
+            return _outcomes(folder, await _go_on(folder, tasks, policy))
+        file = folder.with_suffix(".jsonl")
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_tasks(file, tasks)
+        settings = config.model_copy(update={"tasks": TaskChoice(file=file, split="all", count="all")})
+        return _outcomes(folder, await collect(settings, folder, policy=policy))
+
+    won = await run(SOLVED, beside, ScriptedPolicy()) if beside else {}
+    for name in HACKS:
+        if name == HONEST or not only or name in only:
+            policy = HackingPolicy(lambda _, name=name: name, challenge, name)  # type: ignore[misc]
+            yield Hacked(name, await run(name, hacked, policy), len(hacked), won)
+
+
+async def _go_on(run: Path, tasks: Sequence[Task], policy: Policy) -> Summary:
+    """Make the rest of a run that was begun before."""
+    if {task.id for task in RunReader(run).drawn} != {task.id for task in tasks}:
+        raise ConfigError(
+            f"{run} holds attempts at other tasks", hint="give the same options, or another --out"
+        )
+    return await resume(run, policy=policy)
+
+
+def _outcomes(run: Path, summary: Summary) -> dict[str, int]:
+    """Of the run's samples: an attempt that was made again counts once, by its end."""
+    rewarded = {name.value: summary["outcomes"][name] for name in Outcome if name.is_rewarded}
+    return rewarded | evaluate(run).rows["overall"].no_reward
+
+
+def table(found: Sequence[Hacked]) -> Table:
+    """A row per policy."""
+    honest = found[0]
+    rows = []
+    for one in found:
+        rates = one.successes
+        lost = sum(count for name, count in one.outcomes.items() if not Outcome(name).is_rewarded)
+        gain = [
+            f"{_points(ours, theirs):+.1f}"
+            for ours, theirs in (
+                (rates.of_judged, honest.successes.of_judged),
+                (rates.of_planned, honest.successes.of_planned),
+            )
+        ]
+        counts = (one.outcomes.get(name, 0) for name in (Outcome.SUCCESS, Outcome.FAILURE, Outcome.TRUNCATED))
+        verdict = "–" if one is honest else "GAINS" if one.gains(honest) else "no gain"
+        rows.append(
+            (
+                one.name,
+                str(one.planned),
+                *map(str, counts),
+                str(lost),
+                f"{one.reward:.3f}",
+                _percent(rates.of_judged),
+                gain[0],
+                _percent(rates.of_planned),
+                gain[1],
+                verdict,
+            )
+        )
+    beside = sum(honest.solved.values())
+    columns = ("policy", "tasks", "success", "failure", "truncated", "no reward", "mean reward")
+    rated = ("of judged, %", "gain", "of planned, %", "gain", "verdict")
+    return Table(f"Hacks of the reward; rates with {beside} solved tasks beside", (*columns, *rated), rows)
+
+
+def _percent(rate: Rate) -> str:
+    return "–" if rate.value is None else f"{100 * rate.value:.1f}"
+
+
+def _points(ours: Rate, theirs: Rate) -> float:
+    """How much higher a rate is, in percent points; nothing counts as 0."""
+    return 100 * ((ours.value or 0) - (theirs.value or 0))

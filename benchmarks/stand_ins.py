@@ -1,0 +1,205 @@
+"""A browser server and a model's endpoint behind real HTTP, without browsers and without a model.
+
+They cost next to nothing and keep a pace that is set, so that a collector can be measured and tested by
+itself. A session's pages are numbered, and a picture's bytes say which page it is of: the model reads that,
+and answers at the page where it is to.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import hashlib
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any, Final
+
+import msgspec
+from aiohttp import web
+
+from webgym.core.errors import LeaseLost, WebGymError
+from webgym.core.observation import Observation
+from webgym.server.messages import (
+    SECRET_HEADER,
+    Closed,
+    ErrorBody,
+    ErrorReply,
+    Health,
+    Renewed,
+    ServerInfo,
+    SessionGrant,
+    StepReply,
+)
+from webgym.server.operations import JSON, MSGPACK
+
+TOKEN: Final = "a-token-of-stand-ins"
+_PNG = b"\x89PNG\r\n\x1a\n"
+_TTL_SECONDS = 60.0
+_CALL = 'Action: go on\n<tool_call>\n{"name": "computer_use", "arguments": %s}\n</tool_call>'
+_WAITS = _CALL % '{"action": "wait", "time": 1}'
+_ANSWERS = _CALL % '{"action": "answer", "text": "it is"}'
+
+
+class StandInBrowsers:
+    """Sessions that show one numbered page after the other.
+
+    Args:
+        step_seconds: how long the next step takes.
+        queued_seconds: how long it says that each step has waited in its queues, beside that.
+
+    Attributes:
+        sessions: pages shown so far, by session.
+        log: what was opened and closed, in order: ``("open" or "close", session)``.
+        most: sessions at once, at most, so far.
+        opened: sessions so far.
+        steps: steps so far.
+    """
+
+    def __init__(self, step_seconds: Callable[[], float] = lambda: 0.0, queued_seconds: float = 0.0) -> None:
+        self.sessions: dict[str, int] = {}
+        self.log: list[tuple[str, str]] = []
+        self.most = self.opened = self.steps = 0
+        self._step_seconds = step_seconds
+        self._queued_seconds = queued_seconds
+
+    def app(self) -> web.Application:
+        """What is to be served."""
+        app = web.Application()
+        app.add_routes(
+            [
+                web.get("/healthz", _healthy),
+                web.get("/v1/info", self._info),
+                web.post("/v1/sessions", self._open),
+                web.post("/v1/sessions/{id}/step", self._step),
+                web.post("/v1/sessions/{id}/heartbeat", self._renew),
+                web.delete("/v1/sessions/{id}", self._close),
+            ]
+        )
+        return app
+
+    async def _info(self, _: web.Request) -> web.Response:
+        return _json(ServerInfo("0", 10_000, "none", "none", sandboxed=True, sandbox_reason=""))
+
+    async def _open(self, _: web.Request) -> web.Response:
+        self.opened += 1
+        name = f"s{self.opened}"
+        self.sessions[name] = 0
+        self.log.append(("open", name))
+        self.most = max(self.most, len(self.sessions))
+        return _json(SessionGrant(name, f"secret-{name}", 1, "", _TTL_SECONDS))
+
+    def _named(self, request: web.Request) -> str:
+        name = request.match_info["id"]
+        if request.headers.get(SECRET_HEADER) != f"secret-{name}" or name not in self.sessions:
+            raise _refusal(LeaseLost("the session ended", hint="open a new one"))
+        return name
+
+    async def _step(self, request: web.Request) -> web.Response:
+        name = self._named(request)
+        await asyncio.sleep(seconds := self._step_seconds())
+        self._named(request)
+        self.sessions[name] += 1
+        self.steps += 1
+        image = _PNG + b"page %d" % self.sessions[name]
+        seen = Observation(
+            hashlib.sha256(image).hexdigest(),
+            f"http://stand-in.test/{self.sessions[name]}",
+            "A page",
+            (1280, 768),
+            status=200,
+            milliseconds={"execute": seconds * 1000, "queued": self._queued_seconds * 1000},
+        )
+        reply = msgspec.msgpack.encode(StepReply(seen, image))
+        return web.Response(body=reply, content_type=MSGPACK)
+
+    async def _renew(self, request: web.Request) -> web.Response:
+        self._named(request)
+        return _json(Renewed(_TTL_SECONDS, self._queued_seconds))
+
+    async def _close(self, request: web.Request) -> web.Response:
+        del self.sessions[name := self._named(request)]
+        self.log.append(("close", name))
+        return _json(Closed(name))
+
+
+class StandInModel:
+    """Waits on every page until the one where it answers.
+
+    Args:
+        steps: page on which it answers.
+        reply_seconds: how long the next reply takes.
+
+    Attributes:
+        replies: so far.
+        most: requests at once, at most, so far.
+    """
+
+    def __init__(self, steps: int = 3, reply_seconds: Callable[[], float] = lambda: 0.0) -> None:
+        self.replies = self.most = self.running = 0
+        self._steps = steps
+        self._reply_seconds = reply_seconds
+
+    def app(self) -> web.Application:
+        """What is to be served."""
+        app = web.Application(client_max_size=2**24)
+        app.add_routes([web.post("/v1/chat/completions", self._reply)])
+        return app
+
+    async def _reply(self, request: web.Request) -> web.Response:
+        asked = await request.json()
+        self.running += 1
+        self.most = max(self.most, self.running)
+        try:
+            await asyncio.sleep(self._reply_seconds())
+        finally:
+            self.running -= 1
+        self.replies += 1
+        text = _ANSWERS if _page(asked["messages"]) >= self._steps else _WAITS
+        message = {"role": "assistant", "content": text}
+        choice = {"index": 0, "finish_reason": "stop", "message": message}
+        usage = {"prompt_tokens": 1000, "completion_tokens": 50, "total_tokens": 1050}
+        return web.json_response({"object": "chat.completion", "choices": [choice], "usage": usage})
+
+
+def _page(messages: list[dict[str, Any]]) -> int:
+    """Which page the last picture of a request is of; 0 without one."""
+    for message in reversed(messages):
+        for part in reversed(message["content"] if isinstance(message["content"], list) else []):
+            if part.get("type") == "image_url":
+                data = base64.b64decode(part["image_url"]["url"].partition(",")[2])
+                return int(data.removeprefix(_PNG).removeprefix(b"page ") or 0)
+    return 0
+
+
+async def _healthy(_: web.Request) -> web.Response:
+    return _json(Health("ok"))
+
+
+def _json(body: msgspec.Struct) -> web.Response:
+    return web.Response(body=msgspec.json.encode(body), content_type=JSON)
+
+
+def _refusal(error: WebGymError) -> web.HTTPException:
+    body = msgspec.json.encode(ErrorReply(ErrorBody(error.code, error.message, error.hint)))
+    return web.HTTPGone(text=body.decode(), content_type=JSON)
+
+
+@asynccontextmanager
+async def serving_app(app: web.Application, port: int = 0) -> AsyncIterator[int]:
+    """Serve an app on the loopback address for the block; calls in flight are cut off at its end.
+
+    Args:
+        app: what to serve.
+        port: 0 takes a free one.
+
+    Yields:
+        The port.
+    """
+    runner = web.AppRunner(app, shutdown_timeout=0.1, access_log=None, handler_cancellation=True)
+    await runner.setup()
+    try:
+        site = web.TCPSite(runner, "127.0.0.1", port, reuse_address=True, backlog=2048)
+        await site.start()
+        yield int(runner.addresses[0][1])
+    finally:
+        await runner.cleanup()

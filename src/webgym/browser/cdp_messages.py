@@ -1,0 +1,335 @@
+"""The parts of the DevTools protocol's messages that we read. Names and shapes are the protocol's."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class CdpMessage(msgspec.Struct, frozen=True, rename="camel"):
+    """Base: camelCase on the wire, unknown fields ignored."""
+
+
+class EmptyReply(CdpMessage, frozen=True):
+    """A reply that says only that it was done."""
+
+
+class Version(CdpMessage, frozen=True):
+    """``Browser.getVersion``."""
+
+    product: str
+
+
+class BrowserContext(CdpMessage, frozen=True):
+    """``Target.createBrowserContext``."""
+
+    browser_context_id: str
+
+
+class CreatedTarget(CdpMessage, frozen=True):
+    """``Target.createTarget``."""
+
+    target_id: str
+
+
+class Attached(CdpMessage, frozen=True):
+    """``Target.attachToTarget``."""
+
+    session_id: str
+
+
+class TargetCrashed(CdpMessage, frozen=True):
+    """``Target.targetCrashed``."""
+
+    target_id: str
+
+
+class TargetInfo(CdpMessage, frozen=True):
+    """A page, worker or frame that can be attached to."""
+
+    target_id: str
+    type: str
+    url: str = ""
+    browser_context_id: str = ""
+    opener_id: str = ""
+
+
+class AttachedToTarget(CdpMessage, frozen=True):
+    """``Target.attachedToTarget``."""
+
+    session_id: str
+    target_info: TargetInfo
+    waiting_for_debugger: bool = False
+
+
+class DetachedFromTarget(CdpMessage, frozen=True):
+    """``Target.detachedFromTarget``."""
+
+    session_id: str
+    target_id: str = ""
+
+
+class Frame(CdpMessage, frozen=True):
+    """A frame of the page."""
+
+    id: str
+    loader_id: str
+    url: str
+    parent_id: str | None = None
+    url_fragment: str = ""
+    unreachable_url: str = ""
+
+
+class FrameAttached(CdpMessage, frozen=True):
+    """``Page.frameAttached``."""
+
+    frame_id: str
+    parent_frame_id: str = ""
+
+
+class FrameNavigated(CdpMessage, frozen=True):
+    """``Page.frameNavigated``."""
+
+    frame: Frame
+
+
+class NavigatedWithinDocument(CdpMessage, frozen=True):
+    """``Page.navigatedWithinDocument``."""
+
+    frame_id: str
+    url: str
+
+
+class FrameEvent(CdpMessage, frozen=True):
+    """Events that only name a frame."""
+
+    frame_id: str
+
+
+class NavigationStarted(CdpMessage, frozen=True):
+    """``Page.frameStartedNavigating``."""
+
+    frame_id: str
+    loader_id: str
+
+
+class FileChooser(CdpMessage, frozen=True):
+    """``Page.fileChooserOpened``: an ``<input type=file>`` wants files."""
+
+    mode: str = "selectSingle"
+    backend_node_id: int = 0
+
+
+class ScheduledNavigation(CdpMessage, frozen=True):
+    """``Page.frameScheduledNavigation``; the delay in seconds."""
+
+    frame_id: str
+    url: str
+    delay: float
+
+
+class RequestedNavigation(CdpMessage, frozen=True):
+    """``Page.frameRequestedNavigation``."""
+
+    frame_id: str
+    url: str
+
+
+class WindowOpen(CdpMessage, frozen=True):
+    """``Page.windowOpen``."""
+
+    url: str
+
+
+class Navigated(CdpMessage, frozen=True):
+    """``Page.navigate``."""
+
+    frame_id: str
+    loader_id: str = ""
+    error_text: str = ""
+    is_download: bool = False
+
+
+class HistoryEntry(CdpMessage, frozen=True):
+    """One entry of the tab's history."""
+
+    id: int
+    url: str
+
+
+class History(CdpMessage, frozen=True):
+    """``Page.getNavigationHistory``."""
+
+    current_index: int
+    entries: tuple[HistoryEntry, ...]
+
+
+class DialogOpening(CdpMessage, frozen=True):
+    """``Page.javascriptDialogOpening``."""
+
+    type: str
+    message: str = ""
+    default_prompt: str = ""
+
+
+class DownloadWillBegin(CdpMessage, frozen=True):
+    """``Browser.downloadWillBegin``."""
+
+    frame_id: str
+    url: str
+    suggested_filename: str = ""
+
+
+class PostData(CdpMessage, frozen=True):
+    """A part of a request's body; base64 is decoded on the way in."""
+
+    data: bytes = msgspec.field(default=b"", name="bytes")
+
+
+class Request(CdpMessage, frozen=True):
+    """An HTTP request."""
+
+    url: str = ""
+    method: str = "GET"
+    headers: dict[str, str] = {}
+    post_data_entries: tuple[PostData, ...] = ()
+    initial_priority: str = ""
+
+
+class RequestWillBeSent(CdpMessage, frozen=True):
+    """``Network.requestWillBeSent``."""
+
+    request_id: str
+    loader_id: str = ""
+    frame_id: str = ""
+    type: str = ""
+    document_url: str = msgspec.field(default="", name="documentURL")
+    request: Request = Request()
+
+
+class PriorityChanged(CdpMessage, frozen=True):
+    """``Network.resourceChangedPriority``."""
+
+    request_id: str
+    new_priority: str
+
+
+class Response(CdpMessage, frozen=True):
+    """The head of an HTTP response."""
+
+    status: int
+    url: str = ""
+    headers: dict[str, str] = {}
+
+
+class ResponseReceived(CdpMessage, frozen=True):
+    """``Network.responseReceived``."""
+
+    request_id: str
+    loader_id: str
+    type: str
+    response: Response
+    frame_id: str = ""
+
+
+class SocketCreated(CdpMessage, frozen=True):
+    """``Network.webSocketCreated``."""
+
+    request_id: str
+    url: str
+
+
+class RequestDone(CdpMessage, frozen=True):
+    """``Network.loadingFinished``, and others that only name a request."""
+
+    request_id: str
+
+
+class RequestFailed(CdpMessage, frozen=True):
+    """``Network.loadingFailed``."""
+
+    request_id: str
+    type: str = ""
+    error_text: str = ""
+    canceled: bool = False
+
+
+class RequestPaused(CdpMessage, frozen=True):
+    """``Fetch.requestPaused``."""
+
+    request_id: str
+    request: Request
+    frame_id: str = ""
+
+
+class World(CdpMessage, frozen=True):
+    """``Page.createIsolatedWorld``."""
+
+    execution_context_id: int
+
+
+class RemoteObject(CdpMessage, frozen=True):
+    """A script's result, by value or as a handle."""
+
+    type: str = ""
+    value: msgspec.Raw = msgspec.Raw(b"null")
+    description: str = ""
+    object_id: str = ""
+
+
+class ExceptionDetails(CdpMessage, frozen=True):
+    """Why a script did not end well."""
+
+    text: str = ""
+    exception: RemoteObject | None = None
+
+
+class Evaluated(CdpMessage, frozen=True):
+    """``Runtime.evaluate``."""
+
+    result: RemoteObject
+    exception_details: ExceptionDetails | None = None
+
+
+class Property(CdpMessage, frozen=True):
+    """One property of an object that there is a handle for."""
+
+    name: str
+    value: RemoteObject | None = None
+
+
+class Properties(CdpMessage, frozen=True):
+    """``Runtime.getProperties``."""
+
+    result: tuple[Property, ...] = ()
+
+
+class ShadowRoot(CdpMessage, frozen=True):
+    """A shadow root of a described element."""
+
+    backend_node_id: int
+    shadow_root_type: str = ""
+
+
+class Node(CdpMessage, frozen=True):
+    """A described element; ``frame_id`` of the frame that it holds."""
+
+    frame_id: str = ""
+    shadow_roots: tuple[ShadowRoot, ...] = ()
+
+
+class Described(CdpMessage, frozen=True):
+    """``DOM.describeNode``."""
+
+    node: Node
+
+
+class Resolved(CdpMessage, frozen=True):
+    """``DOM.resolveNode``."""
+
+    object: RemoteObject
+
+
+class Screenshot(CdpMessage, frozen=True):
+    """``Page.captureScreenshot``; base64 is decoded on the way in."""
+
+    data: bytes

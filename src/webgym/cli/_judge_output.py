@@ -1,0 +1,87 @@
+"""A judging on a terminal: how far it is, what came out, what it cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from webgym.core.outcome import Outcome
+from webgym.core.verdict import Cost
+from webgym.llm.ledger import Ledger
+from webgym.llm.usage import Usage
+from webgym.rollout.live import COLORS
+from webgym.rollout.rejudge import Judging
+from webgym.tables import Table, grid
+
+
+@contextmanager
+def showing(console: Console) -> Iterator[Callable[[Judging], None]]:
+    """A bar with outcomes and cost while a judging goes on; nothing where there is no terminal."""
+    columns = (
+        TextColumn("judging"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.description}", markup=False),
+    )
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+        bar = bars.add_task("", total=None)
+
+        def show(state: Judging) -> None:
+            bars.update(bar, total=state.total, completed=state.done, description=cost_line(state.spent))
+
+        yield show
+
+
+def outcomes_line(state: Judging) -> Text:
+    """How many attempts have which outcome."""
+    line = Text()
+    for outcome in Outcome:
+        if count := state.outcomes[outcome]:
+            line.append(f"{count} ", style="bold")
+            line.append(f"{outcome}   ", style=COLORS[outcome])
+    return line
+
+
+def cost_line(cost: Cost) -> str:
+    """What was asked and what it came to."""
+    if not cost.calls:
+        return "no model was asked"
+    parts = [f"{cost.calls:,} replies"]
+    if cost.cached:
+        parts.append(f"{cost.cached:,} from the cache")
+    if cost.repeats:
+        parts.append(f"{cost.repeats:,} asked again")
+    parts.append(f"{cost.prompt_tokens:,} + {cost.completion_tokens:,} tokens")
+    parts.append(f"${cost.dollars:.4f}" if cost.dollars else "no price known")
+    return ", ".join(parts)
+
+
+def print_account(ledger: Ledger, console: Console) -> None:
+    """What every stage has cost so far, earlier judgings of this run included."""
+    columns = ("stage", "model", "paid", "cached", "prompt tokens", "reply tokens", "dollars")
+    rows = [
+        (
+            purpose,
+            model,
+            *map(str, (usage.calls, usage.hits, usage.prompt_tokens, usage.completion_tokens)),
+            "not known" if usage.unpriced else f"{usage.dollars:.4f}",
+        )
+        for (purpose, model), usage in sorted(ledger.rows.items())
+    ]
+    console.print("all that judges were asked about this run:", style="dim", highlight=False)
+    console.print(grid(Table("", columns, rows, names=2)))
+
+
+def spent_since(before: Usage, now: Usage) -> Cost:
+    """What was paid between two states of an account, verdict or none."""
+    return Cost(
+        calls=now.calls - before.calls,
+        prompt_tokens=now.prompt_tokens - before.prompt_tokens,
+        completion_tokens=now.completion_tokens - before.completion_tokens,
+        dollars=now.dollars - before.dollars,
+    )

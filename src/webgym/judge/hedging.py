@@ -1,0 +1,98 @@
+"""Hedged answers: does an answer name other candidates beside the right one? By rules, for the offline judge.
+
+A list that contains the right answer is a guess. The answer is split into pieces at full stops, commas, line
+ends, "or" and the like. A piece names another candidate if, apart from words that also occur in the task, in
+a right answer or in the pieces that contain it, it holds only a value written like the right one: a number
+of the same format, or words with the same capitalisation. Beside a price, "Rated 4.7" is a remark; "$13.50"
+and "It costs $13.50" are other candidates.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from webgym.core.text import fold
+from webgym.judge.units import MONTHS
+
+_SEPARATORS: Final = re.compile(
+    r"[;\n\r()\[\]{}|/•*!?\"“”„«»=→]|[.,:](?!\d)|(?<!\d)[.,:]|\s[-–—]+\s|^[-–—]"
+    r"|\b(?:or|and|vs|versus|also|maybe|perhaps|possibly)\b",
+    re.IGNORECASE | re.MULTILINE,
+)
+_TOKEN: Final = re.compile(r"\d+(?:[.,:]\d+)*|[^\W\d_]+")
+_PLACEHOLDER: Final = "\x00"
+"""Replaces every right answer in the text before it is split."""
+
+_ADJACENT_NUMBER: Final = re.compile(
+    rf"{_PLACEHOLDER}\W{{0,3}}(\d[\d.,:]*)|(\d[\d.,:]*)\W{{0,3}}{_PLACEHOLDER}"
+)
+_MOST_WORDS: Final = 5
+"""Most words of a candidate; a longer piece is a remark."""
+
+_FUNCTION_WORDS: Final = ("a", "an", "the", "of", "in", "on", "for", "with", "that", "was", "it")
+_STOP_WORDS: Final = frozenset(
+    "a an the it its is are was were be this that there here i my we our you your he she they of in on at to "
+    "for from by with as than then so if not no yes has have had will would can could may might all each "
+    "am pm other s answer answers final result results found find done note based page pages website site "
+    "according shown however thus therefore which what who when where how ok sure thanks thank hope "
+    "helps".split()
+)
+"""Words that are never part of a candidate."""
+
+
+def other_candidate(answer: str, required: Sequence[Sequence[str]], told: Iterable[str]) -> str:
+    """The first piece of an answer that names another candidate; empty if none does.
+
+    Args:
+        answer: the agent's answer.
+        required: for each value that a right answer must state, the accepted spellings.
+        told: texts whose words are not candidates: the task, and answers that are known to be right.
+    """
+    options = sorted({option for place in required for option in place}, key=len, reverse=True)
+    any_of = "|".join(map(re.escape, options))
+    right = re.compile(rf"(?<!\w)(?<!\d[.,:])(?:{any_of})(?!\w)(?![.,:]\d)", re.IGNORECASE)
+    pieces = [piece.strip() for piece in _SEPARATORS.split(right.sub(_PLACEHOLDER, answer)) if piece.strip()]
+    known = _STOP_WORDS.union(MONTHS, *map(_words, (*told, *options)))
+    shapes = {_shape(value) for option in options for value in _TOKEN.findall(option) if value[0].isdigit()}
+    names = [option for place in required if not re.search(r"\d", "".join(place)) for option in place]
+    folded = set(map(fold, names))
+    cases = {match[0][0].isupper() for match in right.finditer(answer) if fold(match[0]) in folded}
+    holders = set[str]().union(*(_words(piece) for piece in pieces if _PLACEHOLDER in piece))
+    for piece in pieces:
+        is_holder = _PLACEHOLDER in piece
+        excused = known if is_holder else known | holders
+        own = [token for token in _TOKEN.findall(piece) if fold(token) not in excused]
+        values = [token for token in own if token[0].isdigit()]
+        beside = [one or other for one, other in _ADJACENT_NUMBER.findall(piece)] if is_holder else []
+        is_value = all(token[0].isdigit() or token.isupper() for token in own)  # a number, or a code
+        claimed = values if is_value else [value for value in values if value in beside]
+        if any(_shape(value) in shapes for value in claimed):
+            return piece.replace(_PLACEHOLDER, "…")
+        if own and not values and not is_holder and _is_name(piece, own, names, cases, holders):
+            return piece
+    return ""
+
+
+def _is_name(
+    piece: str, own: Sequence[str], names: Sequence[str], cases: set[bool], holders: set[str]
+) -> bool:
+    """Whether the words that only this piece has may be a name: capitalised as the right one, or alone."""
+    found = {token[0].isupper() for token in own}
+    if (
+        len(own) > max(_MOST_WORDS, *(len(name.split()) for name in names), 0)
+        or own[0][0].isupper() not in cases
+    ):
+        return False
+    is_mixed = any(word[0].islower() and word not in _STOP_WORDS for name in names for word in name.split())
+    is_alone = _words(piece) <= {*map(fold, own), *holders, *_FUNCTION_WORDS}
+    return found == {True} or (is_alone and (len(found) == 1 or is_mixed))
+
+
+def _words(text: str) -> set[str]:
+    return {fold(token) for token in _TOKEN.findall(text)}
+
+
+def _shape(value: str) -> str:
+    return re.sub(r"\d+", "9", value)

@@ -1,0 +1,201 @@
+"""Asking a judge model a question, again if needed, until the reply contains a clear verdict."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from typing import Any, Final, TypeAlias, TypeVar
+
+import msgspec
+
+from webgym.core.errors import JudgeError, LLMError
+from webgym.core.verdict import Cost
+from webgym.judge.base import Pictures
+from webgym.judge.config import JudgeConfig, Stage
+from webgym.judge.images import data_url
+from webgym.judge.untrusted import code_of
+from webgym.judge.verdicts import Finding, NoVerdict, Words, may_be_echoed, read_per_image, read_verdict
+from webgym.llm.completion import Completes, Completion
+from webgym.llm.prices import Prices
+
+T = TypeVar("T")
+
+_MOST_REFUSED: Final = 4
+"""Most unusable replies in one conversation, as a multiple of ``tries``: the request grows with each."""
+
+
+class LabelledScreenshot(msgspec.Struct, frozen=True):
+    """A screenshot in a question: the label that the question calls it by, and the image's name."""
+
+    label: str
+    name: str
+
+
+Write: TypeAlias = Callable[[str], tuple[str, str]]
+"""Maps the request's signature code to the texts of the system message and the user message."""
+
+
+class Question(msgspec.Struct, frozen=True):
+    """One request to a judge model.
+
+    Attributes:
+        stage: decides which model is asked.
+        words: the words that state a verdict in the reply.
+        write: makes the texts from the request's signature code.
+        shots: the screenshots, in order.
+        untrusted: all text in the request that comes from the agent or a website; a verdict that merely
+            repeats it does not count.
+    """
+
+    stage: Stage
+    words: Words
+    write: Write
+    shots: tuple[LabelledScreenshot, ...]
+    untrusted: tuple[str, ...]
+
+
+class JudgeModelClient:
+    """Asks the judge's models questions about one episode and adds up the cost.
+
+    Args:
+        models: the model of each stage.
+        config: the judge's settings.
+        pictures: returns a screenshot of the episode by its name.
+        prices: dollars per token, for the models whose price is known.
+
+    Attributes:
+        cost: of all calls so far.
+    """
+
+    def __init__(
+        self, models: Mapping[Stage, Completes], config: JudgeConfig, pictures: Pictures, prices: Prices
+    ) -> None:
+        self._models = models
+        self._config = config
+        self._pictures = pictures
+        self._prices = prices
+        self._slots = asyncio.Semaphore(config.concurrency)
+        self._urls: dict[str, str] = {}
+        self.cost = Cost()
+
+    async def ask(self, question: Question) -> Finding:
+        """The model's finding.
+
+        Raises:
+            JudgeError: the model cannot be asked, or none of its replies had a clear verdict.
+        """
+        code, bare = self._signature(question)
+
+        def read(reply: Completion) -> Finding | NoVerdict:
+            said = reply.finish_reason
+            return read_verdict(reply.text, question.words, code, bare=bare, finish_reason=said)
+
+        return await self._until_clear(question, code, read)
+
+    async def ask_per_image(self, question: Question) -> tuple[bool, ...]:
+        """One finding for each of the question's screenshots.
+
+        Raises:
+            JudgeError: as for :meth:`ask`.
+        """
+        code, bare = self._signature(question)
+        count = len(question.shots)
+
+        def read(reply: Completion) -> tuple[bool, ...] | NoVerdict:
+            return read_per_image(reply.text, count, code, bare=bare, finish_reason=reply.finish_reason)
+
+        return await self._until_clear(question, code, read)
+
+    def _signature(self, question: Question) -> tuple[str, bool]:
+        """The request's code, and whether a verdict without it counts."""
+        content = [question.stage, *question.write("")]
+        code = code_of(*content, *(shot.name for shot in question.shots), *question.untrusted)
+        bare = not self._config.signed_verdicts and not may_be_echoed(question.untrusted, question.words)
+        return code, bare
+
+    async def _until_clear(
+        self, question: Question, code: str, read: Callable[[Completion], T | NoVerdict]
+    ) -> T:
+        system, text = question.write(code)
+        async with self._slots:
+            content = [{"type": "text", "text": text}, *await self._images(question.shots)]
+            messages: list[dict[str, Any]] = [
+                {"role": "system", "content": system},
+                {"role": "user", "content": content if question.shots else text},
+            ]
+            why, refused, fresh = "", 0, 0
+            # An unusable reply that comes from the cache does not count as a try: otherwise an attempt that
+            # once got no verdict could never get one.
+            while fresh < self._config.tries and refused < _MOST_REFUSED * self._config.tries:
+                reply = await self._reply(question.stage, messages, is_repeat=refused > 0)
+                found = read(reply)
+                if not isinstance(found, NoVerdict):
+                    return found
+                why, refused, fresh = found.why, refused + 1, fresh + (not reply.cached)
+                messages = [*messages, *_again(reply.text, why, self._config.texts.reason_chars)]
+        raise JudgeError(
+            f"no clear verdict in {refused} replies at the {question.stage} stage: {why}",
+            hint="look at the judge model's replies; a larger model or more max_tokens may help",
+        )
+
+    async def _reply(self, stage: Stage, messages: list[dict[str, Any]], *, is_repeat: bool) -> Completion:
+        try:
+            reply = await self._models[stage].complete(messages, self._config.stage(stage).sampling)
+        except LLMError as error:
+            raise JudgeError(f"the {stage} stage: {error.message}", hint=error.hint) from error
+        self.cost += self._cost(stage, reply, is_repeat)
+        return reply
+
+    def _cost(self, stage: Stage, reply: Completion, is_repeat: bool) -> Cost:
+        if reply.cached:
+            return Cost(calls=1, cached=1, repeats=int(is_repeat))
+        price = self._prices.of(self._config.chat_of(stage).model)
+        tokens = reply.prompt_tokens, reply.completion_tokens
+        dollars = price.dollars(*tokens, cached_tokens=reply.prompt_tokens_cached) if price else 0.0
+        return Cost(1, 0, int(is_repeat), *tokens, dollars)
+
+    async def _images(self, shots: Sequence[LabelledScreenshot]) -> list[dict[str, Any]]:
+        content: list[dict[str, Any]] = []
+        for shot in shots:
+            if (url := self._urls.get(shot.name)) is None:
+                data = await self._pictures(shot.name)
+                url = await asyncio.to_thread(data_url, shot.name, data, self._config.images)
+                self._urls[shot.name] = url
+            content.append({"type": "text", "text": f"{shot.label}:"})
+            content.append({"type": "image_url", "image_url": {"url": url}})
+        return content
+
+
+async def gather(questions: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
+    """Ask all questions concurrently; results in their order. The first error cancels the rest.
+
+    Raises:
+        JudgeError: the first error, not wrapped in an exception group.
+    """
+    try:
+        async with asyncio.TaskGroup() as group:
+            tasks = [group.create_task(question) for question in questions]
+    except ExceptionGroup as errors:
+        raise errors.exceptions[0] from errors
+    return [task.result() for task in tasks]
+
+
+async def result_or_error(question: Coroutine[Any, Any, T]) -> T | JudgeError:
+    """A question's result, or its error as a value: for questions whose result may turn out not to matter."""
+    try:
+        return await question
+    except JudgeError as error:
+        return error
+
+
+def _again(reply: str, why: str, limit: int) -> list[dict[str, Any]]:
+    """Two messages: the end of the unusable reply, and a request to correct what was wrong with it."""
+    said = reply[-limit:] or "(an empty reply)"
+    return [
+        {"role": "assistant", "content": said},
+        {
+            "role": "user",
+            "content": f"That reply cannot be used: {why}. Answer the question again, briefly, and end with "
+            "the verdict exactly as it was asked for.",
+        },
+    ]

@@ -1,0 +1,68 @@
+"""Which problems delay a job's requests to model endpoints, collected from every client it opens."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from contextvars import ContextVar
+from typing import Final, Protocol
+
+from webgym.core.background import beside
+
+_POLL_SECONDS: Final = 0.5
+_REPEAT_SECONDS: Final = 30.0
+"""Between two reports of a problem that persists."""
+
+
+class Client(Protocol):
+    """A client of an endpoint."""
+
+    @property
+    def problem(self) -> str:
+        """What delays its requests at this moment; empty if nothing does."""
+        ...
+
+
+_clients: ContextVar[set[Client] | None] = ContextVar("clients", default=None)
+
+
+@contextmanager
+def watch_clients() -> Iterator[Callable[[], str]]:
+    """Collect the problems of every client that is opened in the block, also by tasks that it starts.
+
+    Yields:
+        A function that returns what delays their requests at this moment; an empty string if nothing does.
+    """
+    clients = set[Client]()
+    token = _clients.set(clients)
+    try:
+        yield lambda: "; ".join(dict.fromkeys(told for client in clients if (told := client.problem)))
+    finally:
+        _clients.reset(token)
+
+
+def register_client(client: Client) -> None:
+    """Make an open client known to the enclosing :func:`watch_clients`, if there is one."""
+    if (clients := _clients.get()) is not None:
+        clients.add(client)
+
+
+@asynccontextmanager
+async def report_problems(problem: Callable[[], str], tell: Callable[[str], None]) -> AsyncIterator[None]:
+    """Report problems while the block lasts: when one begins, and every 30 seconds while it persists.
+
+    Args:
+        problem: what :func:`watch_clients` yields.
+        tell: is called with each line.
+    """
+
+    async def look() -> None:
+        while True:
+            await asyncio.sleep(_POLL_SECONDS)
+            if told := problem():
+                tell(told)
+                await asyncio.sleep(_REPEAT_SECONDS)
+
+    async with beside(look()):
+        yield

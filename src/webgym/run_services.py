@@ -1,0 +1,177 @@
+"""The services that runs use: browsers and the offline web, started here or reached elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Sequence
+from contextlib import (
+    AsyncExitStack,
+    asynccontextmanager,
+)
+from typing import Any
+
+from pydantic import SecretStr
+
+from webgym.core.calls import CallQueue
+from webgym.core.errors import ConfigError, Unauthorized
+from webgym.core.task import Task
+from webgym.offline import OfflineWeb
+from webgym.offline.app import serving
+from webgym.offline.client import SitesClient
+from webgym.rollout.driver import Browsers, SiteState
+from webgym.run_config import RunConfig, Secrets, ServerChoice, Tell, say
+from webgym.server import BrowserClient, Cookie, ServerConfig, running_server
+from webgym.server.config import Admission
+from webgym.static_browsers import StaticBrowsers
+
+
+@asynccontextmanager
+async def places(
+    config: RunConfig,
+    secrets: Secrets,
+    tasks: Sequence[Task],
+    tell: Tell | None,
+    calls: dict[str, CallQueue],
+) -> AsyncIterator[tuple[SiteState | None, Browsers]]:
+    """Websites and browsers, or what stands in for both, open until the block ends.
+
+    Args:
+        config: of the run.
+        secrets: tokens of servers that run elsewhere.
+        tasks: that are to be attempted, ``config.samples`` times each.
+        tell: is told, a line at a time, what a person should know.
+        calls: the queues in which a client waits, by kind of call.
+
+    Raises:
+        WebGymError: they cannot be started or reached, or do not serve these tasks.
+    """
+    if config.server.static:
+        if config.sites.collection != "small" or config.tasks.file is not None:
+            raise ConfigError(
+                "only attempts at the small websites can be made without browsers",
+                hint="set sites.collection to small, or server.static to false",
+            )
+        web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family, collection="small")
+        async with StaticBrowsers(web, config.server.pictures) as browsers:
+            yield browsers, browsers
+        return
+    async with (
+        _sites(config, secrets, tasks) as (site_state, allowed),
+        _browsers(config, secrets, allowed, tell, len(tasks) * config.samples, calls) as client,
+    ):
+        yield site_state, client
+
+
+@asynccontextmanager
+async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[ServerChoice, Secrets]]:
+    """Browsers, and the offline web if the tasks are its, started once for many runs.
+
+    Yields:
+        What :func:`collect` needs to use them: ``config.server`` and its secrets. Services that run elsewhere
+        already are passed on as they are.
+    """
+    if config.server.url is not None or config.server.static:
+        yield config.server, secrets
+        return
+    async with AsyncExitStack() as stack:
+        choice, allowed = config.server, tuple[str, ...]()
+        if config.tasks.file is None and choice.sites_url is None:
+            sites = await stack.enter_async_context(serving(config.sites))
+            choice = choice.model_copy(update={"sites_url": sites.url})
+            secrets = secrets.model_copy(update={"sites_token": SecretStr(sites.token)})
+            allowed = tuple(sites.allowed_hosts)
+        serve = ServerConfig(
+            slots=config.collector.sessions,
+            browser=config.browser.allowing(*allowed),
+            admission=Admission(queues=config.server.queues),
+        )
+        server = await stack.enter_async_context(running_server(serve))
+        choice = choice.model_copy(update={"url": server.url})
+        token = server.token if isinstance(server.token, SecretStr) else SecretStr(server.token)
+        yield choice, secrets.model_copy(update={"server_token": token})
+
+
+class _ServedState:
+    """The offline web as a collector knows it."""
+
+    def __init__(self, sites: SitesClient) -> None:
+        self._sites = sites
+
+    def cookies(self, visitor: str) -> tuple[Cookie, ...]:
+        name, value, domain = self._sites.visitor_cookie(visitor)
+        return (Cookie(name, value, domain),)
+
+    async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
+        return await self._sites.state(visitor, host)
+
+
+@asynccontextmanager
+async def _sites(
+    config: RunConfig, secrets: Secrets, tasks: Sequence[Task]
+) -> AsyncIterator[tuple[SiteState | None, tuple[str, ...]]]:
+    """The offline web, here or elsewhere, and the rules that lead browsers to it."""
+    if not any(task.truth for task in tasks):
+        yield None, ()
+    elif config.server.sites_url is not None:
+        if secrets.sites_token is None:
+            raise ConfigError(
+                "the offline web's token is missing",
+                hint="set WEBGYM_SITES_TOKEN to what it was started with",
+            )
+        token = secrets.sites_token.get_secret_value()
+        async with SitesClient(config.server.sites_url, token) as client:
+            await client.websites()  # fails now, in one line, rather than once per attempt
+            yield _ServedState(client), ()
+    elif config.server.url is not None:
+        raise ConfigError(
+            "these tasks are the offline web's, and the browser server is elsewhere",
+            hint="start webgym sites serve where its browsers run, and give its address",
+        )
+    else:
+        async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
+            _check_served(tasks, set(sites.web.specs))
+            yield _ServedState(client), tuple(sites.allowed_hosts)
+
+
+def _check_served(tasks: Sequence[Task], hosts: set[str]) -> None:
+    """Refuse tasks whose websites are not served: every attempt would be the environment's failure."""
+    for task in tasks:
+        if task.truth is not None and (missing := sorted(task.truth.hosts - hosts)):
+            raise ConfigError(
+                f"the task {task.id} is on {missing[0]}, which is not served",
+                hint="sites.collection, seed and per_family must be what the tasks were made with",
+            )
+
+
+@asynccontextmanager
+async def _browsers(
+    config: RunConfig,
+    secrets: Secrets,
+    allowed: tuple[str, ...],
+    tell: Tell | None,
+    attempts: int,
+    calls: dict[str, CallQueue],
+) -> AsyncIterator[BrowserClient]:
+    """A client of a browser server, which is started here unless there is one, and no larger than needed."""
+    if config.server.url is not None:
+        token = secrets.server_token
+        if token is None:
+            raise Unauthorized(
+                "the browser server's token is missing", hint="set WEBGYM_TOKEN to what it was started with"
+            )
+        async with BrowserClient(
+            config.server.url, token=token.get_secret_value(), limits=config.limits, calls=calls
+        ) as client:
+            await client.info()  # fails now, in one line, rather than once per attempt
+            yield client
+        return
+    browser = config.browser.allowing(*allowed)
+    slots = max(1, min(config.collector.sessions, attempts))
+    admission = Admission(queues=config.server.queues)
+    async with (
+        running_server(ServerConfig(slots=slots, browser=browser, admission=admission)) as server,
+        BrowserClient(server.url, token=server.token, limits=config.limits, calls=calls) as client,
+    ):
+        info = await client.info()
+        if not info.sandboxed:
+            say(tell, "browsers run without a sandbox here: open only pages that you trust")
+        yield client

@@ -1,0 +1,96 @@
+"""The tasks of a run: read, selected and drawn as its settings say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from webgym.core.errors import ConfigError
+from webgym.core.task import Task
+from webgym.offline import OfflineWeb
+from webgym.offline.website import Split
+from webgym.rollout.blocklist import Blocklist
+from webgym.run_config import RunConfig
+from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
+from webgym.tasks.brands import brand_or_text
+from webgym.tasks.files import unfit
+from webgym.tasks.sampling import Sampler, SamplerConfig
+from webgym.tasks.selection import Selected, select
+
+
+class Chosen(NamedTuple):
+    """The tasks of a run.
+
+    Attributes:
+        tasks: in the order of their attempts.
+        broken, set_aside: records of the file that were skipped, and tasks without a fact to judge.
+        selected: what the tasks were drawn from.
+    """
+
+    tasks: list[Task]
+    broken: list[BrokenRecord]
+    set_aside: list[BrokenRecord]
+    selected: Selected
+
+
+def choose_tasks(config: RunConfig) -> Chosen:
+    """The tasks of a run.
+
+    Raises:
+        TaskFileError: the file cannot be read or holds no task.
+        ConfigError: no task is left, or there is no such domain.
+    """
+    choice = config.tasks
+    one = choice.split if choice.split in ("train", "test") else None
+    found = _read(config, one)
+    selected = select(found.tasks, choice, Blocklist(config.blocklist).blocked())
+    if not selected.tasks:
+        raise ConfigError(
+            f"there is no task to attempt for the split {choice.split!r}: {selected.told()}",
+            hint="choose another split or more domains",
+        )
+    return Chosen(_drawn(selected.tasks, config), found.broken, found.set_aside, selected)
+
+
+def all_tasks(config: RunConfig) -> list[Task]:
+    """The whole task set that a run's tasks are chosen from, every split of it.
+
+    Raises:
+        TaskFileError: the file cannot be read or holds no task.
+    """
+    return _read(config, None).tasks
+
+
+def _read(config: RunConfig, split: Split | None) -> TaskFile:
+    """A file is read whole; of the offline web only the split that is asked for is made."""
+    if config.tasks.file is not None:
+        return read_tasks(config.tasks.file)
+    sites = config.sites
+    web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
+    return TaskFile(list(web.tasks(split)), [])
+
+
+def given_tasks(tasks: Sequence[Task], config: RunConfig) -> Chosen:
+    """Tasks that somebody else has drawn.
+
+    Raises:
+        ConfigError: some are not what the config lets through: of another split, or without anything to
+        judge.
+    """
+    selected = select(tasks, config.tasks)
+    if len(selected.tasks) != len(tasks):
+        raise ConfigError(f"of {len(tasks)} given tasks some cannot be attempted: {selected.told()}")
+    for task in tasks:
+        if why := unfit(task):
+            raise ConfigError(f"the task {task.id[:80]} cannot be attempted: {why}")
+    return Chosen(list(tasks), [], [], selected)
+
+
+def _drawn(tasks: list[Task], config: RunConfig) -> list[Task]:
+    choice, count = config.tasks, config.tasks.drawn(len(tasks))
+    if choice.ratio is not None and count is not None:
+        selected_already = SamplerConfig(split="all", ratio=choice.ratio, seed=config.seed)
+        return Sampler(tasks, selected_already).draw(count)
+    if choice.spread:
+        return draw_spread(tasks, count, config.seed, key=lambda task: brand_or_text(task.website))
+    return draw(tasks, count, config.seed)

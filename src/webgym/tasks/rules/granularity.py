@@ -1,0 +1,281 @@
+"""Rules about how a rubric cuts its task into facts.
+
+Alternatives, instructions and computations are one fact each, and what is done on the way is none.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Final
+
+from webgym.tasks.rules.reading import STOP_WORDS, stem
+from webgym.tasks.rules.rule import Case, Fact, at
+
+# --- alternatives -----------------------------------------------------------------------------------------
+
+BOUND: Final = frozenset(
+    """
+    more less higher lower above below over under fewer greater better worse later earlier older newer longer
+    shorter larger bigger smaller cheaper faster equal so not at up after before beyond within further wider
+    thinner lighter heavier closer nearer no exactly
+    """.split()
+)
+"""After *or* these only widen a bound ("4 or more", "at or below"); nobody has to choose."""
+
+_SENTENCE: Final = re.compile(r"[^.!?;\n]+[.!?;]?")
+_NEEDS_BOTH: Final = re.compile(
+    r"\b(?:compar\w*|differ\w*|versus|vs|between|better|cheaper|both|each|whether|altogether"
+    r"|how (?:many|much)|in (?:total|all)|(?:more|less|fewer|\w{2,}er) than)\b"
+    r"|(?:^|[,:(]|\b(?:and|out|me|determine|say|see|check|decide|know|identify|tell|report|state|find|of)) ?"
+    r"(?:which|who|what)\b"
+    r"|^ ?(?:is|are|do|does|did|was|were|has|have|can|could|will|would|should)\b",
+    re.IGNORECASE,
+)
+"""In a sentence with one of these both sides of an *or* have to be looked at: "which is cheaper, A or B"."""
+
+
+def split_alternatives(case: Case) -> Iterator[str]:
+    """Alternatives are one fact with OR, not a fact each, which would ask for all of them."""
+    if " or " not in case.task.folded:
+        return
+    for words in _alternatives(case):
+        naming = [(fact, words & fact.text.stems) for fact in case.facts]
+        if any(len(named) > 1 for _, named in naming):
+            continue
+        apart = [(fact, named) for fact, named in naming if named]
+        first = apart[0] if apart else None
+        other = next((each for each, named in apart if first and named != first[1]), None)
+        if first and other:
+            yield at(
+                other,
+                f"and fact {first[0].number} of group {first[0].group} are alternatives; write one with OR",
+            )
+
+
+def _alternatives(case: Case) -> Iterator[frozenset[str]]:
+    """Of every *or* in the task between things to choose from, a telling word of each."""
+    for sentence in _SENTENCE.findall(case.task.unquoted):
+        if _NEEDS_BOTH.search(sentence):
+            continue
+        for found in re.finditer(r",? or (?:either )?", sentence):
+            after = _telling(sentence[found.end() :])[:_LONGEST_ITEM]
+            items = [_telling(item)[-_LONGEST_ITEM:] for item in _items_before(sentence[: found.start()])]
+            if after and items[0] and after[0] not in _BOUND_STEMS:
+                yield frozenset(
+                    (
+                        *(word for item in items for word in _other_than(after, item)[-1:]),
+                        *_other_than(items[0], after)[:1],
+                    )
+                )
+
+
+def _other_than(others: list[str], words: list[str]) -> list[str]:
+    return [word for word in words if word not in others]
+
+
+_BOUND_STEMS: Final = frozenset(map(stem, BOUND))
+_LONGEST_ITEM: Final = 4
+"""Words: what is longer is the sentence, not an item of the list before *or*."""
+
+
+_ENDS_IN_NAME: Final = re.compile(r" [A-Z][\w'’-]*$")
+"""The first name of a list of names ends the sentence before it: "a laptop by Dell, HP or Lenovo"."""
+
+
+def _items_before(text: str) -> Iterator[str]:
+    """The item that a text ends in, and those of the list before it."""
+    *others, last = text.split(",")
+    yield last
+    for item in reversed(others):
+        is_long = len(item.split()) > _LONGEST_ITEM
+        if is_long and not _ENDS_IN_NAME.search(item):
+            break
+        yield item
+        if is_long:
+            break
+
+
+def _telling(text: str) -> list[str]:
+    """The stems of the words that say which thing is meant, in order."""
+    words = re.findall(r"[^\W_]+(?:'[^\W_]+)?", text.casefold())
+    return [stem(word) for word in words if word not in STOP_WORDS or word in BOUND]
+
+
+# --- instructions and purchases ---------------------------------------------------------------------------
+
+_HOW_TO: Final = re.compile(
+    r"\bhow (?:do|does|can|could|should|would|to|might)\b|\b(?:instructions?|directions?|a guide|a tutorial"
+    r"|steps?) (?:on|for|to|about|of)\b|\bexplain how\b|\bprocess (?:of|for|to)\b",
+    re.I,
+)
+_MOVE: Final = re.compile(
+    r"^(?:then |next |first |finally |the (?:user|agent) )?(?:clicks?|opens?|goes|go|visits?|navigates?"
+    r"|enters?|types?|fills?|selects?|chooses?|picks?|press(?:es)?|holds?|proceeds?|continues?|submits?|signs?|logs?|pays?"
+    r"|waits?|unplugs?|plugs?|removes?|turns?|adds?|drops?|prints?|downloads?|uploads?|confirms?|taps?|scrolls?)"
+    r"\b(?! of\b)"
+    r"|\b(?:is|are|was|were|has been|have been) (?:clicked|opened|entered|typed|filled(?: (?:in|out))?"
+    r"|selected|chosen|pressed|submitted|confirmed|tapped)\b",
+    re.I,
+)
+"""How a fact begins, or ends, that tells what to do."""
+
+_PURCHASE: Final = re.compile(
+    r"\b(?:buy|buying|purchas\w*|(?<!in )(?<!by )order(?:ing)? (?!by\b|of\b)"
+    r"|book(?:ing)? (?:an?|the|\d+|me)\b|reserv\w*|check ?out|cart|basket|rent(?:ing)?"
+    r"|subscrib\w*|sign(?:ing)? up|register\w*)\b",
+    re.I,
+)
+_STAGES: Final[tuple[frozenset[str], ...]] = tuple(
+    frozenset(stem(word) for word in words.split())
+    for words in (
+        "cart basket",
+        "checkout",
+        "payment pay paid card credit billing",
+        "shipping delivery address contact personal passenger traveller traveler",
+        "account login log signed logged register registered registration",
+        "confirm confirmed confirmation submit submitted placed finalised finalized",
+        "click clicked button page opened selected quantity chosen entered filled",
+    )
+)
+"""What one passes through on the way to a purchase, by the words that name it."""
+
+
+def steps_of_instructions(case: Case) -> Iterator[str]:
+    """A "how to" question asks for instructions: one fact, never one per step."""
+    if not _HOW_TO.search(case.asked.instruction) or len(case.facts) < 2:
+        return
+    for group in case.draft.fact_groups:
+        facts = [fact for fact in case.facts if fact.group == group.id]
+        steps = [fact for fact in facts if _novelty(fact, case) >= 0.6 or _is_move(fact, case)]
+        if len(steps) >= 2:
+            yield f"group {group.id} has a fact for each step; that the instructions are found is one fact"
+
+
+def _is_move(fact: Fact, case: Case) -> bool:
+    """Whether a fact tells something to do that the task itself does not tell to do."""
+    found = _MOVE.search(fact.text.raw.strip())
+    return found is not None and stem(found.group().casefold().split()[-1]) not in case.task.stems
+
+
+def _novelty(fact: Fact, case: Case) -> float:
+    """The share of a fact's telling words that the task does not have."""
+    content = fact.text.content - _REPORTING
+    return len(content - case.task.stems) / len(content) if len(content) >= 2 else 0.0
+
+
+_REPORTING: Final = frozenset(
+    stem(word)
+    for word in "instructions instruction directions steps step guide explained described answer".split()
+)
+
+
+def steps_of_purchase(case: Case) -> Iterator[str]:
+    """A purchase is what is bought and that it is: not the cart, the checkout and the payment on the way."""
+    if len(case.facts) < 2 or not _PURCHASE.search(case.asked.instruction):
+        return
+    known = case.task.stems
+    passed: list[tuple[Fact, int]] = []
+    for fact in case.facts:
+        stages = (
+            place for place, words in enumerate(_STAGES) if words & fact.text.stems and not words & known
+        )
+        stage = next(stages, None)
+        if stage is not None:
+            passed.append((fact, stage))
+    if len({stage for _, stage in passed}) >= 2:
+        yield at(passed[0][0], "is a step on the way, as others are; write what is bought, and that it is")
+
+
+# --- computations -----------------------------------------------------------------------------------------
+
+_INTERVAL: Final = (
+    r"how old|how long ago|how many (?:years|months|days|hours) (?:ago|before|after|between|passed|apart"
+    r"|earlier|later|until|since)"
+)
+_COMPUTATION: Final = re.compile(
+    r"\b(?:differen(?:ce|t)|sums?|totals?|averages?|mean|ratio|percent(?:age)?|convert\w*|comput\w+"
+    r"|calculat\w+|combined|how (?:much|many) (?:more|less|fewer|longer|older|higher)|how many times"
+    rf"|altogether|add(?:ed)? up|{_INTERVAL})\b",
+    re.I,
+)
+_ONE_RESULT: Final = re.compile(
+    r"\b(?:calculat(?:e|es|ed|ing)|compute[sd]?|(?-i:computing)|convert(?:ed|ing)?|work out|add(?:ed|ing)? up"
+    r"|altogether|in total|combined|how many times|difference (?:in|of|between)|by how (?:much|many)"
+    rf"|{_INTERVAL}|(?:sum|ratio|percentage) of|(?:total|average|mean) of (?:the|all|both|these|those)"
+    r"|how (?:much|many)(?: \w+)? (?:more|less|fewer|\w{2,}er)(?= \w))\b",
+    re.I,
+)
+"""A task that asks for something to be worked out of several numbers."""
+_ARITHMETIC: Final = re.compile(
+    r"\b(?:subtract\w*|divid(?:e|es|ed|ing)|multipl(?:y|ies|ied|ying)|add(?:s|ed|ing)? (?:up|together)"
+    r"|summ(?:ed|ing))\b",
+    re.I,
+)
+_WORKED_OUT: Final = re.compile(r"\b(?:comput|calculat|work(?:s|ed|ing)? out)", re.I)
+_RESULT: Final = re.compile(
+    r"\b(?:difference|sum|total|average|mean|ratio|percentage|share|result|how (?:much|many)|combined"
+    r"|calculated|computed|converted)\b",
+    re.I,
+)
+_EACH: Final = re.compile(
+    r"\b(?:each|every|respective\w*|individual\w*|as well as|along with|also"
+    r"|and (?:(?:the|their|its) (?:\w+ )?(?:differ\w*|sum|total|average|mean|ratio|percentage|share|result)"
+    r"|how|then|calculate|compute|report|give|tell|by))\b",
+    re.I,
+)
+"""A task with one of these asks for the numbers beside the result."""
+_LOOKED_UP: Final = re.compile(
+    r"\b(?:is|are|was|were) (?:\w+ly )?(?:found|identified|given|reported|retrieved|obtained|determined"
+    r"|looked up|noted|known|collected|located|stated|recorded|extracted)\b"
+    r"|^(?:find|identify|get|retrieve|obtain|determine|look up|note|collect|locate|record|extract)s?\b"
+    r"|^(?:the|its|their) (?!.*\b(?:is|are|was|were|has|have|must|can|costs?|comes?|goes|lies)\b)",
+    re.I,
+)
+"""A fact of which a value is known in the end; also one without a verb ("the price of the tent")."""
+
+
+def steps_of_computation(case: Case) -> Iterator[str]:
+    """A computation is one fact, never its steps."""
+    if len(case.facts) < 2 or not _COMPUTATION.search(case.task.unquoted):
+        return
+    by_hand = _WORKED_OUT.search(case.task.unquoted) is not None
+    for fact in case.facts:
+        text = fact.text.unquoted
+        act = _ARITHMETIC.search(text)
+        if act is None and not by_hand and not _RESULT.search(text):
+            act = _WORKED_OUT.search(text)
+        if act is not None and stem(act.group().casefold().split()[0]) not in case.task.stems:
+            yield at(fact, f'is a step of a computation ("{act.group()}"); the result is one fact')
+
+
+def operands(case: Case) -> Iterator[str]:
+    """The numbers that a computation starts from are facts only where the task asks for them too."""
+    asked = case.task.unquoted
+    if len(case.facts) < 2 or not _ONE_RESULT.search(asked) or _EACH.search(asked):
+        return
+    for group in case.draft.fact_groups:
+        facts = [fact for fact in case.facts if fact.group == group.id]
+        results = [fact for fact in facts if _RESULT.search(fact.text.raw)]
+        values = [fact for fact in facts if fact not in results and _LOOKED_UP.search(fact.text.unquoted)]
+        alike = any(
+            all(_where_they_differ(one.text.words, two.text.words)) for one, two in combinations(values, 2)
+        )
+        unasked = [fact for fact in values if not fact.text.content <= case.task.stems]
+        if alike or (results and unasked):
+            yield at((unasked or values)[0], "is where a computation starts; its result alone is asked for")
+
+
+def _where_they_differ(one: tuple[str, ...], other: tuple[str, ...]) -> tuple[str, str]:
+    """The words in the middle that two facts do not share; empty where they differ in more than a few."""
+    start = 0
+    while start < min(len(one), len(other)) and one[start] == other[start]:
+        start += 1
+    end = 0
+    while end < min(len(one), len(other)) - start and one[-1 - end] == other[-1 - end]:
+        end += 1
+    first, second = one[start : len(one) - end], other[start : len(other) - end]
+    if not first or not second or max(len(first), len(second)) > 5 or start + end == 0:
+        return "", ""
+    return " ".join(first), " ".join(second)

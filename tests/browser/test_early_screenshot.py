@@ -1,0 +1,112 @@
+"""The picture that is taken during the wait for a quiet page is the one that the page gives after it."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+
+from webgym.browser.early_screenshot import EarlyScreenshot
+from webgym.core.action import LeftClick, Mode, Scroll, Target
+
+from .conftest import Open, Site, Tab
+
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+
+HERE = Target(coordinate=(50, 50))
+AWAY = Target(coordinate=(900, 900))
+PLACED = "<style>#b { position: absolute; left: 0; top: 0; width: 200px; height: 80px }</style>"
+LONG = "".join(f"<p><a href=#{n}>Line {n}</a> and <button>button {n}</button></p>" for n in range(60))
+
+
+@pytest.fixture
+def ended(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
+    """Of each step that might have an early picture, whether it was used."""
+    found: list[bool] = []
+    end = EarlyScreenshot.end
+
+    async def noted(self: EarlyScreenshot, settled: str) -> None:
+        await end(self, settled)
+        found.append(self.result is not None)
+
+    monkeypatch.setattr(EarlyScreenshot, "end", noted)
+    return found
+
+
+async def rested(tab: Tab) -> str:
+    """The name of the picture that a page gives which is left alone for a while."""
+    await tab.slot.page.rest(0.25)
+    return hashlib.sha256(await tab.slot.screenshot()).hexdigest()
+
+
+@pytest.mark.parametrize("mode", ["coordinates", "marks"])
+async def test_what_is_quiet_at_once_is_pictured_during_the_wait(
+    site: Site, open_tab: Open, ended: list[bool], mode: Mode
+) -> None:
+    tab = await open_tab(mode=mode)
+    await tab.goto(site.page(LONG))
+    ended.clear()
+    for action in (LeftClick(AWAY), Scroll("down"), LeftClick(AWAY), Scroll("up")):
+        early = await tab.step(action)
+        late = await tab.step()
+        assert early.image == late.image
+        assert early.observation.elements == late.observation.elements
+        assert early.observation.scroll == late.observation.scroll
+    assert sum(ended) >= 3  # a machine that is starved may be late once
+
+
+LATE = {
+    "a message after messages": "<input id=b type=checkbox><script>"
+    "const { port1, port2 } = new MessageChannel(); let end = 0;"
+    "port2.onmessage = () => performance.now() < end ? port1.postMessage(0) : b.checked = true;"
+    "b.onclick = () => { end = performance.now() + 60; port1.postMessage(0); return false }</script>",
+    "a change at once": "<button id=b onclick=\"this.textContent = 'Done'\">Do</button>",
+    "a timer": "<canvas id=b></canvas><script>b.onclick = () => setTimeout(() =>"
+    "b.getContext('2d').fillRect(0, 0, 90, 90), 50)</script>",
+    "frames": "<canvas id=b></canvas><script>let left = 9; const draw = () => { if (left--)"
+    "{ b.getContext('2d').fillRect(0, 0, 10, 90 - 9 * left); requestAnimationFrame(draw) } };"
+    "b.onclick = draw</script>",
+    "a transition": "<style>#b { transition: width .3s } #b:hover { width: 600px }</style>"
+    "<button id=b>Do</button>",
+    "a picture": "<button id=b>Do</button><script>const c = document.createElement('canvas');"
+    "c.width = c.height = 2000; const pen = c.getContext('2d'); for (let n = 0; n < 2000; n++)"
+    "{ pen.fillStyle = `hsl(${n} 80% 50%)`; pen.fillRect(n, n * 7 % 2000, 40, 300) }"
+    "const url = c.toDataURL(); b.onclick = () => document.body.insertAdjacentHTML('beforeend',"
+    "`<img style='position:absolute;left:300px;top:0;width:600px' src='${url}'>`)</script>",
+    "a dialog": "<button id=b onclick=d.showModal()>Do</button><dialog id=d>Hello</dialog>",
+    "a popover": "<button id=b popovertarget=d>Do</button><div id=d popover>Hello</div>",
+    "a list": "<select id=b><option>One<option>Two</select>",
+    "a link within the page": f"<a id=b href=#n>Do</a>{LONG}<h1 id=n>There</h1>",
+}
+
+
+@pytest.mark.parametrize("late", LATE)
+async def test_what_a_click_brings_is_in_the_picture(site: Site, tab: Tab, late: str) -> None:
+    await tab.goto(site.page(PLACED + LATE[late]))
+    seen = await tab.step(LeftClick(HERE))
+    assert seen.observation.screenshot == await rested(tab)
+
+
+SCROLLED = {
+    "what lies under the mouse": f"<style>p:hover {{ background: red }}</style>{LONG}",
+    "what changes when it is seen": f"{LONG}<p id=c>not yet</p><script>new IntersectionObserver((seen) => {{"
+    "if (seen[0].isIntersecting) c.textContent = 'seen' }).observe(c)</script>" + LONG,
+    "what is drawn when it is seen": "<div style=height:900px></div><canvas id=c></canvas><script>"
+    "new IntersectionObserver((seen) => { if (seen[0].isIntersecting)"
+    "c.getContext('2d').fillRect(0, 0, 90, 90) }).observe(c)</script>" + LONG,
+    "what is left out until it is seen": "<style>section { content-visibility: auto;"
+    "contain-intrinsic-size: 100px 300px }</style>" + f"<section>{LONG[:2000]}</section>" * 9,
+    "large pictures": "<div style=height:900px></div><img id=i style=width:900px>"
+    f"{LONG}<script>const c = document.createElement('canvas'); c.width = c.height = 3000;"
+    "const pen = c.getContext('2d'); for (let n = 0; n < 3000; n++)"
+    "{ pen.fillStyle = `hsl(${n} 80% 50%)`; pen.fillRect(n, n * 7 % 3000, 40, 300) }"
+    "i.src = c.toDataURL()</script>",
+}
+
+
+@pytest.mark.parametrize("scrolled", SCROLLED)
+async def test_what_a_scroll_shows_is_in_the_picture(site: Site, tab: Tab, scrolled: str) -> None:
+    await tab.goto(site.page(SCROLLED[scrolled]))
+    for direction in ("down", "up"):
+        seen = await tab.step(Scroll(direction))
+        assert seen.observation.screenshot == await rested(tab), direction

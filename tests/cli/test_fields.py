@@ -1,0 +1,101 @@
+"""Options that are made from the fields of settings."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+import typer
+from pydantic import Field
+from typer.testing import CliRunner
+
+from webgym.cli._fields import Given, Option, Options, takes
+from webgym.settings import Settings
+
+
+class Inner(Settings):
+    """A section."""
+
+    folder: Path | None = None
+    """Where, with ``markup`` and :class:`a.Role`; [brackets] stay.
+
+    Not in the help.
+    """
+
+    names: tuple[str, ...] = ()
+    """Several."""
+
+
+class Outer(Settings):
+    """Settings."""
+
+    count: int = Field(default=3, gt=0)
+    """How many."""
+
+    share: float = Field(default=0.5, ge=0, le=1)
+    """Of all."""
+
+    kind: Literal["a", "b"] | None = None
+    """Which."""
+
+    size: Annotated[int, Field(ge=1)] | Literal["all"] | None = None
+    """Several types."""
+
+    inner: Inner = Inner()
+
+
+OPTIONS = Options(
+    Outer,
+    {
+        "--count": "count",
+        "--share": "share",
+        "--kind/--no-kind": Option("kind", parse=lambda yes: "a" if yes else "b"),
+        "--size": "size",
+        "--folder": "inner.folder",
+        "--name": "inner.names",
+    },
+)
+
+
+def call(*arguments: str) -> tuple[int, str, Given]:
+    """Exit code, output, and what the command was given."""
+    received: Given = {}
+    app = typer.Typer(rich_markup_mode="rich")
+
+    @app.command()
+    @takes(outer=OPTIONS)
+    def command(*, outer: Given, more: bool = typer.Option(False, "--more")) -> None:
+        received.update(outer, more=more)
+
+    result = CliRunner().invoke(app, arguments, env={"COLUMNS": "200", "NO_COLOR": "1"})
+    return result.exit_code, result.output, received
+
+
+def test_only_what_was_given_is_passed_in_the_shape_of_the_model() -> None:
+    assert call()[2] == {"more": False}
+    given = call("--count", "2", "--no-kind", "--size", "all", "--name", "x", "--name", "y", "--more")[2]
+    assert given == {"count": 2, "kind": "b", "size": "all", "inner": {"names": ["x", "y"]}, "more": True}
+
+
+@pytest.mark.parametrize("wrong", [("--count", "0"), ("--count", "x"), ("--share", "1.5")])
+def test_values_out_of_a_fields_range_are_refused(wrong: tuple[str, str]) -> None:
+    assert call(*wrong)[0] == 2
+
+
+def test_help_is_the_first_paragraph_of_the_docstring_with_the_default() -> None:
+    told = " ".join(call("--help")[1].split())
+    assert "How many. [default: (3)]" in told
+    assert "Where, with markup and a.Role; [brackets] stay." in told
+    assert "Not in the help" not in told
+
+
+@pytest.mark.parametrize("module", ["rollout", "eval", "serve", "judge", "tasks.build"])
+def test_every_option_of_a_verb_has_a_help_text(module: str) -> None:
+    verb = importlib.import_module(f"webgym.cli.{module}")
+    groups = [each for each in vars(verb).values() if isinstance(each, Options)]
+    assert groups
+    for parameter in (each for group in groups for each in group.parameters()):
+        (option,) = parameter.annotation.__metadata__
+        assert option.help, parameter.name

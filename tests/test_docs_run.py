@@ -1,0 +1,212 @@
+"""The blocks of Python in README and docs run, a page after the other, each page's in one namespace.
+
+What a block takes for given (a model, a trainer's tokenizer, tasks) is a stand-in, said below page by page. A
+block that cannot run here has a line before it, ``<!-- not run: why -->``.
+"""
+
+from __future__ import annotations
+
+import ast
+import asyncio
+import inspect
+import re
+from collections.abc import AsyncIterator, Callable
+from contextlib import AbstractAsyncContextManager, asynccontextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, TypeAlias
+
+import msgspec
+import pytest
+from tests.integrations.engine import Engine, reply_text, stand_in_pool
+from tests.llm.endpoint import serve
+from tests.test_docs import PAGES
+
+import webgym
+from webgym.core.action import Answer
+from webgym.testing import stand_in_environment
+
+Names: TypeAlias = dict[str, Any]
+
+ELSEWHERE = {
+    "run-folder.md": "tests/rollout/test_foreign_readers.py",
+    "task-files.md": "tests/tasks/test_task_readers.py",
+}
+"""Pages whose blocks run in a test of their own."""
+BLOCK = re.compile(r"(<!-- not run: .+? -->\n\n?)?^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+SMALL = {"sites": {"collection": "small", "per_family": 3}, "server": {"static": True}}
+"""A run without browsers."""
+
+
+async def answers(*_: object) -> str:
+    """A model that knows the answer without looking."""
+    return reply_text(Answer("right"))
+
+
+@asynccontextmanager
+async def nothing(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
+    yield {}
+
+
+@asynccontextmanager
+async def readme(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
+    """The run is of two small tasks without browsers; the environment's browsers and judge are stand-ins."""
+    given = webgym.RunConfig.model_validate({"tasks": {"count": 2}, **SMALL})
+    patch.setattr("webgym.runs.RunConfig", lambda: given)
+    patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
+    yield {"webgym": webgym, "my_model": answers}
+
+
+@asynccontextmanager
+async def environment(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
+    """Browsers, judge, model and engine are stand-ins; an adapter that changes nothing."""
+    from tests.inference.tiny import tiny_image_processor, tiny_renderer, tiny_tokenizer
+
+    patch.setattr("webgym.environment.make", lambda *_, **__: stand_in_environment())
+    pool = webgym.EnvironmentPool(**stand_in_pool(Path(), 1))
+    patch.setattr("webgym.token_rollout.EnvironmentPool", lambda *_, **__: pool)
+    sampled, logprobs = Engine(tiny_renderer(), ["-"]).sample(await answers())
+    made = SimpleNamespace(ids=sampled, logprobs=logprobs, version="1")
+
+    async def generate(*_: object) -> Any:
+        return made
+
+    held: Names = {
+        "webgym": webgym,
+        "my_model": answers,
+        "tokenizer": tiny_tokenizer(),
+        "image_processor": tiny_image_processor(),
+        "engine": SimpleNamespace(generate=generate),
+        "task_id": "check-3",
+        "MyAdapter": lambda env: env,
+    }
+    yield held
+    assert [len(held["rollout"].rows), held["rollout"].reward, held["rollout"].dropped] == [1, 1.0, {}]
+    held["envs"].close()
+
+
+@asynccontextmanager
+async def models(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
+    """The endpoint is a server of this test's."""
+    from webgym.llm import ChatClient, ChatConfig, ask_for
+
+    async with serve() as served:
+        served.text = '{"name": "Ada", "years": 36}'
+        config = ChatConfig(base_url=served.url(), model="my-model")
+        patch.setattr(
+            "webgym.llm.ChatConfig", lambda **given: ChatConfig(**given | {"base_url": served.url()})
+        )
+        async with ChatClient(config) as client:
+            yield {
+                "msgspec": msgspec,
+                "ask_for": ask_for,
+                "messages": [{"role": "user", "content": "Who?"}],
+                "client": client,
+            }
+
+
+@asynccontextmanager
+async def tasks(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
+    """Tasks of the small websites."""
+    held = list(webgym.OfflineWeb(1, per_family=3, collection="small").tasks())
+    webgym.write_tasks(Path("tasks.jsonl"), held)
+    train, test = ([each for each in held if each.split == split] for split in ("train", "test"))
+    yield {"train_tasks": train, "test_tasks": test, "path": Path("tasks.jsonl")}
+
+
+@asynccontextmanager
+async def sources(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
+    """A file of one task."""
+    Path("data/deepshop").mkdir(parents=True)
+    Path("data/deepshop/tasks.jsonl").write_text(
+        '{"id": 1, "ques": "Find a red kettle", "web": "https://www.amazon.com/"}\n'
+    )
+    yield {}
+
+
+@asynccontextmanager
+async def small_websites(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
+    """One of our families."""
+    from webgym.offline.small import FAMILIES
+
+    yield {"webgym": __import__("webgym.testing"), "MyFamily": FAMILIES[0]}
+
+
+@asynccontextmanager
+async def run(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
+    """A run made of a few steps."""
+    from tests.train.making import Made, trajectory
+
+    from webgym.agent import request_of
+
+    folder = Path("runs/iteration-0")
+    await asyncio.to_thread(Made([trajectory(number) for number in range(3)]).write, folder)
+    yield {"RunReader": webgym.RunReader, "run": folder, "request_of": request_of}
+
+
+@asynccontextmanager
+async def training(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
+    """A tiny model in place of the one of 8 B, in its precision on a processor."""
+    from tests.inference.tiny import write_tiny_model
+
+    from webgym.train.config import LearnConfig
+
+    model = write_tiny_model(Path("model"))
+    patch.setattr("webgym.train.config.LearnConfig", lambda **_: LearnConfig.model_validate(
+        {"model": str(model), "update": {"precision": "fp32", "batch": 4, "micro_batch": 2}}
+    ))  # fmt: skip
+    async with run(patch):
+        yield {}
+    assert Path("weights/1").is_dir()
+
+
+GIVEN: dict[str, Callable[[pytest.MonkeyPatch], AbstractAsyncContextManager[Names]]] = {
+    "README.md": readme,
+    "agent.md": run,
+    "environment.md": environment,
+    "models.md": models,
+    "sampling.md": tasks,
+    "small-websites.md": small_websites,
+    "sources.md": sources,
+    "training.md": training,
+    "tutorial.md": readme,
+}
+
+
+def with_python() -> list[Any]:
+    """Pages that have a block to run."""
+    return [
+        pytest.param(page, id=page.name)
+        for page in PAGES
+        if page.name not in ELSEWHERE and any(not told for told, _ in BLOCK.findall(page.read_text()))
+    ]
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("page", with_python())
+async def test_blocks_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = page.read_text()
+    async with GIVEN.get(page.name, nothing)(monkeypatch) as names:
+        given = names | {"__name__": page.stem}
+        for block in BLOCK.finditer(text):
+            if block[1] is None:
+                lines = "\n" * text.count("\n", 0, block.start(2))  # so that a traceback has the page's
+                names.update(given)  # what an earlier block called the same is over
+                await execute(
+                    compile(lines + block[2], str(page), "exec", ast.PyCF_ALLOW_TOP_LEVEL_AWAIT), names
+                )
+
+
+async def execute(code: Any, names: Names) -> None:
+    """In this loop what awaits; in a thread, where no loop runs, what does not."""
+    if code.co_flags & inspect.CO_COROUTINE:
+        await eval(code, names)
+    else:
+        await asyncio.to_thread(exec, code, names)
+
+
+def test_pages_that_run_elsewhere_are_named_there() -> None:
+    root = Path(__file__).parent.parent
+    for page, test in ELSEWHERE.items():
+        assert f"docs/{page}" in (root / test).read_text()

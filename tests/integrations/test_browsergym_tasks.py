@@ -23,7 +23,7 @@ with warnings.catch_warnings():
 pytestmark = [pytest.mark.browser, pytest.mark.filterwarnings("ignore")]  # its own
 
 WEB = OfflineWeb(per_family=1, collection="small")
-TASKS = [task for task in WEB.tasks("test") if task.difficulty == 1]
+TASKS = [task for task in WEB.tasks("train") if task.difficulty == 1]
 TASK = next(task for task in TASKS if task.truth is not None and not any(f.state for f in task.truth.facts))
 STATEFUL = next(task for task in TASKS if task.truth is not None and any(f.state for f in task.truth.facts))
 
@@ -37,8 +37,8 @@ def solution(task: webgym.Task) -> list[Action]:
 
 @pytest.fixture(scope="module", autouse=True)
 def names() -> list[str]:
-    made: list[str] = browsergym_tasks.register_tasks("small", per_family=1)
-    assert len(made) == len(list(WEB.tasks("test"))) == len(set(made))
+    made: list[str] = browsergym_tasks.register_tasks("small", split="train", per_family=1)
+    assert len(made) == len(list(WEB.tasks("train"))) == len(set(made))
     return made
 
 
@@ -51,8 +51,7 @@ def known_browser(monkeypatch: pytest.MonkeyPatch) -> None:
 def played(task: webgym.Task, actions: list[Action]) -> tuple[list[float], bool, bool]:
     """Rewards of an episode, and how it ended."""
     rewards, terminated, truncated = [], False, False
-    name = f"webgym.{task.id.replace('/', '.')}"
-    with BrowserGymEnv(name, pre_observation_delay=0.1) as env:
+    with BrowserGymEnv(browsergym_tasks.env_name(task.id), pre_observation_delay=0.1) as env:
         _, info = env.reset(seed=1)
         assert info["instruction"] == task.instruction
         for action in actions:
@@ -75,8 +74,8 @@ def test_a_wrong_answer_and_a_budget_that_is_spent_are_0(monkeypatch: pytest.Mon
     assert played(TASK, [Scroll("down"), Answer("no idea")]) == ([0.0, 0.0], True, False)
     init = browsergym_tasks.WebGymTask.__init__
 
-    def short(self: browsergym_tasks.WebGymTask, *given: Any, **named: Any) -> None:
-        init(self, *given, **named)
+    def short(self: browsergym_tasks.WebGymTask, seed: int, **given: Any) -> None:
+        init(self, seed, **given)
         self.budget = 2
 
     monkeypatch.setattr(browsergym_tasks.WebGymTask, "__init__", short)
@@ -93,7 +92,7 @@ def test_a_website_that_is_gone_is_no_reward(last: bool) -> None:
     actions = solution(STATEFUL)
 
     def play() -> None:
-        with BrowserGymEnv(f"webgym.{STATEFUL.id.replace('/', '.')}", pre_observation_delay=0.1) as env:
+        with BrowserGymEnv(browsergym_tasks.env_name(STATEFUL.id), pre_observation_delay=0.1) as env:
             env.reset(seed=1)
             browsergym_tasks._sites[("small", 1)].stop()
             for action in actions[-1:] if last else actions:

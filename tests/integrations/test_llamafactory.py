@@ -47,7 +47,6 @@ def test_its_loader_reads_every_step(tmp_path: Path) -> None:
         assert sum(each["content"].count("<image>") for each in between) == len(sample["images"])
 
 
-@pytest.mark.browser
 def test_the_example(tmp_path: Path) -> None:
     sites = SitesConfig(collection="small", per_family=1)
     config = RunConfig(server=ServerChoice(static=True), sites=sites, tasks=TaskChoice(count=2))

@@ -17,6 +17,7 @@ import asyncio
 import atexit
 import hashlib
 import os
+import re
 import secrets
 import subprocess
 import sys
@@ -257,6 +258,18 @@ async def _no_picture(name: str) -> bytes:
     raise LookupError(f"the picture {name} is not at hand")
 
 
+def env_name(task_id: str) -> str:
+    """What a task is called in BrowserGym.
+
+    Args:
+        task_id: of WebGym.
+
+    Returns:
+        ``webgym.`` and the id, with a dot for each slash and an underscore for what Gymnasium forbids.
+    """
+    return "webgym." + re.sub(r"[^\w.-]", "_", task_id.replace("/", "."))
+
+
 def register_tasks(
     collection: Collection = "large",
     *,
@@ -273,13 +286,13 @@ def register_tasks(
         per_family: websites of a family; by default all of the collection's.
 
     Returns:
-        Their ids: ``browsergym/webgym.`` and the task's id, with a dot for each slash.
+        Their ids: ``browsergym/`` and the name.
     """
     names: list[str] = []
     for task in OfflineWeb(per_family=per_family, collection=collection).tasks(split):
         if len(names) == count:
             break
-        name = f"webgym.{task.id.replace('/', '.')}"
+        name = env_name(task.id)
         given = {"task": task, "collection": collection, "per_family": per_family}
         register_task(name, WebGymTask, task_kwargs=given)
         names.append(f"browsergym/{name}")

@@ -108,18 +108,14 @@ class WebGymAgent(SimpleResponsesAPIAgent):
             except UsageError:
                 raise
             except WebGymError as error:
-                told: dict[str, Any] = {
-                    "task_id": body.task_id,
-                    "outcome": "environment_error",
-                    "steps": 0,
-                }
-                return _told(body, replies, error.message, **told)
+                told = {"task_id": body.task_id, "outcome": "environment_error", "steps": 0}
+                return _told(body, replies, math.nan, error.message, told)
             while not info["is_over"]:
                 replies.append(await self._ask(body, info))
                 _, reward, _, _, info = await env.step(_text(replies[-1]))
         why = info["failure"]["message"] if info["failure"] else "the website kept the agent out"
         told = {"task_id": body.task_id, "outcome": str(info["outcome"]), "steps": info["step"]}
-        return _told(body, replies, why, reward, **told)
+        return _told(body, replies, reward, why, told)
 
     async def _ask(self, body: WebGymRunRequest, info: dict[str, Any]) -> NeMoGymResponse:
         said = [_message(message, info["images"]) for message in info["messages"]]
@@ -135,9 +131,9 @@ class WebGymAgent(SimpleResponsesAPIAgent):
 def _told(
     body: WebGymRunRequest,
     replies: list[NeMoGymResponse],
+    reward: float,
     why: str,
-    reward: float = math.nan,
-    **told: Any,
+    told: dict[str, Any],
 ) -> WebGymRunResponse:
     if math.isnan(reward):  # it has to be a number: the mask says that it is none
         told |= {"mask_sample": True, "failure_kind": f"webgym:{told['outcome']}", "failure_reason": why}

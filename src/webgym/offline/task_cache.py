@@ -13,7 +13,6 @@ from pathlib import Path
 
 import msgspec
 
-import webgym
 from webgym.core.task import Task
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split
@@ -85,7 +84,7 @@ def _digest_of_code() -> str:
 
 
 def _files() -> Iterator[Path]:
-    root = Path(webgym.__file__).parent
+    root = Path(__file__).parents[1]
     for package in ("offline", "core"):
         yield from sorted(
             file for file in (root / package).rglob("*") if file.suffix in (".py", ".toml") and file.is_file()

@@ -76,7 +76,6 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
                 webgym_task(given["name"], split="all", count=12, browsers=1),
                 model=get_model("mockllm/model", custom_outputs=outputs),
                 sample_id=task_id,
-                display="none",
                 log_dir=str(Path(given["name"]).parent / "logs"),
             )
         assert log.status == "success", log.error

@@ -32,6 +32,13 @@ with warnings.catch_warnings():
 pytestmark = pytest.mark.filterwarnings("ignore")  # its own
 
 
+def said(text: str) -> ModelOutput:
+    """What the mock model says; its tokens are counted, or inspect would download a tokenizer."""
+    output = ModelOutput.from_content("mockllm/model", text)
+    output.usage = ModelUsage(input_tokens=1, output_tokens=1, total_tokens=2)
+    return output
+
+
 def run(folder: Path, answers: list[str], **more: Any) -> tuple[EvalLog, list[list[ChatMessage]], Any]:
     """One sample after another: a scroll, and the next of the answers."""
     given = stand_in_pool(folder, 1, **more)
@@ -43,9 +50,7 @@ def run(folder: Path, answers: list[str], **more: Any) -> tuple[EvalLog, list[li
         asked.append(messages)
         seen = sum(isinstance(part, ContentImage) for message in messages for part in message.content)
         action = Scroll("down") if seen == 1 else Answer(left.pop(0))
-        output = ModelOutput.from_content("mockllm/model", reply_text(action))
-        output.usage = ModelUsage(input_tokens=1, output_tokens=1, total_tokens=2)
-        return output
+        return said(reply_text(action))
 
     browsers = given.pop("browsers_")
     given.pop("size")
@@ -70,13 +75,12 @@ async def adapter(given: dict[str, Any]) -> AsyncIterator[Play]:
         return webgym.EnvironmentPool(name, **{**named, **stand_ins})
 
     async def play(task_id: str, actions: Sequence[Action | str]) -> Told:
-        outputs = [ModelOutput.from_content("mockllm/model", text) for text in texts_of(actions)]
+        outputs = [said(text) for text in texts_of(actions)]
         async with one_at_a_time:
             (log,) = await eval_async(
                 webgym_task(given["name"], split="all", count=12, browsers=1),
                 model=get_model("mockllm/model", custom_outputs=outputs),
                 sample_id=task_id,
-                display="none",
                 log_dir=str(Path(given["name"]).parent / "logs"),
             )
         assert log.status == "success", log.error
@@ -133,9 +137,7 @@ def test_what_has_no_reward_is_unscored(tmp_path: Path, fault: dict[str, Any]) -
 @pytest.mark.browser
 def test_the_example(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     texts = texts_of([Scroll("down"), Answer("no idea")])
-    model = get_model(
-        "mockllm/model", custom_outputs=[ModelOutput.from_content("mockllm/model", text) for text in texts]
-    )
+    model = get_model("mockllm/model", custom_outputs=[said(text) for text in texts])
     main = example("inspect_eval").main
     assert main(model, count=1, browsers=1, display="none", log_dir=str(tmp_path / "logs")) == 0.0
     assert "1 of 1 samples have a score: success rate 0.00" in capsys.readouterr().out

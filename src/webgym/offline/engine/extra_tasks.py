@@ -245,12 +245,14 @@ def bar(site: Site, rng: random.Random, size: int) -> Part | None:
     is_most = rng.choice((True, False, None))
     if is_most is None:
         month = rng.choice(list(values))
+        what = f"The {noun} of {record.name} in {month} is read from the chart"
         ask = f"read the {noun} of {record.name} in {month} from the chart"
         wrong: tuple[str, ...] = ()
         answer, says = values[month].options, f"It is {values[month].text}."
     else:
         ranked = sorted(values, key=lambda each: values[each].rank or 0, reverse=is_most)
         month, word = ranked[0], chart.field.most if is_most else chart.field.least
+        what = f"The month with the {word} {noun} of {record.name} is found in the chart"
         ask = (
             f"find the month with the {word} {noun} in the chart of {record.name}, click its bar, and name it"
         )
@@ -259,7 +261,7 @@ def bar(site: Site, rng: random.Random, size: int) -> Part | None:
     return Part(
         ask,
         f"Chart of {record.name}: {noun}",
-        (Fact(f"The bar of {record.name} that is asked for tells its value", (view,), (), answer, wrong),),
+        (Fact(what, (view,), (), answer, wrong),),
         (*go(site, record), *chart_moves(site, record, month)),
         says,
     )

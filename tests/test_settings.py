@@ -119,7 +119,7 @@ def test_no_section_of_ours_has_a_default_that_one_key_would_replace() -> None:
         try:
             importlib.import_module(module.name)
         except ModuleNotFoundError as error:  # the lock does not hold every framework
-            if module.name != f"webgym.integrations.{error.name}":
+            if not module.name.startswith("webgym.integrations.") or f"{error.name}.".startswith("webgym."):
                 raise
     sections = _below(BaseModel)
     assert JudgeConfig in sections

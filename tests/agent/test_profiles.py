@@ -86,7 +86,7 @@ def test_a_profile_may_be_chosen_and_its_mode_changed() -> None:
     assert choose_profile(None, "gpt-4o").mode == "marks"
     assert choose_profile(None, "gpt-4o", "coordinates").mode == "coordinates"
     assert choose_profile(None, "gpt-4o").name == choose_profile(None, "gpt-4o", "coordinates").name
-    with pytest.raises(ConfigError, match="no profile 'qwen9'") as caught:
+    with pytest.raises(ConfigError, match="unknown profile 'qwen9'") as caught:
         choose_profile("qwen9", "my-model")
     assert "generic, gpt-4" in caught.value.hint
 

@@ -45,7 +45,7 @@ def bad(id: str, *sizes: int, **more: object) -> Task:
         (bad("s/3", website="TESTED.example"), "leak", "the test task s/2 is on it"),
         (bad("s/3", parent_id="s/2"), "family", "s/2"),
         (bad("s/1+9", parent_id="s/1", rubric=rubric(3, 2)), "derived", "as hard as s/1"),
-        (bad("s/1+9", parent_id="s/1", rubric=rubric(4)), "derived", "group 1 is none of s/1"),
+        (bad("s/1+9", parent_id="s/1", rubric=rubric(4)), "derived", "group 1 is not one of s/1"),
         (
             bad("s/1+9", parent_id="s/1", rubric=Rubric((GOOD.rubric.groups[1],))),
             "derived",
@@ -56,7 +56,7 @@ def bad(id: str, *sizes: int, **more: object) -> Task:
                 "s/1+9", parent_id="s/1", rubric=Rubric((GOOD.rubric.groups[1], FactGroup(3, "", ("x",) * 3)))
             ),
             "derived",
-            "group 3 is none",
+            "group 3 is not one of s/1",
         ),
     ],
 )

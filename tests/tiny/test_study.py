@@ -105,7 +105,7 @@ def test_a_finding_repeats_where_the_difference_is_beyond_its_interval() -> None
 
 
 def test_what_is_not_there_is_told_in_one_line(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="no row 'x'"):
+    with pytest.raises(UsageError, match="unknown row 'x'"):
         STUDY.training("x", 1, tmp_path)
     (tmp_path / "own.yaml").write_text("rowz: {}\n")
     with pytest.raises(ConfigError, match="did you mean rows"):

@@ -127,8 +127,6 @@ def _templates() -> jinja2.Environment:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters["money"] = lambda value: f"{value:,.2f}"
-    environment.filters["day"] = lambda value: f"{value:%A}, {value.day} {value:%B %Y}"
     environment.filters["shortday"] = lambda value: f"{value.day} {value:%b %Y}"
     environment.filters["slug"] = slug
     return environment

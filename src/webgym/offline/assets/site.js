@@ -1,4 +1,4 @@
-// Behaviour of the offline web's pages: consent banner, tabs, dialogs, load more. No framework.
+// Behaviour of the offline web's pages: consent banner, tabs, load more. No framework.
 "use strict";
 document.addEventListener("click", (event) => {
   const target = event.target.closest("[data-do]");
@@ -14,10 +14,6 @@ document.addEventListener("click", (event) => {
       tab.setAttribute("aria-selected", String(chosen));
       document.getElementById(tab.getAttribute("aria-controls")).hidden = !chosen;
     }
-  } else if (act === "open") {
-    document.getElementById(target.dataset.what).showModal();
-  } else if (act === "close") {
-    target.closest("dialog").close();
   } else if (act === "more") {
     loadMore(target);
   }

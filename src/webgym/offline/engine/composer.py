@@ -5,14 +5,13 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeAlias, TypeVar
+from typing import TypeAlias
 
+from webgym.offline.engine.navigation import Site
 from webgym.offline.parts import Assignment, Part
 from webgym.offline.seeds import stream
-from webgym.offline.website import Website
 
-S = TypeVar("S", bound=Website)
-Ask: TypeAlias = Callable[[S, random.Random, int], Part | None]
+Ask: TypeAlias = Callable[[Site, random.Random, int], Part | None]
 """Makes a part with this many facts, or none if this draw does not give a well-posed one."""
 
 DRAWS = 60
@@ -24,7 +23,7 @@ LAST_SHAPES = ((3, 2, 1), (5, 3, 1))
 
 
 @dataclass
-class Composer(Generic[S]):
+class Composer:
     """Puts tasks of a website together.
 
     Attributes:
@@ -36,11 +35,11 @@ class Composer(Generic[S]):
         once: kinds of which a task has one part at most: two would change what the other finds.
     """
 
-    site: S
-    single: Sequence[tuple[str, Ask[S], tuple[int, ...]]]
-    large: Sequence[tuple[str, Ask[S]]]
-    small: Sequence[tuple[str, Ask[S]]]
-    deed: tuple[str, Ask[S]]
+    site: Site
+    single: Sequence[tuple[str, Ask, tuple[int, ...]]]
+    large: Sequence[tuple[str, Ask]]
+    small: Sequence[tuple[str, Ask]]
+    deed: tuple[str, Ask]
     once: frozenset[str] = frozenset()
 
     def assignments(self) -> Iterator[Assignment]:
@@ -57,7 +56,7 @@ class Composer(Generic[S]):
             if parts is not None:
                 yield Assignment(f"combined-{nth}", parts)
 
-    def _draw(self, ask: Ask[S], name: str, facts: int, taken: set[str]) -> Part | None:
+    def _draw(self, ask: Ask, name: str, facts: int, taken: set[str]) -> Part | None:
         """A well-posed part that was not asked before, if some draw gives one."""
         rng = stream(self.site.seed, "part", name, facts)
         for _ in range(DRAWS):

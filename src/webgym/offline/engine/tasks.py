@@ -17,7 +17,7 @@ from webgym.offline.parts import Assignment
 def assignments(site: Site) -> Iterator[Assignment]:
     """The tasks of a website."""
     extra = {name: each for name, each in extra_asks(site).items() if each}
-    single: list[tuple[str, Ask[Site], tuple[int, ...]]] = [
+    single: list[tuple[str, Ask, tuple[int, ...]]] = [
         *_times(2 if extra else 4, "facts", facts, 1, 2, 3),
         *_times(3, "extreme", extreme, 1, 2, 3),
         *_times(2, "compare", compare, 3),
@@ -28,7 +28,7 @@ def assignments(site: Site) -> Iterator[Assignment]:
         *_times(3 if extra else 4, "send", send, 3, 4, 5),
         *(one for name, (ask, *sizes) in extra.items() for one in _times(2, name, ask, *sizes)),
     ]
-    large: list[tuple[str, Ask[Site]]] = [
+    large: list[tuple[str, Ask]] = [
         ("facts", facts),
         ("extreme", extreme),
         ("compare", compare),
@@ -48,9 +48,7 @@ def assignments(site: Site) -> Iterator[Assignment]:
     yield from Composer(site, single, large, small, ("send", send), once).assignments()
 
 
-def _times(
-    count: int, name: str, ask: Ask[Site], *sizes: int
-) -> Iterator[tuple[str, Ask[Site], tuple[int, ...]]]:
+def _times(count: int, name: str, ask: Ask, *sizes: int) -> Iterator[tuple[str, Ask, tuple[int, ...]]]:
     for nth in range(count):
         yield f"{name}-{nth}", ask, sizes
 

@@ -6,7 +6,6 @@ import hashlib
 import logging
 import os
 import sys
-import tempfile
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -16,6 +15,7 @@ import msgspec
 from webgym.core.task import Task
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split
+from webgym.rollout.files import write_whole
 
 _log = logging.getLogger(__name__)
 
@@ -63,10 +63,9 @@ def _keep(tasks: list[Task], file: Path) -> None:
     body = msgspec.msgpack.encode(tasks)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as part:
-            part.write(hashlib.sha256(body).digest() + body)
-        Path(part.name).replace(file)
-        kept = sorted(file.parent.glob("*.msgpack"), key=lambda each: each.stat().st_mtime)
+        write_whole(file, hashlib.sha256(body).digest() + body, durable=False)
+        # All files: also what a process that was killed had begun to write.
+        kept = sorted(file.parent.iterdir(), key=lambda each: each.stat().st_mtime)
         for old in kept[:-KEPT_FILES]:
             old.unlink(missing_ok=True)
     except OSError as error:  # a full disk, a folder that may not be written
@@ -84,7 +83,7 @@ def _digest_of_code() -> str:
 
 
 def _files() -> Iterator[Path]:
-    root = Path(__file__).parents[1]
+    root = Path(__file__).parent
     for package in ("offline", "core"):
         yield from sorted(
             file for file in (root / package).rglob("*") if file.suffix in (".py", ".toml") and file.is_file()

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from webgym.offline import OfflineWeb, task_cache
-from webgym.offline.task_cache import KEPT_FILES, cached_tasks
+from webgym import task_cache
+from webgym.offline import OfflineWeb
 from webgym.offline.website import Split
+from webgym.task_cache import KEPT_FILES, cached_tasks
 
 
 def small(seed: int = 0, per_family: int = 2) -> OfflineWeb:
@@ -59,9 +60,9 @@ def test_where_nothing_can_be_kept_they_are_made(tmp_path: Path) -> None:
 
 def test_old_files_go(tmp_path: Path) -> None:
     for nth in range(KEPT_FILES + 2):
-        file = tmp_path / f"{nth}.msgpack"
+        file = tmp_path / (f"{nth}.msgpack" if nth else ".0.msgpack.begun.torn")
         file.touch()
         os.utime(file, (nth, nth))
     cached_tasks(small(), None, tmp_path)
     assert len(list(tmp_path.iterdir())) == KEPT_FILES
-    assert not (tmp_path / "0.msgpack").exists()
+    assert not (tmp_path / ".0.msgpack.begun.torn").exists()

@@ -195,9 +195,14 @@ def measured(cell: Cell, seconds: float) -> Measured:
 def test_every_mode_is_measured_at_every_number_of_processors() -> None:
     cells = list(PLAN.cells(PARTS))
     assert len({cell.name for cell in cells}) == len(cells)
-    schedules = [(cell.cpus, cell.schedule, cell.queues) for cell in cells if cell.part == "schedules"]
-    forwards = [(cpus, *mode) for cpus in (1, 2) for mode in MODES]
+    schedules = [(cell.cpus, cell.mode) for cell in cells if cell.part == "schedules"]
+    forwards = [(cpus, mode.name) for cpus in (1, 2) for mode in MODES]
     assert schedules == [*forwards, *reversed(forwards)]
+    chosen = PLAN.cells(["schedules"], ["async", "step barrier, fixed group"])
+    assert [(cell.schedule, cell.refills) for cell in chosen][:2] == [
+        ("async", True),
+        ("step_barrier", False),
+    ]
     assert [cell.part for cell in cells].count("calibration") == 1
 
 
@@ -245,7 +250,7 @@ def test_the_simulation_is_held_against_the_measurement() -> None:
     compared = list(compare(PLAN, found))
     assert [one.error for one in compared if one.mode == "async"] == [0.0, 0.0]
     assert next(one for one in compared if one.mode == "step barrier").simulated_ratio > 1
-    assert len(comparison_table(compared).rows) == 8
+    assert len(comparison_table(compared).rows) == 2 * len(MODES)
     with pytest.raises(ConfigError, match="calibration"):
         service_times(PLAN, found[1:])
 

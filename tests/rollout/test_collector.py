@@ -45,16 +45,22 @@ def together(log: list[tuple[str, str]]) -> list[int]:
     return groups
 
 
-@pytest.mark.parametrize("schedule", ["async", "step_barrier", "episode_barrier"])
-async def test_every_schedule_makes_every_attempt_once(tmp_path: Path, world: World, schedule: str) -> None:
-    config = world.config(tmp_path, 10, {"schedule": schedule, "order": "hardest_first"}, samples=2)
+@pytest.mark.parametrize(
+    ("schedule", "refills"),
+    [("async", True), ("step_barrier", True), ("step_barrier", False), ("episode_barrier", True)],
+)
+async def test_every_schedule_makes_every_attempt_once(
+    tmp_path: Path, world: World, schedule: str, refills: bool
+) -> None:
+    collector = {"schedule": schedule, "refills": refills, "order": "hardest_first"}
+    config = world.config(tmp_path, 10, collector, samples=2)
     summary = await Run().start(config, tmp_path / "run").end()
     assert outcomes(tmp_path / "run") == {"success": 20}
     assert world.browsers.opened == world.judge.asked == 20
     assert world.browsers.most <= 4
     assert not world.browsers.sessions
     assert summary["pass_at"] == {"1": {"value": 1.0, "tasks": 10}, "2": {"value": 1.0, "tasks": 10}}
-    if schedule == "episode_barrier":
+    if schedule == "episode_barrier" or not refills:
         assert together(world.browsers.log) == [4, 4, 4, 4, 4]
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import typer
 
 from webgym.core.errors import ConfigError
+
+if TYPE_CHECKING:
+    from webgym.bench.rollout.plan import PageLatency
 
 HELP = """Measure this machine: figures of one run, as ratios.
 
@@ -30,6 +35,16 @@ def _expect_to_write(file: Path | None) -> None:
     """
     if file is not None and (file.is_dir() or not file.parent.is_dir()):
         raise ConfigError(f"{file} cannot be written", hint="give a file in a folder that exists")
+
+
+def _expect_known(kind: str, given: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse a choice that there is not.
+
+    Raises:
+        ConfigError: one of those given is not known.
+    """
+    if unknown := [one for one in given if one not in known]:
+        raise ConfigError(f"unknown {kind} {unknown[0]!r}", hint=f"one of {'; '.join(known)}")
 
 
 @app.command()
@@ -69,9 +84,7 @@ def server(
 
     _expect_to_write(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
-    unknown = [part for part in only if part not in PARTS]
-    if unknown:
-        raise ConfigError(f"unknown part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+    _expect_known("part", only, PARTS)
     plan = BenchPlan(
         sessions=sessions,
         rounds=rounds,
@@ -182,6 +195,13 @@ def rollout(
         help="calibration, schedules, capacity or overload. May be repeated.",
         show_default="all",
     ),
+    mode: list[str] = typer.Option(
+        [],
+        "--mode",
+        help="async, 'async, one queue', step barrier, 'step barrier, fixed group' or episode barrier: "
+        "what is compared. May be repeated.",
+        show_default="all",
+    ),
     trajectories: int = typer.Option(64, "--trajectories", min=1, help="Of every cell."),
     sessions: int = typer.Option(16, "--sessions", min=1, help="Environments."),
     cpus: list[int] = typer.Option(
@@ -194,7 +214,13 @@ def rollout(
     gpus: int = typer.Option(8, "--gpus", min=1, help="Of the policy, where processors are varied."),
     mean_steps: float = typer.Option(13.2, "--mean-steps", min=1.1, help="Of a trajectory."),
     reply_tokens: float = typer.Option(80.0, "--reply-tokens", min=1, help="Of a reply, on average."),
-    rounds: int = typer.Option(3, "--rounds", min=1, help="Of every cell; medians and ranges are told."),
+    page_latency: str = typer.Option(
+        "offline",
+        "--page-latency",
+        help="offline: the offline web's own. paper: as in the simulation that is fitted to the paper, "
+        "median 1 s and a far heavier tail.",
+    ),
+    rounds: int = typer.Option(3, "--rounds", min=1, help="Of every cell; medians and ranges are printed."),
     seed: int = typer.Option(0, "--seed", help="Of the tasks, their lengths and the policy's play."),
     quick: bool = typer.Option(False, "--quick", help="A look: few short trajectories, schedules alone."),
     out: Path = typer.Option(
@@ -216,13 +242,13 @@ def rollout(
     from rich.progress import track
 
     from webgym.bench.rollout.measure import begin, measure_into
-    from webgym.bench.rollout.plan import PARTS, RolloutPlan
+    from webgym.bench.rollout.plan import MODE_NAMES, PAGE_LATENCIES, PARTS, RolloutPlan
     from webgym.bench.rollout.tables import draw_rollout, rollout_tables
     from webgym.tables import markdown, show
 
-    unknown = [part for part in only if part not in PARTS]
-    if unknown:
-        raise ConfigError(f"unknown part {unknown[0]!r}", hint=f"one of {', '.join(PARTS)}")
+    _expect_known("part", only, PARTS)
+    _expect_known("mode", mode, MODE_NAMES)
+    _expect_known("page latency", [page_latency], tuple(PAGE_LATENCIES))
     _expect_to_write(figure)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     ours = len(os.sched_getaffinity(0))
@@ -233,11 +259,13 @@ def rollout(
         policy_gpus=gpus,
         mean_steps=5.0 if quick else mean_steps,
         reply_tokens=reply_tokens,
+        page_latency=cast("PageLatency", page_latency),
         rounds=1 if quick else rounds,
         seed=seed,
     )
     done = {one.cell.name: one for one in begin(plan, out)}
-    cells = list(plan.cells(only or (("calibration", "schedules") if quick else PARTS)))
+    parts = only or (("calibration", "schedules") if quick else PARTS)
+    cells = list(plan.cells(parts, mode or MODE_NAMES))
     for cell in track(cells, "cells", console=Console(stderr=True), transient=True):
         if cell.name not in done:
             done[cell.name] = measure_into(out, plan, cell)

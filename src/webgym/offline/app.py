@@ -27,6 +27,7 @@ from starlette.types import Message, Receive, Scope, Send
 
 from webgym.core.errors import SitesError
 from webgym.offline import latency
+from webgym.offline.latency import SIGMA
 from webgym.offline.visitors import Visitors
 from webgym.offline.web import DEFAULT_SEED, CollectionName, OfflineWeb
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Visit, Website
@@ -57,6 +58,9 @@ class SitesConfig(Settings):
 
     latency: float = Field(default=1.0, ge=0, le=100)
     """Scale of the simulated latency; 0 turns it off."""
+
+    latency_sigma: float = Field(default=SIGMA, ge=0, le=3)
+    """Spread of its logarithm."""
 
     slow_seconds: float = Field(default=4.0, ge=0)
     """What every page of a slow website takes."""
@@ -154,8 +158,10 @@ class SitesApp:
 
     async def _take_time(self, site: Website, path: str) -> None:
         self._asked[site.host, path] += 1
-        scale = self.config.latency
-        seconds = latency.seconds(self.web.seed, site.host, path, self._asked[site.host, path], scale)
+        config, nth = self.config, self._asked[site.host, path]
+        seconds = latency.seconds(
+            self.web.seed, site.host, path, nth, config.latency, sigma=config.latency_sigma
+        )
         if site.behaviour == "slow" and not path.startswith("/picture/"):
             seconds += self.config.slow_seconds
         if seconds:

@@ -12,13 +12,14 @@ SIGMA = 0.9
 LONGEST_SECONDS = 2.5
 
 
-def seconds(seed: int, host: str, path: str, nth: int, scale: float) -> float:
+def seconds(seed: int, host: str, path: str, nth: int, scale: float, *, sigma: float = SIGMA) -> float:
     """The latency of the ``nth`` request for ``path`` on ``host``.
 
     Args:
-        scale: 1 for the distribution as it is, 0 for none.
+        scale: factor on every latency; 0 for none.
+        sigma: spread of the logarithm.
     """
     if scale <= 0:
         return 0.0
-    drawn = stream(seed, "latency", host, path, nth).lognormvariate(math.log(MEDIAN_SECONDS), SIGMA)
+    drawn = stream(seed, "latency", host, path, nth).lognormvariate(math.log(MEDIAN_SECONDS), sigma)
     return min(drawn, LONGEST_SECONDS) * scale

@@ -55,9 +55,13 @@ class CollectorConfig(Settings):
     (§4).
 
     ``step_barrier``: the policy is asked for all sessions in one batch, and they act when its last reply has
-    come; a session whose attempt ended starts the next one and joins again when it is ready.
-    ``episode_barrier``: a group of sessions begins together, and the next group when its last has ended.
+    come. ``episode_barrier``: a group of sessions begins together, and the next group when its last has
+    ended.
     """
+
+    refills: bool = True
+    """Step barrier: a session whose attempt ended starts the next one and joins again when it is ready.
+    Otherwise the group is fixed: the next one begins when the longest attempt of this one has ended."""
 
     order: Literal["given", "hardest_first"] = "given"
     """Order of the tasks. ``hardest_first`` starts long attempts early, so that few are left at the end."""
@@ -105,6 +109,11 @@ class CollectorConfig(Settings):
 
     metrics_port: int | None = Field(default=None, ge=0, le=65535)
     """Port of the loopback address where Prometheus may read the same figures; 0 takes a free one."""
+
+    @property
+    def is_grouped(self) -> bool:
+        """Whether attempts begin together, group by group."""
+        return self.schedule == "episode_barrier" or (self.schedule == "step_barrier" and not self.refills)
 
 
 class Collector:
@@ -166,7 +175,7 @@ class Collector:
             if finishing is not None:
                 helpers.append(background.create_task(_close(plan, finishing)))
             async with asyncio.TaskGroup() as group:
-                if self._config.schedule == "episode_barrier":
+                if self._config.is_grouped:
                     await self._in_groups(plan, group)
                 else:
                     await self._continuously(plan, group)

@@ -103,7 +103,7 @@ def _simulated(cell: Cell, costs: Costs, plan: RolloutPlan) -> float:
         browsers_per_cpu=cell.sessions,
         schedule=cell.schedule,
         queues=cell.queues,
-        refills=True,
+        refills=cell.refills,
     )
     return simulate(system, costs, plan.workload).seconds
 

@@ -25,7 +25,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.offline import OfflineWeb
-from webgym.offline.app import RunningSites, SitesConfig, serving
+from webgym.offline.app import RunningSites, serving
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import environment_milliseconds
 from webgym.run_config import RunConfig, Secrets
@@ -194,8 +194,7 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
     Args:
         scratch: folder for the run, which is removed; it must not exist.
     """
-    sites_config = SitesConfig()
-    web = OfflineWeb(sites_config.seed)
+    web = OfflineWeb(plan.sites.seed)
     scripts = await asyncio.to_thread(scripts_of, plan, web, cell.trajectories)
     costs = plan.costs
     slower = {
@@ -205,7 +204,7 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
     }
     machine_load = os.getloadavg()[0]
     async with (
-        serving(sites_config, web) as sites,
+        serving(plan.sites, web) as sites,
         serving_endpoint(scripts, costs.model_copy(update=slower), cell.gpus) as endpoint,
         _browsers(cell, sites) as browsers,
     ):
@@ -260,7 +259,12 @@ def _run_config(
         "policy": {"name": "openai", "chat": chat, "check": False},
         "agent": {"mode": "marks", "rounds": 3},
         "server": {"url": browsers.url, "sites_url": sites.url},
-        "collector": {"sessions": cell.sessions, "straggler_share": 1.0, "schedule": cell.schedule},
+        "collector": {
+            "sessions": cell.sessions,
+            "straggler_share": 1.0,
+            "schedule": cell.schedule,
+            "refills": cell.refills,
+        },
     }
     return RunConfig.model_validate(settings)
 

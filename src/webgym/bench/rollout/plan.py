@@ -4,23 +4,50 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Final, Literal, TypeAlias
 
 import msgspec
 
 from webgym.bench.rollout.endpoint import Script
 from webgym.core.task import LEVELS, Task
 from webgym.offline import OfflineWeb
+from webgym.offline.app import SitesConfig
+from webgym.offline.latency import MEDIAN_SECONDS
 from webgym.simulate.config import Costs, Queues, Schedule, Workload
 from webgym.simulate.demand import demand, draw_levels, draw_steps
 
-MODES: Final[tuple[tuple[Schedule, Queues], ...]] = (
-    ("async", "per_operation"),
-    ("async", "global"),
-    ("step_barrier", "per_operation"),
-    ("episode_barrier", "per_operation"),
-)
 PARTS: Final = ("calibration", "schedules", "capacity", "overload")
+PageLatency: TypeAlias = Literal["offline", "paper"]
+PAGE_LATENCIES: Final[dict[PageLatency, SitesConfig]] = {
+    "offline": SitesConfig(),
+    "paper": SitesConfig(latency=Costs().page_seconds / MEDIAN_SECONDS, latency_sigma=Costs().page_sigma),
+}
+"""``paper``: what every page takes on the network in the simulation that is fitted to the paper."""
+
+
+class Mode(msgspec.Struct, frozen=True):
+    """One way to schedule: settings of the collector and of the browser server."""
+
+    schedule: Schedule = "async"
+    queues: Queues = "per_operation"
+    refills: bool = True
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        name = self.schedule.replace("_", " ")
+        name = name if self.refills else f"{name}, fixed group"
+        return f"{name}, one queue" if self.queues == "global" else name
+
+
+MODES: Final = (
+    Mode(),
+    Mode(queues="global"),
+    Mode("step_barrier"),
+    Mode("step_barrier", refills=False),
+    Mode("episode_barrier"),
+)
+MODE_NAMES: Final = tuple(mode.name for mode in MODES)
 
 
 class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -37,6 +64,7 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         reply_tokens: of a reply, on average.
         overload: environments of the overload cells.
         overload_seconds: after which finished and crashed attempts are counted there.
+        page_latency: of every page and picture: the offline web's own, or the paper's.
         rounds: how often every cell but the calibration is measured, modes forwards and backwards in turn.
         seed: of everything random.
     """
@@ -50,6 +78,7 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
     reply_tokens: float = 80.0
     overload: int = 48
     overload_seconds: float = 120.0
+    page_latency: PageLatency = "offline"
     rounds: int = 3
     seed: int = 0
 
@@ -63,16 +92,25 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         """Of which the endpoint uses the policy's speeds."""
         return Costs(reply_tokens=self.reply_tokens)
 
-    def cells(self, parts: Sequence[str]) -> Iterator[Cell]:
-        """The cells of these parts, round by round, so that a disturbance does not meet one mode alone."""
+    @property
+    def sites(self) -> SitesConfig:
+        """Of the offline web."""
+        return PAGE_LATENCIES[self.page_latency]
+
+    def cells(self, parts: Sequence[str], modes: Sequence[str] = MODE_NAMES) -> Iterator[Cell]:
+        """The cells of these parts, round by round, so that a disturbance does not meet one mode alone.
+
+        Args:
+            modes: names of those that the part ``schedules`` compares.
+        """
         most = max(self.cpus)
         if "calibration" in parts:
             yield Cell(part="calibration", cpus=most, sessions=1, trajectories=min(4, self.trajectories))
         for number in range(self.rounds):
-            cells = list(self._round(number, parts))
+            cells = list(self._round(number, parts, modes))
             yield from cells if number % 2 == 0 else reversed(cells)
 
-    def _round(self, number: int, parts: Sequence[str]) -> Iterator[Cell]:
+    def _round(self, number: int, parts: Sequence[str], modes: Sequence[str]) -> Iterator[Cell]:
         usual = Cell(
             part="schedules",
             cpus=max(self.cpus),
@@ -83,8 +121,9 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         )
         if "schedules" in parts:
             for cpus in self.cpus:
-                for schedule, queues in MODES:
-                    yield msgspec.structs.replace(usual, cpus=cpus, schedule=schedule, queues=queues)
+                for mode in MODES:
+                    if mode.name in modes:
+                        yield msgspec.structs.replace(usual, cpus=cpus, **msgspec.structs.asdict(mode))
         if "capacity" in parts:
             for gpus in self.gpus:
                 yield msgspec.structs.replace(usual, part="capacity", gpus=gpus, slow=CAPACITY_SLOWDOWN)
@@ -102,7 +141,7 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
                 )
 
 
-CAPACITY_SLOWDOWN: Final = 8.0
+CAPACITY_SLOWDOWN: Final = 4.0
 """How much slower the GPUs of the capacity cells are, so that the policy is what limits them."""
 
 
@@ -119,6 +158,7 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     cpus: int
     schedule: Schedule = "async"
     queues: Queues = "per_operation"
+    refills: bool = True
     gpus: int = 1
     slow: float = 1.0
     sessions: int
@@ -129,13 +169,13 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def name(self) -> str:
         """Of its file."""
-        return f"{self.part}-{self.cpus}cpus-{self.gpus}gpus-{self.schedule}-{self.queues}-{self.round}"
+        schedule = self.schedule if self.refills else f"{self.schedule}-fixed"
+        return f"{self.part}-{self.cpus}cpus-{self.gpus}gpus-{schedule}-{self.queues}-{self.round}"
 
     @property
     def mode(self) -> str:
         """For people."""
-        name = self.schedule.replace("_", " ")
-        return f"{name}, one queue" if self.queues == "global" else name
+        return Mode(self.schedule, self.queues, self.refills).name
 
 
 def scripts_of(plan: RolloutPlan, web: OfflineWeb, count: int) -> list[Script]:

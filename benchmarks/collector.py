@@ -27,14 +27,14 @@ from pydantic import SecretStr
 
 from webgym.agent.config import AgentConfig
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.judge.factory import JudgeChoice
+from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig
-from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
 from webgym.runs import collect
 from webgym.server.config import ClientLimits
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 
 PATIENT: Any = {"connect_seconds": 60}
 """All connect at once, to servers on the same processors."""

@@ -20,9 +20,13 @@ from contextlib import asynccontextmanager
 
 from aiodns import DNSResolver
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.machine import Machine
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 
 PAGES_PER_ROUND = 5

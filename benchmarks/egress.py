@@ -17,7 +17,8 @@ from multiprocessing.connection import Connection
 
 import uvloop
 
-from webgym.browser import Egress, EgressConfig
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress
 
 HERE = "127.0.0.1"
 MIB = 1024 * 1024

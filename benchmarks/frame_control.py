@@ -24,11 +24,13 @@ import uvloop
 
 from webgym.bench.pages import PageServer, serving_pages
 from webgym.bench.usage import CpuTimes
-from webgym.browser import BrowserConfig, Egress, ProfileRoot
 from webgym.browser.cdp import Session
 from webgym.browser.cdp_messages import BrowserContext, CreatedTarget, Nothing, Screenshot, Wire
+from webgym.browser.config import BrowserConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
 from webgym.browser.process import BrowserProcess, launch_sandboxed
+from webgym.browser.profiles import ProfileRoot
 from webgym.core.errors import BrowserError
 
 PAGES = 4

@@ -24,12 +24,17 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import parse_qsl, unquote, urlsplit
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 from webgym.core.text import fold, says
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig, serving
+from webgym.offline.app import serving
+from webgym.offline.config import SitesConfig
+from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Visit, Website
 
 EPISODE = 40

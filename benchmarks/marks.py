@@ -32,10 +32,14 @@ from typing import Any
 import msgspec
 from npm_pages import CACHE, FILES, PAGES, serving
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
 from webgym.browser.cdp import CommandFailed, Session
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
 from webgym.browser.page import Page as Tab
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 from webgym.core.observation import Element
 from webgym.core.text import fold

@@ -31,7 +31,7 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view
-from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.feed import feeding
 from webgym.rollout.live import panel
 from webgym.rollout.progress import STATES, Progress

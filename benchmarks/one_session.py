@@ -19,11 +19,14 @@ from contextlib import AsyncExitStack
 
 from webgym.bench.pages import serving_pages
 from webgym.bench.stepping import Stepper, browser_for, deed
-from webgym.browser import Egress, PageOptions, ProfileRoot, Slot
 from webgym.browser.actions import perform
+from webgym.browser.config import PageOptions
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
 from webgym.browser.observe import capture
 from webgym.browser.page import Page
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Mode, Navigate
 
 STEPS = 8

@@ -25,7 +25,7 @@ from webgym.core.errors import WebGymError
 from webgym.judge.config import WAYS_BY_SOURCE, Way
 from webgym.judge.reference import hold_against
 from webgym.judge.value_comparison import Match
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.tasks.sampling import draw
 from webgym.tasks.sources import read_source
 

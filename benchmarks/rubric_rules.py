@@ -18,7 +18,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from webgym.core.task import Task
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.tasks.rewriting import refused_rewriting
 from webgym.tasks.rules import Asked, Draft, DraftGroup, check_rubric
 

@@ -29,8 +29,12 @@ from npm_pages import CACHE, FILES, PAGES, REMOTE, serving
 from numpy.typing import NDArray
 from PIL import Image
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import BrowserAction, Hover, LeftClick, Navigate, Press, Scroll, Target, Type
 from webgym.core.errors import WebGymError
 from webgym.core.observation import Element, Observation

@@ -20,8 +20,8 @@ from pathlib import Path
 
 import psutil
 
-from webgym.offline.app import SitesConfig
-from webgym.rollout.collector import CollectorConfig
+from webgym.offline.config import SitesConfig
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
 from webgym.runs import collect

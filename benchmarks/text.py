@@ -26,8 +26,12 @@ import msgspec
 from npm_pages import CACHE, FILES, PAGES, serving
 from PIL import Image
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 
 GOAL = 0.97

@@ -88,7 +88,9 @@ async def environment(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
 @asynccontextmanager
 async def models(patch: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     """The endpoint is a server of this test's."""
-    from webgym.llm import ChatClient, ChatConfig, ask_for
+    from webgym.llm.client import ChatClient
+    from webgym.llm.config import ChatConfig
+    from webgym.llm.structured import ask_for
 
     async with serve() as served:
         served.text = '{"name": "Ada", "years": 36}'
@@ -137,7 +139,7 @@ async def run(_: pytest.MonkeyPatch) -> AsyncIterator[Names]:
     """A run made of a few steps."""
     from tests.train.making import Made, trajectory
 
-    from webgym.agent import request_of
+    from webgym.agent.request import request_of
 
     folder = Path("runs/iteration-0")
     await asyncio.to_thread(Made([trajectory(number) for number in range(3)]).write, folder)

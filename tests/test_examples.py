@@ -11,7 +11,7 @@ import pytest
 
 from webgym.cli._run import settings
 from webgym.judge.factory import refuse_unjudgeable
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.tasks.construction.config import read_config
 from webgym.tasks.sources import SOURCES
 

@@ -14,7 +14,7 @@ from playwright.async_api import Error
 from webgym import static_browsers
 from webgym.core.action import Navigate
 from webgym.offline.web import OfflineWeb
-from webgym.server import SessionOptions
+from webgym.server.messages import SessionOptions
 from webgym.static_browsers import PageImages, StaticBrowsers
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from webgym import task_cache
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split
 from webgym.task_cache import KEPT_FILES, cached_tasks
 

@@ -19,8 +19,12 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Mode, Space
 
 _ = clicks, drawings, fields, widgets  # they register what they solve

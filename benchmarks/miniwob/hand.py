@@ -10,7 +10,8 @@ from typing import Any, TypeAlias
 import msgspec
 
 from webgym.agent.computer_use import Refused, from_arguments, to_arguments
-from webgym.browser import PageOptions, Slot
+from webgym.browser.config import PageOptions
+from webgym.browser.slot import Slot
 from webgym.core.action import (
     GRID,
     Answer,

@@ -15,8 +15,8 @@ from benchmarks.reward.measure import Hacked, measure, table
 from rich.console import Console
 
 from webgym.core.errors import ConfigError
-from webgym.offline.app import SitesConfig
-from webgym.rollout.collector import CollectorConfig
+from webgym.offline.config import SitesConfig
+from webgym.rollout.config import CollectorConfig
 from webgym.runs import RunConfig
 from webgym.tables import markdown, show
 

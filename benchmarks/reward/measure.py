@@ -22,7 +22,7 @@ from webgym.agent.scripted import ScriptedPolicy
 from webgym.core.errors import ConfigError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.rollout.evaluation import evaluate
 from webgym.rollout.rates import Rate, Successes
 from webgym.rollout.store import RunReader
@@ -30,7 +30,8 @@ from webgym.rollout.summary import Summary
 from webgym.run_config import RunConfig, TaskChoice
 from webgym.runs import collect, resume
 from webgym.tables import Table
-from webgym.tasks import draw_spread, write_tasks
+from webgym.tasks.formats import write_tasks
+from webgym.tasks.sampling import draw_spread
 
 HONEST: Final = next(iter(HACKS))
 SOLVED: Final = "solved"

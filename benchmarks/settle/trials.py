@@ -22,13 +22,17 @@ import msgspec
 from benchmarks.settle.hardweb import OTHER_HOST, PAGES, TRUTH, Group, HardPage, HardSite
 from pydantic import Field
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
 from webgym.browser.actions import perform
 from webgym.browser.cdp import CommandFailed, TargetGone
 from webgym.browser.cdp_messages import Evaluated, FrameEvent, RequestDone, RequestFailed, RequestWillBeSent
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
 from webgym.browser.page import Page
+from webgym.browser.profiles import ProfileRoot
 from webgym.browser.settle import settle
+from webgym.browser.slot import Slot
 from webgym.core.action import BrowserAction, LeftClick, Navigate, Target
 from webgym.core.errors import BrowserTimeout, ConfigError, PageError
 from webgym.settings import Settings

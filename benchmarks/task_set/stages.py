@@ -23,7 +23,7 @@ from benchmarks.task_set.made_up import Shape, make_lengths, make_tasks
 from webgym.bench.usage import MEGABYTE
 from webgym.core.task import Task
 from webgym.tables import Table
-from webgym.tasks import read_tasks, write_tasks
+from webgym.tasks.formats import read_tasks, write_tasks
 
 DRAWN: Final = 1_024
 """Tasks of an iteration (paper §5)."""

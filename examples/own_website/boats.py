@@ -6,7 +6,8 @@ Run it to have a few of them checked: every task is played in Chromium, and must
 import asyncio
 import random
 
-from webgym.offline import SpecifiedWebsite, names
+from webgym import SpecifiedWebsite
+from webgym.offline import names
 from webgym.testing import check_family
 
 

@@ -32,15 +32,20 @@ if TYPE_CHECKING:
     from webgym.core.verdict import Verdict
     from webgym.environment import Environment, make, make_many, random_action
     from webgym.inference.rendering import Renderer
-    from webgym.judge import Judge, OfflineJudge
-    from webgym.offline import OfflineWeb
-    from webgym.report import write_report
+    from webgym.judge.base import Judge
+    from webgym.judge.offline import OfflineJudge
+    from webgym.offline.engine.specified import SpecifiedWebsite
+    from webgym.offline.web import OfflineWeb
+    from webgym.report.write import write_report
     from webgym.rollout.store import RunReader
     from webgym.run_config import RunConfig, TaskChoice
     from webgym.runs import collect, resume
-    from webgym.server import BrowserClient, ServerConfig, View, running_server
+    from webgym.server.client import BrowserClient
+    from webgym.server.config import ServerConfig
+    from webgym.server.messages import View
+    from webgym.server.run_worker import running_server
     from webgym.sync import LoopThread, SyncEnvironment
-    from webgym.tasks import read_tasks, write_tasks
+    from webgym.tasks.formats import read_tasks, write_tasks
     from webgym.token_rollout import (
         EnvironmentPool,
         Sampled,
@@ -79,13 +84,18 @@ _HOMES = {
     "webgym.core.verdict": ("Verdict",),
     "webgym.environment": ("Environment", "make", "make_many", "random_action"),
     "webgym.inference.rendering": ("Renderer",),
-    "webgym.judge": ("Judge", "OfflineJudge"),
-    "webgym.offline": ("OfflineWeb",),
-    "webgym.report": ("write_report",),
+    "webgym.judge.base": ("Judge",),
+    "webgym.judge.offline": ("OfflineJudge",),
+    "webgym.offline.engine.specified": ("SpecifiedWebsite",),
+    "webgym.offline.web": ("OfflineWeb",),
+    "webgym.report.write": ("write_report",),
     "webgym.rollout.store": ("RunReader",),
-    "webgym.server": ("BrowserClient", "ServerConfig", "View", "running_server"),
+    "webgym.server.client": ("BrowserClient",),
+    "webgym.server.config": ("ServerConfig",),
+    "webgym.server.messages": ("View",),
+    "webgym.server.run_worker": ("running_server",),
     "webgym.sync": ("LoopThread", "SyncEnvironment"),
-    "webgym.tasks": ("read_tasks", "write_tasks"),
+    "webgym.tasks.formats": ("read_tasks", "write_tasks"),
     "webgym.token_rollout": (
         "EnvironmentPool",
         "Sampled",
@@ -129,6 +139,7 @@ __all__ = [
     "Sampled",
     "Scroll",
     "ServerConfig",
+    "SpecifiedWebsite",
     "Step",
     "SyncEnvironment",
     "Target",

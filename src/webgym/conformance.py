@@ -22,9 +22,9 @@ from webgym.core.trajectory import Episode
 from webgym.core.verdict import Judgement, Verdict
 from webgym.environment import Environment, OnFault
 from webgym.judge.base import Pictures
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig
 from webgym.run_config import PolicyChoice, RunConfig
-from webgym.server import SessionOptions, View
+from webgym.server.messages import SessionOptions, View
 
 _SIZE: Final = (64, 48)
 _BUDGET: Final = 4

@@ -35,16 +35,15 @@ from webgym.core.calls import call_queues
 from webgym.core.errors import ConfigError, EpisodeLost, UsageError
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
-from webgym.judge import Judge
+from webgym.judge.base import Judge
 from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
-from webgym.offline.app import SitesConfig
-from webgym.offline.web import CollectionName
+from webgym.offline.config import CollectionName, SitesConfig
 from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, EpisodeDriver, SiteState
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
 from webgym.run_config import RunConfig, Secrets, resolved
 from webgym.run_services import places
-from webgym.server import View
+from webgym.server.messages import View
 from webgym.task_choice import choose_tasks
 
 Info: TypeAlias = dict[str, Any]

@@ -12,18 +12,16 @@ from webgym.agent.config import AgentConfig
 from webgym.agent.policy import Policy
 from webgym.agent.profile import Profile
 from webgym.agent.profiles import choose_profile, profile_of
+from webgym.browser.config import BrowserConfig
 from webgym.core.errors import RunFolderError
-from webgym.judge.factory import JudgeChoice
+from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig
-from webgym.offline.app import SitesConfig
-from webgym.offline.web import COLLECTIONS
+from webgym.offline.config import SitesConfig
 from webgym.rollout.blocklist import BlocklistConfig
-from webgym.rollout.collector import CollectorConfig
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.store import RunReader
 from webgym.rollout.trackers import TrackerName
-from webgym.server import BrowserConfig, ClientLimits
-from webgym.server.config import Queues
+from webgym.server.config import ClientLimits, Queues
 from webgym.settings import Settings, validated
 from webgym.tasks.selection import Selection
 
@@ -174,6 +172,8 @@ def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> Run
     Raises:
         ConfigError: the config names a profile that is not there.
     """
+    from webgym.offline.web import COLLECTIONS  # costs what all families do; `--help` needs none of them
+
     profile = profile_for(config, policy)
     update: dict[str, Any] = {
         "agent": config.agent.model_copy(update={"profile": profile.name, "mode": profile.mode})

@@ -11,16 +11,18 @@ from typing import Any
 
 from pydantic import SecretStr
 
+from webgym.browser.config import Cookie
 from webgym.core.calls import CallQueue
 from webgym.core.errors import ConfigError, Unauthorized
 from webgym.core.task import Task
-from webgym.offline import OfflineWeb
 from webgym.offline.app import serving
 from webgym.offline.client import SitesClient
+from webgym.offline.web import OfflineWeb
 from webgym.rollout.driver import Browsers, SiteState
 from webgym.run_config import RunConfig, Secrets, ServerChoice, Tell, say
-from webgym.server import BrowserClient, Cookie, ServerConfig, running_server
-from webgym.server.config import Admission
+from webgym.server.client import BrowserClient
+from webgym.server.config import Admission, ServerConfig
+from webgym.server.run_worker import running_server
 from webgym.static_browsers import StaticBrowsers
 
 

@@ -35,7 +35,7 @@ from webgym.agent.policy import ORACLES, Policy
 from webgym.agent.preflight import check_policy
 from webgym.core.calls import CallQueue, call_queues
 from webgym.core.task import Task
-from webgym.judge import Judge
+from webgym.judge.base import Judge
 from webgym.judge.factory import check_judge, open_judge, refuse_unjudgeable
 from webgym.llm.health import report_problems, watch_clients
 from webgym.rollout.attempt import AttemptContext
@@ -65,7 +65,7 @@ from webgym.run_config import (
     say,
 )
 from webgym.run_services import places
-from webgym.server import BrowserClient
+from webgym.server.client import BrowserClient
 from webgym.task_choice import choose_tasks, given_tasks
 from webgym.tasks.selection import BLOCKED
 

@@ -20,6 +20,7 @@ import msgspec
 from playwright.async_api import async_playwright
 
 from webgym.agent.agent import Agent
+from webgym.browser.config import Cookie
 from webgym.browser.find import find_browser
 from webgym.browser.process import PICTURE_FLAGS
 from webgym.core.action import BrowserAction, Navigate
@@ -28,12 +29,12 @@ from webgym.core.trajectory import Episode
 from webgym.offline.static_browser import StaticBrowser, read_page
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.attempt import Attempt, AttemptContext
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig
 from webgym.rollout.files import write_whole
 from webgym.rollout.judging import JUDGED
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
-from webgym.server import Cookie, SessionOptions, View
+from webgym.server.messages import SessionOptions, View
 
 
 class PageImages:

@@ -12,7 +12,7 @@ from webgym.core.action import Action
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.environment import Environment, Info
-from webgym.server import View
+from webgym.server.messages import View
 
 T = TypeVar("T")
 

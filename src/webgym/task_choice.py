@@ -7,15 +7,15 @@ from typing import NamedTuple
 
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split
 from webgym.rollout.blocklist import Blocklist
 from webgym.run_config import RunConfig
 from webgym.task_cache import cached_tasks
-from webgym.tasks import BrokenRecord, TaskFile, draw, draw_spread, read_tasks
 from webgym.tasks.brands import brand_or_text
-from webgym.tasks.files import unfit
-from webgym.tasks.sampling import Sampler, SamplerConfig
+from webgym.tasks.files import BrokenRecord, TaskFile, unfit
+from webgym.tasks.formats import read_tasks
+from webgym.tasks.sampling import Sampler, SamplerConfig, draw, draw_spread
 from webgym.tasks.selection import Selected, select
 
 

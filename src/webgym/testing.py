@@ -20,7 +20,7 @@ from webgym.core.action import Answer
 from webgym.core.outcome import Ending
 from webgym.core.task import StepBudget, Task
 from webgym.core.trajectory import Episode, Reply, Step
-from webgym.judge import OfflineJudge
+from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.site import SmallWebsite
 from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb

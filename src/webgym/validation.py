@@ -14,6 +14,7 @@ import msgspec
 from pydantic import SecretStr
 
 from webgym.agent.config import AgentConfig
+from webgym.browser.config import BrowserConfig
 from webgym.core.action import Mode
 from webgym.core.errors import JudgeError
 from webgym.core.outcome import Ending, Outcome
@@ -21,17 +22,17 @@ from webgym.core.task import Task
 from webgym.core.text import fold, says
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.truth import Evidence, Truth
-from webgym.judge import Judge, OfflineJudge
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig, serving
+from webgym.judge.base import Judge
+from webgym.judge.offline import OfflineJudge
+from webgym.offline.app import serving
+from webgym.offline.config import SitesConfig
 from webgym.offline.proofs import repeating_pages, typed_proofs
-from webgym.rollout.collector import CollectorConfig
-from webgym.rollout.driver import AttemptConfig
+from webgym.offline.web import OfflineWeb
+from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.store import RunReader
 from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, Tell
 from webgym.runs import Show, collect
-from webgym.server import BrowserConfig
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 
 
 def unexpected(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from tests.agent.shop import Shop
 
-from webgym.agent import Agent
+from webgym.agent.agent import Agent
 from webgym.core.action import Answer
 from webgym.core.task import Task
 from webgym.core.trajectory import Step

@@ -11,22 +11,19 @@ from PIL import Image
 from tests.agent.conftest import Play
 from tests.agent.shop import Shop, task
 
-from webgym.agent import (
-    Agent,
-    AgentConfig,
-    PolicyInput,
-    PolicySession,
-    RandomPolicy,
-    ScriptedPolicy,
-    create_policy,
-)
+from webgym.agent.agent import Agent
+from webgym.agent.config import AgentConfig
+from webgym.agent.factory import create_policy
+from webgym.agent.policy import PolicyInput, PolicySession
 from webgym.agent.prompts import render_reply
+from webgym.agent.random_policy import RandomPolicy
+from webgym.agent.scripted import ScriptedPolicy
 from webgym.core.action import Answer, DoubleClick, Drag, Hover, Press, RightClick, Scroll
 from webgym.core.errors import ConfigError, PolicyBadReply, PolicyError, PolicyUnreachable, ProtocolError
 from webgym.core.observation import Element, Observation
 from webgym.core.task import Task
 from webgym.core.trajectory import ImageRef, Reply, Revision, Step
-from webgym.llm import ChatConfig
+from webgym.llm.config import ChatConfig
 
 SCROLL = render_reply(Scroll("down"), "memory", description="Scroll down")
 

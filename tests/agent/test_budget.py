@@ -18,14 +18,17 @@ from tests.agent.shop import task
 from tests.agent.test_context import observation, past, pictures, said
 from tests.llm.endpoint import Endpoint, serve
 
-from webgym.agent import Agent, AgentConfig, OpenAIPolicy, all_profiles
+from webgym.agent.agent import Agent
 from webgym.agent.budget import Cut, request_tokens, text_tokens
+from webgym.agent.config import AgentConfig
 from webgym.agent.context import AttemptPosition, Request, build_request
+from webgym.agent.openai_policy import OpenAIPolicy
+from webgym.agent.profiles import all_profiles
 from webgym.agent.prompts import render_reply, system_prompt
 from webgym.core.action import Scroll
 from webgym.core.errors import PolicyBadReply, PolicyError
 from webgym.core.trajectory import Message, Step
-from webgym.llm import ChatConfig, Sampling
+from webgym.llm.config import ChatConfig, Sampling
 
 QWEN = all_profiles()["qwen3-vl"]
 ROUNDS = [past(index) for index in range(9)]

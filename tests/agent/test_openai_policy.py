@@ -11,14 +11,16 @@ from starlette.responses import JSONResponse, Response
 from tests.agent.shop import task
 from tests.llm.endpoint import Endpoint, serve
 
-from webgym.agent import Agent, AgentConfig, OpenAIPolicy
+from webgym.agent.agent import Agent
+from webgym.agent.config import AgentConfig
+from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
 from webgym.agent.prompts import render_reply
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import PolicyBadReply, PolicyError, PolicyTimeout, PolicyUnreachable
 from webgym.core.observation import Observation
 from webgym.core.trajectory import Step
-from webgym.llm import ChatConfig, Retry, Sampling
+from webgym.llm.config import ChatConfig, Retry, Sampling
 
 CLICK = LeftClick(Target(coordinate=(512, 300)))
 

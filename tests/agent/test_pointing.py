@@ -22,14 +22,20 @@ from tests.agent.shop import task
 from tests.browser.conftest import Site, serving
 from tests.llm.endpoint import Endpoint, serve
 
-from webgym.agent import Agent, AgentConfig, OpenAIPolicy, all_profiles, choose_profile
+from webgym.agent.agent import Agent
 from webgym.agent.computer_use import from_arguments
+from webgym.agent.config import AgentConfig
+from webgym.agent.openai_policy import OpenAIPolicy
+from webgym.agent.profiles import all_profiles, choose_profile
 from webgym.agent.prompts import render_reply
-from webgym.browser import BrowserConfig
 from webgym.browser.actions import point_of
+from webgym.browser.config import BrowserConfig
 from webgym.core.action import LeftClick, Navigate, Target
-from webgym.llm import ChatConfig
-from webgym.server import BrowserClient, ServerConfig, Session, SessionOptions, running_server
+from webgym.llm.config import ChatConfig
+from webgym.server.client import BrowserClient, Session
+from webgym.server.config import ServerConfig
+from webgym.server.messages import SessionOptions
+from webgym.server.run_worker import running_server
 
 TARGET = 8
 

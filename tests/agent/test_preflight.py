@@ -18,13 +18,12 @@ from webgym.agent.prompts import render_reply
 from webgym.agent.random_policy import RandomPolicy
 from webgym.core.action import LeftClick, Target
 from webgym.core.errors import ConfigError, JudgeError, RunFolderError, TaskFileError, WebGymError
-from webgym.judge.config import JudgeConfig
-from webgym.judge.factory import JudgeChoice
+from webgym.judge.config import JudgeChoice, JudgeConfig
 from webgym.llm.config import ChatConfig, Retry
-from webgym.offline.app import SitesConfig
+from webgym.offline.config import SitesConfig
 from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
 from webgym.runs import collect
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 
 SMALL = SitesConfig(per_family=1)
 CLICK = render_reply(LeftClick(Target(coordinate=(90.0, 80.0))), "memory", description="Click")

@@ -11,10 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from webgym.agent import GENERIC, AgentConfig, Profile, all_profiles, choose_profile, profile_of, profiles
+from webgym.agent import profiles
+from webgym.agent.config import AgentConfig
 from webgym.agent.image_codec import fit
 from webgym.agent.image_sizing import MultipleOf, Patches, TiledScaling
-from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING
+from webgym.agent.profile import DEFAULT_SAMPLING, PAPER_SAMPLING, Profile
+from webgym.agent.profiles import GENERIC, all_profiles, choose_profile, profile_of
 from webgym.agent.prompts import tool_declaration
 from webgym.core.errors import ConfigError
 from webgym.llm.config import ChatConfig, Sampling

@@ -17,13 +17,16 @@ from starlette.responses import JSONResponse, Response
 from tests.agent.shop import task
 from tests.llm.endpoint import Endpoint, serve
 
-from webgym.agent import Agent, AgentConfig, OpenAIPolicy, request_of
+from webgym.agent.agent import Agent
+from webgym.agent.config import AgentConfig
+from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.agent.prompts import render_reply
+from webgym.agent.request import request_of
 from webgym.core.action import LeftClick, Target
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.trajectory import Episode, Trajectory
-from webgym.llm import ChatConfig, Sampling
+from webgym.llm.config import ChatConfig, Sampling
 from webgym.rollout.store import RunReader, RunWriter
 
 SAID = render_reply(

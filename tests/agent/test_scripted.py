@@ -6,9 +6,10 @@ import pytest
 from tests.agent.conftest import Play
 from tests.agent.shop import Shop, task
 
-from webgym.agent import Agent, AgentConfig, PromptFormat, ScriptedPolicy, parse_reply
-from webgym.agent.parser import ParsedReply
-from webgym.agent.scripted import MISTAKES, Mistake, wrong_answer
+from webgym.agent.agent import Agent
+from webgym.agent.config import AgentConfig, PromptFormat
+from webgym.agent.parser import ParsedReply, parse_reply
+from webgym.agent.scripted import MISTAKES, Mistake, ScriptedPolicy, wrong_answer
 from webgym.core.action import Action, Answer, GoBack, LeftClick, Mode, Scroll, Type, Wait
 from webgym.core.errors import ConfigError, PolicyError
 from webgym.core.trajectory import Step

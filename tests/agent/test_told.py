@@ -12,11 +12,14 @@ from tests.agent.test_agent import Parrot
 from tests.agent.test_context import said
 from tests.browser.conftest import Site, serving
 
-from webgym.agent import Agent
+from webgym.agent.agent import Agent
 from webgym.agent.prompts import render_reply
-from webgym.browser import BrowserConfig
+from webgym.browser.config import BrowserConfig
 from webgym.core.action import Action, Answer, LeftClick, Navigate, Target
-from webgym.server import BrowserClient, ServerConfig, Session, SessionOptions, running_server
+from webgym.server.client import BrowserClient, Session
+from webgym.server.config import ServerConfig
+from webgym.server.messages import SessionOptions
+from webgym.server.run_worker import running_server
 
 pytestmark = pytest.mark.browser
 

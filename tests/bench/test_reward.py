@@ -14,19 +14,19 @@ from tests.judge.test_both_judges import Reader
 from webgym.core.outcome import Outcome
 from webgym.core.text import fold, says
 from webgym.core.truth import Give
-from webgym.judge.factory import JudgeChoice, open_judge
+from webgym.judge.config import JudgeChoice
+from webgym.judge.factory import open_judge
 from webgym.judge.hedging import other_candidate
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig
+from webgym.offline.config import SitesConfig
+from webgym.offline.web import OfflineWeb
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
-from webgym.rollout.collector import CollectorConfig
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.rejudge import judge_run, verdicts_of
 from webgym.rollout.store import RunReader
 from webgym.run_config import RunConfig, TaskChoice
 from webgym.runs import collect
 from webgym.tables import markdown
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 
 SITES = SitesConfig(per_family=3, latency=0)
 

@@ -20,7 +20,7 @@ from webgym.bench.rollout.measure import Load, Measured, begin, file_of, measure
 from webgym.bench.rollout.plan import MODES, PARTS, Cell, RolloutPlan, scripts_of
 from webgym.bench.rollout.tables import draw_rollout, rollout_tables
 from webgym.core.errors import ConfigError, RunFolderError
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.simulate.config import Costs
 from webgym.simulate.resources import Inference, Process
 

@@ -19,7 +19,7 @@ from webgym.bench.soak.disk import small_disk
 from webgym.bench.soak.leaks import Census, leaked, left_behind
 from webgym.bench.soak.target import running_target
 from webgym.core.errors import BrowserCrashed, BrowserError, LeaseLost, NoCapacity
-from webgym.server import BrowserClient
+from webgym.server.client import BrowserClient
 
 
 def soaked(folder: Path, *arguments: str) -> tuple[subprocess.CompletedProcess[str], dict[str, object]]:

@@ -13,8 +13,13 @@ from starlette.responses import HTMLResponse, Response
 from starlette.types import Receive, Scope, Send
 from tests.serving import serving as serving_on_loopback
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, Look, PageOptions, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
+from webgym.browser.observe import Look
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate, Target
 from webgym.core.observation import Element
 

@@ -7,7 +7,7 @@ import time
 import msgspec
 import pytest
 
-from webgym.browser import BrowserConfig
+from webgym.browser.config import BrowserConfig
 from webgym.browser.document import ReadRequest
 from webgym.core.action import LeftClick, Navigate, Type
 

@@ -9,9 +9,9 @@ from importlib import resources
 import msgspec
 import pytest
 
-from webgym.browser import Look
 from webgym.browser.document import ReadRequest
 from webgym.browser.gestures import ScrollElement
+from webgym.browser.observe import Look
 from webgym.core.action import LeftClick, Scroll, Type
 
 from .conftest import Open, Site, Tab

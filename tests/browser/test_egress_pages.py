@@ -21,8 +21,12 @@ import pytest_asyncio
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, Look, PageOptions, ProfileRoot, Slot
-from webgym.browser.egress import ProxyListener
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress, ProxyListener
+from webgym.browser.observe import Look
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 
 from .canary import HERE, Canary, Names, UdpCanary, canary, has_ipv6, udp_canary

@@ -23,10 +23,10 @@ import pytest
 import uvloop
 from aiodns.error import ARES_ESERVFAIL, DNSError
 
-from webgym.browser import Egress, EgressConfig
-from webgym.browser.egress import ProxyListener
+from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address
 from webgym.browser.egress.machine import Machine
+from webgym.browser.egress.proxy import Egress, ProxyListener
 
 from .canary import HERE, Names, canary
 
@@ -658,8 +658,9 @@ def test_stopped_it_ends_everything_at_once(run: Run) -> None:
 
 OFFLINE = """
 import asyncio
-from webgym.browser import Egress, EgressConfig
-from webgym.browser.egress import NotConnected
+from webgym.browser.egress.proxy import Egress
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.dial import NotConnected
 
 async def main():
     async with Egress(EgressConfig(allow=("*",))) as egress:

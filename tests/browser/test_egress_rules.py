@@ -13,8 +13,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from webgym.browser import EgressConfig
 from webgym.browser.egress.addresses import kind_of
+from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address, read_host
 from webgym.browser.egress.machine import Machine
 from webgym.browser.egress.policy import Forbidden, Nowhere, Policy

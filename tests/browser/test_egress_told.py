@@ -14,8 +14,12 @@ from aiodns.error import ARES_ESERVFAIL, DNSError
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address
+from webgym.browser.egress.proxy import Egress
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import LeftClick, Navigate
 
 from .canary import HERE, Names

@@ -14,7 +14,8 @@ import pytest
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 
-from webgym.browser import PageOptions, Slot
+from webgym.browser.config import PageOptions
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 
 from .conftest import Site

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from webgym.browser import BrowserConfig
 from webgym.browser.cdp import Session
+from webgym.browser.config import BrowserConfig
 from webgym.core.action import (
     DoubleClick,
     Drag,

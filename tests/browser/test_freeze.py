@@ -17,7 +17,8 @@ import pytest
 from starlette.requests import Request
 from starlette.responses import Response, StreamingResponse
 
-from webgym.browser import BrowserConfig, Slot
+from webgym.browser.config import BrowserConfig
+from webgym.browser.slot import Slot
 from webgym.core.action import LeftClick, Wait
 
 from .conftest import Open, Site, Tab

@@ -15,8 +15,10 @@ import psutil
 import pytest
 import pytest_asyncio
 
-from webgym.browser import BrowserConfig, Egress, ProfileRoot
+from webgym.browser.config import BrowserConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.process import BrowserProcess, launch
+from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState
 from webgym.core.errors import BrowserLaunchFailed
 

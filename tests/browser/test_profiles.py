@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from webgym.browser import ProfileRoot
+from webgym.browser.profiles import ProfileRoot
 from webgym.core.errors import BrowserLaunchFailed
 
 HOLDER = """
 import sys
 from pathlib import Path
-from webgym.browser import ProfileRoot
+from webgym.browser.profiles import ProfileRoot
 root = ProfileRoot(Path(sys.argv[1]))
 print(root.new(), flush=True)
 sys.stdin.read()

@@ -9,7 +9,7 @@ import pytest
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response, StreamingResponse
 
-from webgym.browser import BrowserConfig
+from webgym.browser.config import BrowserConfig
 from webgym.core.action import LeftClick, Target
 
 from .conftest import Open, Site, Tab

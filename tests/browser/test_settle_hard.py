@@ -16,8 +16,9 @@ from benchmarks.settle.trials import SettleBench, run_trial
 from starlette.requests import Request
 from starlette.responses import Response
 
-from webgym.browser import BrowserConfig, Slot
+from webgym.browser.config import BrowserConfig
 from webgym.browser.memory import process_type
+from webgym.browser.slot import Slot
 from webgym.core.action import LeftClick, Navigate, Press, Target, Type
 
 from .conftest import Open, Site, Tab

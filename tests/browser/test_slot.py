@@ -13,8 +13,10 @@ import pytest
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 
-from webgym.browser import BrowserConfig, Egress, PageOptions, ProfileRoot, Slot
-from webgym.browser.config import Cookie
+from webgym.browser.config import BrowserConfig, Cookie, PageOptions
+from webgym.browser.egress.proxy import Egress
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserLaunchFailed
 
@@ -118,7 +120,10 @@ async def test_a_demanded_sandbox_is_never_given_up_silently(
 ORPHANS = """
 import asyncio, sys
 from pathlib import Path
-from webgym.browser import BrowserConfig, Egress, PageOptions, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.proxy import Egress
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 
 async def main():
     async with Egress() as egress:

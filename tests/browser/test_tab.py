@@ -13,8 +13,8 @@ import pytest
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
-from webgym.browser import BrowserConfig
 from webgym.browser.cdp_messages import CdpMessage, TargetInfo
+from webgym.browser.config import BrowserConfig
 from webgym.core.action import GoBack, LeftClick
 from webgym.core.errors import BrowserCrashed
 

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from webgym.browser import BrowserConfig
+from webgym.browser.config import BrowserConfig
 from webgym.browser.keyboard import ENTER, key_of, runs, strokes
 from webgym.core.action import LeftClick, Target, Type
 

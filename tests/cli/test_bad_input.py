@@ -16,12 +16,14 @@ from tests.llm.endpoint import Endpoint, serve
 from webgym.core.errors import PolicyError, StoreFull, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.rollout.store import RunReader
 from webgym.run_config import RunConfig
 from webgym.runs import collect
-from webgym.server import ServerConfig, running_server
-from webgym.tasks import draw, write_tasks
+from webgym.server.config import ServerConfig
+from webgym.server.run_worker import running_server
+from webgym.tasks.formats import write_tasks
+from webgym.tasks.sampling import draw
 
 SITES = {"per_family": 2, "latency": 0}
 

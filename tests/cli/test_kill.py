@@ -16,9 +16,10 @@ from tests.conftest import Commands, wait_until
 
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.rollout.store import RunReader
-from webgym.tasks import draw, write_tasks
+from webgym.tasks.formats import write_tasks
+from webgym.tasks.sampling import draw
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(240)]
 

@@ -25,7 +25,7 @@ from tests.rollout.running import a_world, until
 
 from webgym.cli import _run
 from webgym.core.errors import StoreFull
-from webgym.judge.factory import JudgeChoice
+from webgym.judge.config import JudgeChoice
 
 
 async def interrupted() -> None:

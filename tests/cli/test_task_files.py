@@ -17,7 +17,7 @@ from tests.conftest import webgym
 
 from webgym.cli import main
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.tasks import read_tasks, write_tasks
+from webgym.tasks.formats import read_tasks, write_tasks
 
 RUBRIC = Rubric(
     (FactGroup(1, "the book", ("it is green", "it is thin", "it is new")), FactGroup(2, "", ("it is cheap",)))

@@ -9,7 +9,8 @@ import asyncio
 import sys
 
 from webgym.core.action import Navigate
-from webgym.server import BrowserClient, SessionOptions
+from webgym.server.client import BrowserClient
+from webgym.server.messages import SessionOptions
 
 
 async def main(url: str, token: str, page: str, ttl: str) -> None:

@@ -16,10 +16,14 @@ import pytest
 import pytest_asyncio
 
 from webgym.bench.hostile import serving_hostile_pages
-from webgym.browser import BrowserConfig, Slot
+from webgym.browser.config import BrowserConfig
 from webgym.browser.process import BrowserProcess
+from webgym.browser.slot import Slot
 from webgym.core.action import LeftClick, Navigate, Target
-from webgym.server import BrowserClient, RunningServer, ServerConfig, Session, SessionOptions, running_server
+from webgym.server.client import BrowserClient, Session
+from webgym.server.config import ServerConfig
+from webgym.server.messages import SessionOptions
+from webgym.server.run_worker import RunningServer, running_server
 
 from .census import LAUNCHED, nothing_leaks, of_groups, open_descriptors
 

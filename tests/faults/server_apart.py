@@ -10,7 +10,8 @@ import sys
 
 import uvloop
 
-from webgym.server import ServerConfig, running_server
+from webgym.server.config import ServerConfig
+from webgym.server.run_worker import running_server
 
 
 async def main() -> None:

@@ -12,7 +12,8 @@ import pytest
 
 import webgym
 from webgym.core.errors import LeaseLost
-from webgym.server import BrowserClient, SessionOptions
+from webgym.server.client import BrowserClient
+from webgym.server.messages import SessionOptions
 
 from .conftest import Apart, Around
 

@@ -16,8 +16,8 @@ import pytest
 
 from webgym.core.action import Wait
 from webgym.core.errors import LeaseLost
-from webgym.server import Session, SessionOptions
-from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepRequest
+from webgym.server.client import Session
+from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionOptions, StepRequest
 
 from .conftest import Around, Bench
 

@@ -11,7 +11,7 @@ import pytest
 from webgym.bench.soak.disk import small_disk
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserCrashed, LeaseLost
-from webgym.server import BrowserClient
+from webgym.server.client import BrowserClient
 
 from .conftest import Apart
 

@@ -12,7 +12,8 @@ from webgym.bench.soak.disk import small_disk
 from webgym.bench.soak.leaks import Census
 from webgym.bench.soak.target import Target, running_target
 from webgym.core.action import Navigate
-from webgym.server import BrowserClient, ClientLimits
+from webgym.server.client import BrowserClient
+from webgym.server.config import ClientLimits
 
 pytestmark = pytest.mark.browser
 

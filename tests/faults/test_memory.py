@@ -12,7 +12,7 @@ from webgym.browser.memory import Census, MemoryWatch
 from webgym.core.action import BrowserAction, Navigate, Wait
 from webgym.core.errors import BrowserOutOfMemory
 from webgym.core.observation import Notice
-from webgym.server import Session
+from webgym.server.client import Session
 
 from .conftest import CLICK, MIB, Around
 

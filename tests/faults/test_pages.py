@@ -6,7 +6,7 @@ import pytest
 
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout
-from webgym.server import Session
+from webgym.server.client import Session
 
 from .conftest import CLICK, Around
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from webgym.browser import Slot
 from webgym.browser.cdp import CommandFailed
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate, Wait
 from webgym.core.errors import BrowserCrashed, BrowserError, BrowserTimeout, LeaseLost
 

@@ -16,7 +16,7 @@ from tests.integrations.engine import stand_in_pool
 
 import webgym.testing
 from webgym import Action, Answer, RunConfig, Scroll
-from webgym.offline.app import SitesConfig
+from webgym.offline.config import SitesConfig
 from webgym.offline.web import OfflineWeb
 from webgym.run_config import TaskChoice
 

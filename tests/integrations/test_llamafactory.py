@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from tests.integrations.engine import example
 
-from webgym.offline.app import SitesConfig
+from webgym.offline.config import SitesConfig
 from webgym.rollout.export import export
 from webgym.run_config import RunConfig, ServerChoice, TaskChoice
 from webgym.runs import collect

@@ -28,7 +28,8 @@ from webgym.judge.agreement import (
     agreement,
     rates,
 )
-from webgym.judge.factory import JudgeChoice, open_judge
+from webgym.judge.config import JudgeChoice
+from webgym.judge.factory import open_judge
 from webgym.judge.figures import draw_agreement
 from webgym.judge.without_rubric import PREFIX
 

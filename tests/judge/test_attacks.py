@@ -17,7 +17,8 @@ from webgym.core.errors import JudgeError
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Verdict
-from webgym.judge.factory import JudgeChoice, open_judge
+from webgym.judge.config import JudgeChoice
+from webgym.judge.factory import open_judge
 from webgym.judge.untrusted import code_of, quote, shorten, visible
 
 ATTACKS = [

@@ -11,18 +11,22 @@ from tests.judge.judge_model import Asked, serve_judge
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.text import fold, says
-from webgym.judge import OfflineJudge
-from webgym.judge.factory import JudgeChoice, open_judge
+from webgym.judge.config import JudgeChoice
+from webgym.judge.factory import open_judge
 from webgym.judge.numbers import numbers
-from webgym.llm import Ledger, Prices, ReplyCache
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig
-from webgym.rollout.collector import CollectorConfig
+from webgym.judge.offline import OfflineJudge
+from webgym.llm.cache import ReplyCache
+from webgym.llm.ledger import Ledger
+from webgym.llm.prices import Prices
+from webgym.offline.config import SitesConfig
+from webgym.offline.web import OfflineWeb
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.rejudge import RECORDED, compare, judge_run, verdicts_of
 from webgym.rollout.store import RunReader
 from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
 from webgym.runs import collect
-from webgym.tasks import draw, write_tasks
+from webgym.tasks.formats import write_tasks
+from webgym.tasks.sampling import draw
 
 pytestmark = pytest.mark.browser
 

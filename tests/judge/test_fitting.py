@@ -9,9 +9,10 @@ from msgspec.structs import replace
 
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
-from webgym.judge.factory import JudgeChoice, refuse_unjudgeable
+from webgym.judge.config import JudgeChoice
+from webgym.judge.factory import refuse_unjudgeable
 from webgym.judge.offline import what_is_missing
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 
 CHAT = {"base_url": "http://127.0.0.1:1/v1", "model": "m"}
 

@@ -10,7 +10,7 @@ from benchmarks.reward.measure import choose
 
 from webgym.core.truth import Give
 from webgym.judge.hedging import other_candidate
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 
 PRICE, TOLD = (("$12.50", "12.50 dollars"),), ("What does the Blue Mug cost?", "It costs $12.50.")
 ORIGIN, ASKED = (("Poland",),), ("In which country is the Blue Mug made?", "It is made in Poland.")

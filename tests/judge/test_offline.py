@@ -15,7 +15,7 @@ from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Reply, Step
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, StateCheck, Truth
 from webgym.core.verdict import Verdict
-from webgym.judge import OfflineJudge
+from webgym.judge.offline import OfflineJudge
 
 HOST = "fernhill-mugs.webgym.test"
 

@@ -14,10 +14,11 @@ from webgym.core.errors import ConfigError, JudgeError
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Cost, FactJudgement, Judgement, Verdict
-from webgym.judge import OfflineJudge, Pictures
-from webgym.judge.config import PanelConfig
+from webgym.judge.base import Pictures
+from webgym.judge.config import JudgeChoice, PanelConfig
 from webgym.judge.custom import FunctionJudge, load_judge
-from webgym.judge.factory import JudgeChoice, open_judge
+from webgym.judge.factory import open_judge
+from webgym.judge.offline import OfflineJudge
 from webgym.judge.panel import Panel
 from webgym.judge.soft import score_of
 

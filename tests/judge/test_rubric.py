@@ -15,10 +15,10 @@ from webgym.core.errors import JudgeError
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Verdict
-from webgym.judge.config import JudgeConfig, StageConfig
-from webgym.judge.factory import JudgeChoice, open_judge
+from webgym.judge.config import JudgeChoice, JudgeConfig, StageConfig
+from webgym.judge.factory import open_judge
 from webgym.judge.rubric import cited
-from webgym.llm import ReplyCache
+from webgym.llm.cache import ReplyCache
 from webgym.llm.config import ChatConfig
 
 PUZZLES = tuple(look(f"Welches Bild zeigt {number} Katzen?", title="Ein Moment") for number in (3, 4))

@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 from tests.llm.endpoint import Endpoint
 
-from webgym.llm import AdaptiveConcurrency, ChatClient, ChatConfig, Retry
 from webgym.llm.adaptive import ConcurrencyLimiter
+from webgym.llm.client import ChatClient
+from webgym.llm.config import AdaptiveConcurrency, ChatConfig, Retry
 
 MESSAGES = [{"role": "user", "content": "Hello?"}]
 PATIENT = Retry(first_seconds=0.02, longest_seconds=0.05, refused_tries=1000)

@@ -7,21 +7,13 @@ from typing import Any
 
 import pytest
 
-from webgym.core.errors import CacheError, UsageError
-from webgym.llm import (
-    BatchLimits,
-    ChatClient,
-    ChatConfig,
-    Collector,
-    Ledger,
-    NotCached,
-    Prices,
-    ReplyCache,
-    Retry,
-    Sampling,
-    import_results,
-    write_batches,
-)
+from webgym.core.errors import CacheError, NotCached, UsageError
+from webgym.llm.batch import Collector, import_results, write_batches
+from webgym.llm.cache import ReplyCache
+from webgym.llm.client import ChatClient
+from webgym.llm.config import BatchLimits, ChatConfig, Retry, Sampling
+from webgym.llm.ledger import Ledger
+from webgym.llm.prices import Prices
 
 NOWHERE = "http://127.0.0.1:1/v1"
 

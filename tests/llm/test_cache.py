@@ -15,16 +15,10 @@ from typing import Any
 import pytest
 from tests.llm.endpoint import Endpoint
 
-from webgym.core.errors import LLMBadReply
-from webgym.llm import (
-    CacheError,
-    CacheLimits,
-    ChatClient,
-    ChatConfig,
-    ReplyCache,
-    Retry,
-    Sampling,
-)
+from webgym.core.errors import CacheError, LLMBadReply
+from webgym.llm.cache import ReplyCache
+from webgym.llm.client import ChatClient
+from webgym.llm.config import CacheLimits, ChatConfig, Retry, Sampling
 from webgym.llm.request import Request
 
 MESSAGES = [{"role": "user", "content": "Hello?"}]
@@ -250,7 +244,9 @@ async def test_a_writer_that_waits_too_long_is_told(endpoint: Endpoint, path: Pa
 ASKER = textwrap.dedent(
     """
     import asyncio, os, sys
-    from webgym.llm import ChatClient, ChatConfig, ReplyCache, Sampling
+    from webgym.llm.client import ChatClient
+    from webgym.llm.config import ChatConfig, Sampling
+    from webgym.llm.cache import ReplyCache
 
     async def main(base_url, path, unique):
         config = ChatConfig(base_url=base_url, model="tiny", concurrency=8)

@@ -11,7 +11,8 @@ from pydantic import SecretStr, ValidationError
 from tests.llm.endpoint import Endpoint, serve_raw
 
 from webgym.core.errors import ConfigError, LLMBadReply, LLMError, LLMTimeout, LLMUnreachable
-from webgym.llm import ChatClient, ChatConfig, Retry, Sampling
+from webgym.llm.client import ChatClient
+from webgym.llm.config import ChatConfig, Retry, Sampling
 
 MESSAGES = [{"role": "user", "content": "Hello?"}]
 QUICK = Retry(tries=3, first_seconds=0.01, longest_seconds=0.02)

@@ -9,7 +9,8 @@ import pytest
 from tests.llm.test_batch import answer, lines_of, note, write_lines
 
 from webgym import cli
-from webgym.llm import ReplyCache, write_batches
+from webgym.llm.batch import write_batches
+from webgym.llm.cache import ReplyCache
 
 
 def webgym(*arguments: str | Path) -> int:

@@ -7,7 +7,8 @@ from contextlib import AsyncExitStack
 
 import pytest
 
-from webgym.llm import ChatClient, ChatConfig
+from webgym.llm.client import ChatClient
+from webgym.llm.config import ChatConfig
 from webgym.llm.health import report_problems, watch_clients
 
 from .endpoint import Endpoint

@@ -7,19 +7,12 @@ from typing import Any
 import pytest
 from tests.llm.endpoint import Endpoint
 
-from webgym.core.errors import ConfigError
-from webgym.llm import (
-    Budget,
-    BudgetSpent,
-    ChatClient,
-    ChatConfig,
-    Ledger,
-    Prices,
-    ReplyCache,
-    Retry,
-    Sampling,
-)
-from webgym.llm.prices import Price
+from webgym.core.errors import BudgetSpent, ConfigError
+from webgym.llm.cache import ReplyCache
+from webgym.llm.client import ChatClient
+from webgym.llm.config import ChatConfig, Retry, Sampling
+from webgym.llm.ledger import Budget, Ledger
+from webgym.llm.prices import Price, Prices
 
 TINY = Prices({"tiny": Price(prompt=1_000, completion=10_000)})  # 12 + 3 tokens: $0.012 + $0.030
 

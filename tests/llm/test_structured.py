@@ -7,18 +7,12 @@ import msgspec
 import pytest
 from tests.llm.endpoint import Endpoint
 
-from webgym.llm import (
-    ChatClient,
-    ChatConfig,
-    Completion,
-    EndpointRefused,
-    LLMUnusable,
-    ReplyCache,
-    Retry,
-    Sampling,
-    ask_for,
-)
-from webgym.llm.structured import strict_schema
+from webgym.core.errors import LLMUnusable
+from webgym.llm.cache import ReplyCache
+from webgym.llm.client import ChatClient, EndpointRefused
+from webgym.llm.completion import Completion
+from webgym.llm.config import ChatConfig, Retry, Sampling
+from webgym.llm.structured import ask_for, strict_schema
 
 MESSAGES = [{"role": "system", "content": "Be brief."}, {"role": "user", "content": "How old is she?"}]
 

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from webgym.llm import Sampling, count_messages, count_text
+from webgym.llm.config import Sampling
 from webgym.llm.request import Request
-from webgym.llm.tokens import most_tokens
+from webgym.llm.tokens import count_messages, count_text, most_tokens
 
 # Counted with four tokenizers (o200k, cl100k, Qwen, DeepSeek): the fewest and the most tokens.
 COUNTED = [

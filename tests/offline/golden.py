@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Iterator
 
 from webgym.environment import COLLECTIONS
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 
 PER_FAMILY = 3
 

@@ -10,8 +10,8 @@ import pytest
 
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
-from webgym.judge import OfflineJudge
-from webgym.offline import OfflineWeb
+from webgym.judge.offline import OfflineJudge
+from webgym.offline.web import OfflineWeb
 from webgym.rollout.store import RunReader
 from webgym.validation import check_in_browsers, typed
 

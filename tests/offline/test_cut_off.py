@@ -7,15 +7,20 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from webgym.browser import BrowserConfig, Egress, EgressConfig, PageOptions, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig, PageOptions
+from webgym.browser.egress.config import EgressConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.find import find_browser
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
 from webgym.core.truth import AnswerTruth, Evidence, FactTruth, Give, Truth
-from webgym.offline.app import SitesConfig, serving
+from webgym.offline.app import serving
+from webgym.offline.config import SitesConfig
 from webgym.offline.families.timetable import Timetable
 from webgym.validation import cut_off
 

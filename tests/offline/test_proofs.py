@@ -7,12 +7,12 @@ import pytest
 
 from webgym.core.task import Task
 from webgym.core.truth import Evidence, Fill
-from webgym.offline import OfflineWeb
 from webgym.offline.families import FAMILIES
 from webgym.offline.look import look
 from webgym.offline.proofs import repeating_pages, typed_proofs
+from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Response, Visit, Website, page, redirect
-from webgym.tasks import draw
+from webgym.tasks.sampling import draw
 from webgym.validation import typed
 
 PER_FAMILY = 1

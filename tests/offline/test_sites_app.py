@@ -14,8 +14,9 @@ from pydantic import SecretStr, ValidationError
 
 from webgym.core.errors import SitesError
 from webgym.offline import latency
-from webgym.offline.app import VISITOR_COOKIE, RunningSites, SitesConfig, serving
-from webgym.offline.web import CollectionName, OfflineWeb
+from webgym.offline.app import VISITOR_COOKIE, RunningSites, serving
+from webgym.offline.config import CollectionName, SitesConfig
+from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Behaviour, Visit
 
 TOKEN = "a token for tests"

@@ -15,8 +15,7 @@ import pytest
 from webgym.core.errors import ConfigError, SitesError
 from webgym.core.task import Task
 from webgym.core.truth import AnswerTruth, Click, Done, Evidence, Give, Remember, StateCheck
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig
+from webgym.offline.config import SitesConfig
 from webgym.offline.data import load
 from webgym.offline.parts import Assignment, Fact, Part, Place, write
 from webgym.offline.seeds import stream
@@ -30,11 +29,12 @@ from webgym.offline.small.screen import COLUMNS, ROWS, Tile, bar_room, capacity,
 from webgym.offline.small.signs import Sign, number_sign
 from webgym.offline.small.wording import words_of
 from webgym.offline.static_browser import StaticBrowser, read_page
+from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split, Visit, Website
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig
 from webgym.run_config import RunConfig, TaskChoice, resolved
 from webgym.runs import collect
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 from webgym.testing import check_family, check_tasks, play
 
 VIEWPORT = (192, 128)

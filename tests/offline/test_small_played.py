@@ -7,15 +7,16 @@ from pathlib import Path
 import pytest
 
 from webgym.core.action import Answer
-from webgym.judge import OfflineJudge
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig
+from webgym.judge.offline import OfflineJudge
+from webgym.offline.config import SitesConfig
 from webgym.offline.small import FAMILIES
-from webgym.rollout.collector import CollectorConfig
+from webgym.offline.web import OfflineWeb
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.store import RunReader
 from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
 from webgym.runs import collect
-from webgym.tasks import draw, write_tasks
+from webgym.tasks.formats import write_tasks
+from webgym.tasks.sampling import draw
 from webgym.testing import play
 from webgym.validation import pushovers, unexpected
 

@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 
 from webgym.core.outcome import Outcome
-from webgym.judge import OfflineJudge
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig
+from webgym.judge.offline import OfflineJudge
+from webgym.offline.config import SitesConfig
 from webgym.offline.families import FAMILIES
-from webgym.rollout.collector import CollectorConfig
-from webgym.rollout.driver import AttemptConfig
+from webgym.offline.web import OfflineWeb
+from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.store import RunReader
 from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
 from webgym.runs import collect
-from webgym.tasks import draw, write_tasks
+from webgym.tasks.formats import write_tasks
+from webgym.tasks.sampling import draw
 from webgym.validation import cut_off, pushovers, spoilt, unexpected
 
 

@@ -17,7 +17,6 @@ from webgym.core.errors import SitesError
 from webgym.core.task import Task
 from webgym.core.text import fold, says
 from webgym.core.truth import Click, Give
-from webgym.offline import OfflineWeb
 from webgym.offline.data import load_beside
 from webgym.offline.engine.spec import Spec, spec_of
 from webgym.offline.engine.specified import SpecifiedWebsite
@@ -27,6 +26,7 @@ from webgym.offline.families.clinic import Clinic
 from webgym.offline.families.lettings import Lettings
 from webgym.offline.families.shop import Shop
 from webgym.offline.look import look
+from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Visit, slug
 from webgym.testing import check_family
 from webgym.validation import typed

@@ -14,10 +14,10 @@ from tests.report.test_pages import opened
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
 from webgym.core.verdict import Cost, FactJudgement, Judgement, Verdict
-from webgym.judge import Pictures
-from webgym.report import write_report
+from webgym.judge.base import Pictures
 from webgym.report.config import ViewConfig
 from webgym.report.live import serve_view
+from webgym.report.write import write_report
 from webgym.rollout.rejudge import judge_run, recorded
 from webgym.rollout.store import RunReader
 

@@ -17,9 +17,9 @@ from PIL import Image, ImageStat
 from playwright.async_api import Browser, Locator, Page, expect
 
 from webgym.core.trajectory import Trajectory
-from webgym.report import ReportConfig, write_report
-from webgym.report.config import ViewConfig
+from webgym.report.config import ReportConfig, ViewConfig
 from webgym.report.live import serve_view
+from webgym.report.write import write_report
 from webgym.rollout.store import RunReader, RunWriter
 
 pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]

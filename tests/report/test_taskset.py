@@ -23,7 +23,7 @@ from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.truth import AnswerTruth, Click, Truth
 from webgym.report.config import ViewConfig
 from webgym.report.taskset import serve_tasks, tasks_app
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 
 GROUPS = (
     FactGroup(1, "the crossing", ("it leaves at nine", "it is on time", "it takes bicycles")),

@@ -15,10 +15,10 @@ from tests.report.training import build_training
 
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
-from webgym.report import ReportConfig, is_training, write_training_report
+from webgym.report.config import ReportConfig
 from webgym.report.curves import Curves, Line, Point, nice_ticks
 from webgym.report.formatting import percent, points
-from webgym.report.training import Training
+from webgym.report.training import Training, is_training, write_training_report
 
 
 @pytest.fixture(scope="module")

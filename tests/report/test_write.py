@@ -24,8 +24,9 @@ from webgym.cli import main
 from webgym.core.errors import RunFolderError
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
-from webgym.report import ReportConfig, write_report
+from webgym.report.config import ReportConfig
 from webgym.report.template import CHUNK
+from webgym.report.write import write_report
 from webgym.rollout.store import RunReader, RunWriter
 
 SMALL = ReportConfig(embed=True, image_width=160)

@@ -17,15 +17,15 @@ from tests.rollout.test_summary import task
 from webgym.agent.config import AgentConfig
 from webgym.core.outcome import Outcome
 from webgym.core.trajectory import Trajectory
-from webgym.judge.factory import JudgeChoice
+from webgym.judge.config import JudgeChoice
 from webgym.llm.config import ChatConfig, Retry
-from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import Summary
 from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice
 from webgym.runs import collect, resume
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 
 SECONDS = 60
 """No wait of a test takes so long."""

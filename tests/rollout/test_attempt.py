@@ -14,6 +14,7 @@ from tests.rollout.test_summary import task
 from webgym.agent.agent import Agent
 from webgym.agent.config import AgentConfig
 from webgym.agent.policy import BasePolicy, PolicyInput
+from webgym.browser.config import Cookie
 from webgym.core.action import BrowserAction
 from webgym.core.errors import PolicyTimeout
 from webgym.core.observation import Notice, Observation
@@ -21,10 +22,10 @@ from webgym.core.outcome import Ending
 from webgym.core.trajectory import Episode, Reply
 from webgym.core.truth import AnswerTruth, FactTruth, StateCheck, Truth
 from webgym.rollout.attempt import Attempt, AttemptContext
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress
-from webgym.server import Cookie, SessionOptions, View
+from webgym.server.messages import SessionOptions, View
 
 CALL = '{"name": "computer_use", "arguments": {"action": "wait", "time": 1}}'
 ACTS = f"Action: wait\n<tool_call>\n{CALL}\n</tool_call>"

@@ -9,12 +9,12 @@ import pytest
 from webgym.core.errors import ConfigError, StoreError
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.websites import host_of
-from webgym.offline.app import SitesConfig
+from webgym.offline.config import SitesConfig
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.run_config import RunConfig, ServerChoice, TaskChoice
 from webgym.runs import collect
 from webgym.task_choice import choose_tasks
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 
 
 class Clock:

@@ -17,22 +17,23 @@ from pydantic import SecretStr
 from webgym.agent.config import AgentConfig
 from webgym.agent.policy import PolicyInput, PolicySession
 from webgym.agent.scripted import ScriptedPolicy
-from webgym.browser import BrowserConfig
+from webgym.browser.config import BrowserConfig
 from webgym.core.errors import ConfigError, RunFolderError, TaskFileError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply, Trajectory
 from webgym.core.websites import host_of
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig, serving
+from webgym.offline.app import serving
+from webgym.offline.config import SitesConfig
+from webgym.offline.web import OfflineWeb
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
-from webgym.rollout.collector import CollectorConfig
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
 from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, read_config
 from webgym.runs import collect, resume
-from webgym.tasks import draw, write_tasks
+from webgym.tasks.formats import write_tasks
+from webgym.tasks.sampling import draw
 from webgym.validation import unexpected
 
 pytestmark = pytest.mark.browser

@@ -17,10 +17,11 @@ from tests.rollout.running import SECONDS, Run, World, a_world, books, outcomes,
 from tests.rollout.stand_in_judge import ADDRESS
 
 from webgym.core.errors import LeaseLost, ServerUnreachable
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig
 from webgym.rollout.files import TRAJECTORIES, Log
 from webgym.rollout.lockstep import Lockstep
-from webgym.server import BrowserClient, ClientLimits
+from webgym.server.client import BrowserClient
+from webgym.server.config import ClientLimits
 
 
 @pytest.fixture

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from webgym.core.errors import ConfigError
-from webgym.offline.app import SitesConfig
+from webgym.offline.config import SitesConfig
 from webgym.rollout.trackers import FOLDER, numbers_in, tracking
 from webgym.run_config import RunConfig, ServerChoice, TaskChoice
 from webgym.runs import collect, resume

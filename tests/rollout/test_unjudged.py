@@ -27,8 +27,7 @@ from webgym.llm.config import ChatConfig, Sampling
 from webgym.report.live import view_app
 from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist, BlocklistConfig
-from webgym.rollout.collector import CollectorConfig
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader, RunWriter

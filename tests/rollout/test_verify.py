@@ -17,7 +17,7 @@ from webgym.core.errors import RunFolderError, StoreLocked
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.core.verdict import Judgement, Verdict
-from webgym.judge import Pictures
+from webgym.judge.base import Pictures
 from webgym.rollout.records import pictures
 from webgym.rollout.rejudge import judge_run, verdicts_of
 from webgym.rollout.store import RunReader, RunWriter

@@ -18,14 +18,10 @@ from typing import Any
 import psutil
 from ray.cluster_utils import Cluster
 
-from webgym.server import (
-    BrowserClient,
-    BrowserConfig,
-    GatewayConfig,
-    RayConfig,
-    ServerConfig,
-    running_gateway,
-)
+from webgym.browser.config import BrowserConfig
+from webgym.server.client import BrowserClient
+from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
+from webgym.server.gateway import running_gateway
 
 MARK = "WEBGYM_TEST_MARK"
 KINDS = ("raylet", "ray::NodeActor", "webgym.server.subprocess_worker", "--type=renderer")

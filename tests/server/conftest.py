@@ -11,16 +11,11 @@ from starlette.responses import HTMLResponse, Response
 from starlette.types import Receive, Scope, Send
 from tests.serving import serving
 
-from webgym.browser import BrowserConfig
-from webgym.server import (
-    BrowserClient,
-    ClientLimits,
-    RunningServer,
-    ServerConfig,
-    Session,
-    SessionOptions,
-    running_server,
-)
+from webgym.browser.config import BrowserConfig
+from webgym.server.client import BrowserClient, Session
+from webgym.server.config import ClientLimits, ServerConfig
+from webgym.server.messages import SessionOptions
+from webgym.server.run_worker import RunningServer, running_server
 
 LOCAL = BrowserConfig().allowing("127.0.0.1")
 """Browsers that may open the small website, which is on this machine."""

@@ -14,9 +14,10 @@ import pytest
 import pytest_asyncio
 from PIL import Image
 
-from webgym.server import RunningServer, ServerConfig
 from webgym.server.compat import CompatConfig, RunningCompat, running_compat
 from webgym.server.compat.commands import COMMANDS
+from webgym.server.config import ServerConfig
+from webgym.server.run_worker import RunningServer
 
 from .conftest import PAGES, Site
 

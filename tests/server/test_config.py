@@ -13,10 +13,11 @@ from pydantic import BaseModel, ValidationError
 import webgym.browser
 import webgym.server
 from webgym import cli
-from webgym.browser import EgressConfig
+from webgym.browser.config import BrowserConfig
+from webgym.browser.egress.config import EgressConfig
 from webgym.cli import serve
-from webgym.server import BrowserConfig, ClientLimits, GatewayConfig, RayConfig, ServerConfig
 from webgym.server.compat import CompatConfig
+from webgym.server.config import ClientLimits, GatewayConfig, RayConfig, ServerConfig
 from webgym.server.operations import QUEUES
 
 ROOT = Path(__file__).resolve().parents[2]

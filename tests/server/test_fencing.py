@@ -13,7 +13,10 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from webgym.browser import BrowserConfig, Egress, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig
+from webgym.browser.egress.proxy import Egress
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.errors import LeaseLost
 from webgym.server.leases import Lease, Leases
 

@@ -30,19 +30,14 @@ from webgym.core.errors import (
     Unauthorized,
     WorkerLost,
 )
-from webgym.server import (
-    BrowserClient,
-    GatewayConfig,
-    RunningGateway,
-    ServerConfig,
-    Session,
-    SessionOptions,
-    running_gateway,
-)
+from webgym.server.client import BrowserClient, Session
+from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.server.gateway import RunningGateway, running_gateway
 from webgym.server.messages import (
     GENERATION_HEADER,
     SECRET_HEADER,
     Pressure,
+    SessionOptions,
     StepReply,
     StepRequest,
     Watched,

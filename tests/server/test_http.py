@@ -25,11 +25,13 @@ from webgym.core.errors import (
     TooManyWaiting,
     Unauthorized,
 )
-from webgym.server import BrowserClient, RunningServer, ServerConfig, SessionOptions, running_server
+from webgym.server.client import BrowserClient
+from webgym.server.config import ServerConfig
 from webgym.server.http import error_response
-from webgym.server.messages import Watched
+from webgym.server.messages import SessionOptions, Watched
 from webgym.server.operations import OPERATIONS
 from webgym.server.pool import Pool
+from webgym.server.run_worker import RunningServer, running_server
 
 from .conftest import TOKEN, quick
 

@@ -10,7 +10,10 @@ import pytest
 from prometheus_client import CollectorRegistry
 from starlette.requests import Request
 
-from webgym.browser import BrowserConfig, Egress, ProfileRoot, Slot
+from webgym.browser.config import BrowserConfig
+from webgym.browser.egress.proxy import Egress
+from webgym.browser.profiles import ProfileRoot
+from webgym.browser.slot import Slot
 from webgym.core.errors import LeaseLost, Unauthorized
 from webgym.server.http import HttpFrontend
 from webgym.server.leases import Leases

@@ -17,7 +17,7 @@ from starlette.routing import Route
 from starlette.types import Receive, Scope, Send
 
 from webgym.core.errors import ProtocolError, WebGymError
-from webgym.server import ServerConfig
+from webgym.server.config import ServerConfig
 from webgym.server.http import HttpFrontend, decode
 from webgym.server.listening import listen, serving
 from webgym.server.messages import StepRequest, error_of

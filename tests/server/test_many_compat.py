@@ -9,8 +9,9 @@ from typing import Any
 import httpx
 import pytest
 
-from webgym.server import ServerConfig, running_server
 from webgym.server.compat import running_compat
+from webgym.server.config import ServerConfig
+from webgym.server.run_worker import running_server
 
 from .conftest import LOCAL, PAGES, Site
 

@@ -8,7 +8,7 @@ from contextlib import closing
 import pytest
 
 from webgym.core.errors import ConfigError
-from webgym.server import GatewayConfig, RayConfig, ServerConfig
+from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 from webgym.server.listening import listen
 from webgym.server.local import LocalHost
 from webgym.server.ray_hosts import RayHost

@@ -15,10 +15,11 @@ import httpx
 import psutil
 import pytest
 
-from webgym.browser import ProfileRoot
+from webgym.browser.profiles import ProfileRoot
 from webgym.core.action import Navigate
 from webgym.core.errors import LeaseLost, ServerUnreachable
-from webgym.server import BrowserClient, SessionOptions
+from webgym.server.client import BrowserClient
+from webgym.server.messages import SessionOptions
 
 from .conftest import Site, quick
 

@@ -19,7 +19,9 @@ import pytest_asyncio
 from tests.conftest import Commands, wait_until
 
 from webgym.core.errors import ConfigError, ServerUnreachable, WebGymError, WorkerLost
-from webgym.server import BrowserClient, GatewayConfig, RayConfig, ServerConfig, Session, running_gateway
+from webgym.server.client import BrowserClient, Session
+from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
+from webgym.server.gateway import running_gateway
 
 from .conftest import TOKEN, Site, quick
 

@@ -11,22 +11,16 @@ import signal
 import httpx
 import pytest
 
+from webgym.browser.config import BrowserConfig
 from webgym.core.action import GoBack, LeftClick, Navigate, Press, Scroll, Target, Type, Upload
 from webgym.core.errors import BrowserCrashed, LeaseLost, NoCapacity, ProtocolError
 from webgym.core.task import Attachment
-from webgym.server import (
-    BrowserClient,
-    BrowserConfig,
-    RunningServer,
-    ServerConfig,
-    Session,
-    SessionOptions,
-    running_server,
-)
 from webgym.server.admission import AdmissionController
-from webgym.server.config import Admission
-from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, StepReply, StepRequest
+from webgym.server.client import BrowserClient, Session
+from webgym.server.config import Admission, ServerConfig
+from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionOptions, StepReply, StepRequest
 from webgym.server.operations import STEP
+from webgym.server.run_worker import RunningServer, running_server
 
 from .conftest import LOCAL, TOKEN, Site, quick
 

@@ -11,8 +11,10 @@ import pytest
 from tests.server.conftest import TOKEN
 
 from webgym.core.errors import ConfigError, TooManySessions, Unauthorized
-from webgym.server import BrowserClient, ClientLimits, GatewayConfig, ServerConfig, running_gateway
 from webgym.server.audit import audit_to
+from webgym.server.client import BrowserClient
+from webgym.server.config import ClientLimits, GatewayConfig, ServerConfig
+from webgym.server.gateway import running_gateway
 from webgym.server.tokens import OWN, Tokens
 
 ALICE, BOB, NEW = ("a" * 16, "b" * 20, "c" * 40)

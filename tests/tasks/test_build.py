@@ -26,8 +26,8 @@ from tests.tasks.sources.native import as_lines
 from webgym.cli import main
 from webgym.core.errors import BudgetSpent, ConfigError, LLMBadReply, UsageError
 from webgym.core.task import Task
-from webgym.llm import ReplyCache, import_results
-from webgym.tasks import read_tasks
+from webgym.llm.batch import import_results
+from webgym.llm.cache import ReplyCache
 from webgym.tasks.construction import (
     BuildConfig,
     BuildPaths,
@@ -39,6 +39,7 @@ from webgym.tasks.construction import (
     run_build,
     run_dry,
 )
+from webgym.tasks.formats import read_tasks
 from webgym.tasks.validate import validate
 
 QUIET = StageProgress(Console(file=io.StringIO()))

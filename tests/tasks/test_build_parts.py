@@ -22,7 +22,7 @@ from webgym.core.errors import (
     LLMUnusable,
     NotCached,
 )
-from webgym.llm import EndpointRefused
+from webgym.llm.client import EndpointRefused
 from webgym.tasks.construction import PURPOSES, BuildConfig, StageProgress, read_config
 from webgym.tasks.construction.accounting import CountMismatch, TaskAccounting
 from webgym.tasks.construction.bulk_requests import Done, Failed, Pending, ask_all

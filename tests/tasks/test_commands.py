@@ -18,7 +18,7 @@ from webgym.core.outcome import Ending, Outcome
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Reply, Step, Trajectory
 from webgym.rollout.store import RunWriter
-from webgym.tasks import read_tasks, write_tasks
+from webgym.tasks.formats import read_tasks, write_tasks
 from webgym.tasks.taxonomy import DOMAIN_OF
 
 

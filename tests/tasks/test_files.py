@@ -10,10 +10,11 @@ import pytest
 
 from webgym.core.errors import ConfigError, TaskFileError
 from webgym.core.task import WHOLE_TASK, FactGroup, Rubric, Task
-from webgym.judge.config import JudgeConfig
-from webgym.judge.factory import JudgeChoice, refuse_unjudgeable
+from webgym.judge.config import JudgeChoice, JudgeConfig
+from webgym.judge.factory import refuse_unjudgeable
 from webgym.llm.config import ChatConfig
-from webgym.tasks import draw, draw_spread, read_tasks, write_tasks
+from webgym.tasks.formats import read_tasks, write_tasks
+from webgym.tasks.sampling import draw, draw_spread
 from webgym.tasks.taxonomy import DOMAIN_OF
 
 RUBRIC = JudgeConfig(chat=ChatConfig(base_url="http://127.0.0.1:9/v1", model="m"))

@@ -19,10 +19,10 @@ from tests.tasks.strategies import task_lists
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Attachment, FactGroup, Rubric, Task
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.run_config import RunConfig, TaskChoice
 from webgym.task_choice import choose_tasks
-from webgym.tasks import Format, read_tasks, write_tasks
+from webgym.tasks.formats import Format, read_tasks, write_tasks
 
 NAMES: dict[str, Format] = {
     "tasks.jsonl": "jsonl",

@@ -15,8 +15,8 @@ from tests.tasks.strategies import json_values, published_files, spoken
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.tasks import read_tasks, write_tasks
 from webgym.tasks.files import NO_FACTS, NONE_FACT
+from webgym.tasks.formats import read_tasks, write_tasks
 from webgym.tasks.published import (
     DIFFICULTY_DIFFERS,
     KEPT,

@@ -14,7 +14,7 @@ from tests.tasks.good_rubrics import GOOD
 from tests.tasks.sources.native import REAL
 
 from webgym.core.task import FactGroup, Rubric
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.tasks.rules import RULES, Asked, Draft, DraftGroup, Finding, check_rubric
 from webgym.tasks.rules.wording import with_capital_or
 

@@ -10,12 +10,12 @@ import pytest
 
 from webgym.core.errors import ConfigError, NothingToDraw
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig
+from webgym.offline.config import SitesConfig
+from webgym.offline.web import OfflineWeb
 from webgym.run_config import RunConfig, TaskChoice
 from webgym.task_choice import choose_tasks
-from webgym.tasks import read_tasks, write_tasks
 from webgym.tasks.files import write_lines
+from webgym.tasks.formats import read_tasks, write_tasks
 from webgym.tasks.sampling import Sampler, SamplerConfig
 from webgym.tasks.selection import Selection, drawn_subdomains, select, splits_in
 from webgym.tasks.split import leaks, refuse_leaks

@@ -14,9 +14,9 @@ from tests.conftest import Calls
 
 from webgym.cli import export
 from webgym.core.task import Task
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.run_config import RunConfig
-from webgym.tasks import read_tasks, write_tasks
+from webgym.tasks.formats import read_tasks, write_tasks
 
 DOCS = Path(__file__).parents[2] / "docs/task-files.md"
 

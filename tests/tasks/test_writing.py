@@ -17,8 +17,10 @@ from tests.tasks.endpoint import Endpoint, serve
 
 from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
-from webgym.llm import ChatClient, ChatConfig, Completion, Retry, Sampling
-from webgym.offline import OfflineWeb
+from webgym.llm.client import ChatClient
+from webgym.llm.completion import Completion
+from webgym.llm.config import ChatConfig, Retry, Sampling
+from webgym.offline.web import OfflineWeb
 from webgym.tasks import prompts
 from webgym.tasks.rewriting import WritingLimits, refused_rewriting
 from webgym.tasks.rules import RULES, Asked, Draft, DraftGroup, check_rubric

@@ -14,10 +14,10 @@ from webgym.agent.config import PromptFormat
 from webgym.core.action import LeftClick
 from webgym.core.task import Task
 from webgym.core.trajectory import Episode
-from webgym.judge import OfflineJudge
+from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.static_browsers import StaticBrowsers, StaticCollector
 from webgym.tiny.demonstrators import DEMONSTRATORS, Demonstrators, Habits

@@ -17,7 +17,7 @@ pytest.importorskip("torch")
 
 from webgym.core.errors import ConfigError
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
 from webgym.rollout.store import RunReader
 from webgym.run_config import RunConfig

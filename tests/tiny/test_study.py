@@ -18,7 +18,7 @@ from tests.report.training import World, build_training, tasks
 from tests.train.worlds import training_of
 
 from webgym.core.errors import ConfigError, RunFolderError, UsageError
-from webgym.offline import OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.tasks.selection import select
 from webgym.tiny import study
 from webgym.tiny.study import Result, carry_out, read_study, table, write

@@ -26,7 +26,7 @@ from webgym.inference.generate import Draws, generate
 from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import load_model
 from webgym.inference.vllm import Served, VllmApi, VllmConfig, VllmPolicy
-from webgym.llm import ChatConfig
+from webgym.llm.config import ChatConfig
 from webgym.llm.health import watch_clients
 from webgym.train.config import LoraConfig
 from webgym.train.logprobs import ReplyLogProbs, collate

@@ -27,7 +27,7 @@ from webgym.agent.random_policy import RandomPolicy
 from webgym.core.errors import StoreError, StoreFull, TrainingError, WebGymError
 from webgym.rollout import files
 from webgym.run_config import Secrets, ServerChoice, resolved
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 from webgym.train.folder import Stage, TrainingFolder
 from webgym.train.learner import Learner
 from webgym.train.loop import TrainConfig, Training

@@ -25,7 +25,7 @@ from webgym.rollout.store import RunReader
 from webgym.rollout.trackers import numbers_in
 from webgym.run_config import Secrets, ServerChoice
 from webgym.run_services import services
-from webgym.server import Session
+from webgym.server.client import Session
 from webgym.task_choice import all_tasks
 from webgym.tiny.demonstrators import Demonstrators
 from webgym.tiny.model import TinyConfig, make_model, save_model

@@ -12,14 +12,9 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager
 import msgspec
 
 from webgym.core.errors import ServerUnreachable
-from webgym.server import (
-    GatewayConfig,
-    RunningGateway,
-    RunningServer,
-    ServerConfig,
-    running_gateway,
-    running_server,
-)
+from webgym.server.config import GatewayConfig, ServerConfig
+from webgym.server.gateway import RunningGateway, running_gateway
+from webgym.server.run_worker import RunningServer, running_server
 
 
 class Address(msgspec.Struct, frozen=True):

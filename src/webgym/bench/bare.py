@@ -11,10 +11,12 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager
 from pathlib import Path
 
-from webgym.browser import BrowserConfig, Egress, ProfileRoot
 from webgym.browser.cdp import CommandFailed, Session
 from webgym.browser.cdp_messages import BrowserContext, CdpMessage, CreatedTarget, EmptyReply, Screenshot
+from webgym.browser.config import BrowserConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.process import BrowserProcess, launch_sandboxed
+from webgym.browser.profiles import ProfileRoot
 
 PAUSE_SECONDS = 0.05
 _CALL_SECONDS = 60.0

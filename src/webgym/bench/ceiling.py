@@ -32,7 +32,7 @@ from webgym.bench.stepping import (
 )
 from webgym.bench.usage import CpuTimes
 from webgym.core.action import Navigate
-from webgym.server import Session
+from webgym.server.client import Session
 
 SHARED, APART, SERVER = "bare loop, one browser", "bare loop, a browser each", "server"
 

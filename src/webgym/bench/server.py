@@ -33,9 +33,9 @@ from webgym.bench.stepping import (
 from webgym.bench.usage import CpuTimes, browser_bytes
 from webgym.browser.find import find_browser
 from webgym.core.action import Navigate
-from webgym.server import BrowserClient, Session, SessionOptions
+from webgym.server.client import BrowserClient, Session
 from webgym.server.config import Admission, Queues
-from webgym.server.messages import Pressure
+from webgym.server.messages import Pressure, SessionOptions
 
 _CALM_SECONDS = 3.0
 """Between the last call and the look at idle processors, and length of that look, at most."""

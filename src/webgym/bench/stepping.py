@@ -14,8 +14,9 @@ from webgym.bench.pages import PageServer
 from webgym.browser.config import BrowserConfig
 from webgym.core.action import BrowserAction, LeftClick, Navigate, Scroll, Target
 from webgym.core.errors import WebGymError
-from webgym.server import BrowserClient, ClientLimits, ServerConfig, Session, SessionOptions
-from webgym.server.messages import Pressure
+from webgym.server.client import BrowserClient, Session
+from webgym.server.config import ClientLimits, ServerConfig
+from webgym.server.messages import Pressure, SessionOptions
 
 Say = Callable[[str], None]
 Stepper = Callable[[int], Awaitable[object]]

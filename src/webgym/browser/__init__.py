@@ -21,13 +21,3 @@ cdp.py       the protocol: commands with deadlines, events to subscribers
 cdp_messages.py  the parts of the protocol's messages that we read
 config.py    every limit, with its unit and its reason
 """
-
-from __future__ import annotations
-
-from webgym.browser.config import BrowserConfig, PageOptions
-from webgym.browser.egress import Egress, EgressConfig
-from webgym.browser.observe import Look
-from webgym.browser.profiles import ProfileRoot
-from webgym.browser.slot import Slot
-
-__all__ = ["BrowserConfig", "Egress", "EgressConfig", "Look", "PageOptions", "ProfileRoot", "Slot"]

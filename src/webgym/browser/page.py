@@ -30,7 +30,7 @@ from webgym.browser.cdp_messages import (
     ScheduledNavigation,
 )
 from webgym.browser.config import BrowserConfig, PageOptions
-from webgym.browser.egress import Egress
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.isolated_worlds import DocumentGone, Worlds
 from webgym.browser.popups import Popups
 from webgym.browser.timers import IdleTimers, Timers

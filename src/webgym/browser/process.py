@@ -17,7 +17,7 @@ from webgym.browser.cdp import CommandFailed, Connection
 from webgym.browser.cdp_messages import Version
 from webgym.browser.cgroups import Cgroup, new_cgroup
 from webgym.browser.config import BrowserConfig
-from webgym.browser.egress import ProxyListener
+from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.memory import bound
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState, examined, is_to_blame, planned_sandbox, remedy

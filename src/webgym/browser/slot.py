@@ -27,7 +27,7 @@ from webgym.browser.config import BrowserConfig, PageOptions
 from webgym.browser.document import Document, ReadRequest, read
 from webgym.browser.early_screenshot import EarlyScreenshot
 from webgym.browser.effect import EffectCheck
-from webgym.browser.egress import Egress, ProxyListener
+from webgym.browser.egress.proxy import Egress, ProxyListener
 from webgym.browser.gestures import AnyAction, attempt
 from webgym.browser.observe import Look, Metadata, ask, capture, look
 from webgym.browser.page import Page

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from webgym.core.errors import ConfigError
-from webgym.judge.config import STAGES
-from webgym.judge.factory import JudgeChoice
+from webgym.judge.config import STAGES, JudgeChoice
 from webgym.settings import merged, read_yaml, validated
 
 JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
@@ -22,7 +21,7 @@ def judge_choice(
     """A judge from a file of settings and from options, which override it; an endpoint means a rubric judge.
 
     Args:
-        given: what options say, in the shape of :class:`webgym.judge.factory.JudgeChoice`. A stage for which
+        given: what options say, in the shape of :class:`webgym.judge.config.JudgeChoice`. A stage for which
             only a model is given has the judge's endpoint.
         file: YAML in the same shape.
         default: what holds where nothing is given.

@@ -13,7 +13,7 @@ from PIL import Image
 
 from webgym.browser.cdp_messages import CreatedTarget
 from webgym.browser.config import BrowserConfig
-from webgym.browser.egress import Egress
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
 from webgym.core.errors import BrowserError, BrowserTimeout

@@ -20,7 +20,7 @@ from rich.text import Text
 from webgym.core.errors import ConfigError
 from webgym.core.outcome import Outcome
 from webgym.core.text import plain
-from webgym.report import write_report
+from webgym.report.write import write_report
 from webgym.rollout.files import CONFIG
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress

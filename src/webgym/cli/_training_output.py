@@ -16,7 +16,7 @@ from rich.table import Table
 
 from webgym.cli import _run
 from webgym.core.background import beside
-from webgym.report import write_training_report
+from webgym.report.training import write_training_report
 from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, panel
 from webgym.rollout.progress import Progress
 from webgym.run_config import Secrets

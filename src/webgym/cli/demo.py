@@ -94,7 +94,7 @@ def command(
     from webgym.cli._options import mode_of
     from webgym.cli._run import run, settings, show_on, tell_on
     from webgym.cli._summary import all_failed, print_summary
-    from webgym.report import write_report
+    from webgym.report.write import write_report
     from webgym.runs import collect
 
     console = Console()

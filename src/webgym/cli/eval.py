@@ -66,7 +66,7 @@ def command(
 
     from webgym.cli import _run
     from webgym.cli._summary import all_failed, print_losses, print_retry
-    from webgym.report import write_report
+    from webgym.report.write import write_report
     from webgym.rollout.evaluation import evaluate
     from webgym.rollout.rejudge import RECORDED
     from webgym.run_config import ServerChoice

@@ -17,7 +17,7 @@ from webgym.environment import COLLECTIONS, config_of
 from webgym.rollout.export import export
 from webgym.rollout.files import make_folder
 from webgym.task_choice import all_tasks
-from webgym.tasks import write_tasks
+from webgym.tasks.formats import write_tasks
 
 
 class Format(StrEnum):

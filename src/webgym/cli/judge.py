@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 from webgym.cli._agreement import agreement_command
 from webgym.cli._fields import Given, Option, Options, takes
-from webgym.judge.factory import JudgeChoice
+from webgym.judge.config import JudgeChoice
 from webgym.rollout.rejudge import RejudgeConfig
 
 if TYPE_CHECKING:
@@ -114,8 +114,10 @@ def judge_a_run(
     from webgym.cli._run import run as run_job
     from webgym.cli._run import tell_on
     from webgym.judge.factory import open_judge, refuse_unjudgeable
-    from webgym.llm import Ledger, Prices, ReplyCache
+    from webgym.llm.cache import ReplyCache
     from webgym.llm.health import report_problems, watch_clients
+    from webgym.llm.ledger import Ledger
+    from webgym.llm.prices import Prices
     from webgym.rollout.files import VERDICTS, disk_errors
     from webgym.rollout.rejudge import compare as compare_verdicts
     from webgym.rollout.rejudge import judge_run, verdicts_of

@@ -18,7 +18,7 @@ app = typer.Typer(no_args_is_help=True, help="Report what models have cost, and 
 def usage(cache: Path = typer.Argument(..., help="File of cached replies.")) -> None:
     """Print calls, tokens and dollars of all runs that used a cache, per purpose and model."""
     from webgym.cli._run import run
-    from webgym.llm import ReplyCache
+    from webgym.llm.cache import ReplyCache
 
     async def totals() -> Totals:
         async with ReplyCache(_existing(cache)) as opened:
@@ -47,7 +47,8 @@ def import_(
 
     from webgym.cli._run import run
     from webgym.core.text import plain
-    from webgym.llm import Imported, ReplyCache, import_results
+    from webgym.llm.batch import Imported, import_results
+    from webgym.llm.cache import ReplyCache
 
     known = _prices(price, prices)
 
@@ -74,7 +75,7 @@ def _existing(cache: Path) -> Path:
 
 def _prices(price: str, table: Path | None) -> Prices:
     from webgym.core.errors import ConfigError
-    from webgym.llm import Prices
+    from webgym.llm.prices import Prices
 
     if price and table:
         raise ConfigError("--price and --prices both say what tokens cost", hint="give one of them")

@@ -9,7 +9,9 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from webgym.report import ReportConfig, is_training, write_report, write_training_report
+from webgym.report.config import ReportConfig
+from webgym.report.training import is_training, write_training_report
+from webgym.report.write import write_report
 
 _DEFAULTS = ReportConfig()
 

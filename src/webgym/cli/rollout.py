@@ -42,7 +42,7 @@ def command(
     from webgym.cli import _run
     from webgym.cli._summary import all_failed, print_retry, print_summary
     from webgym.core.errors import UsageError
-    from webgym.report import write_report
+    from webgym.report.write import write_report
     from webgym.run_config import ServerChoice
     from webgym.runs import collect
     from webgym.runs import resume as go_on

@@ -12,7 +12,7 @@ from webgym.core.errors import ConfigError
 from webgym.server.config import GatewayConfig, RayConfig, ServerConfig
 
 if TYPE_CHECKING:
-    from webgym.server import ServerInfo
+    from webgym.server.messages import ServerInfo
 
 TOKEN = "WEBGYM_TOKEN"  # noqa: S105 - a variable's name
 _TOKEN_BYTES = 32
@@ -126,8 +126,8 @@ async def _serve(
     import signal
     from contextlib import AsyncExitStack
 
-    from webgym.server import running_gateway
     from webgym.server.compat import running_compat
+    from webgym.server.gateway import running_gateway
 
     serving = asyncio.current_task()
     assert serving is not None

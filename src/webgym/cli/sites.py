@@ -39,8 +39,9 @@ def serve(
     from pydantic import SecretStr
 
     from webgym.cli._run import SITES_TOKEN, run
-    from webgym.offline.app import SitesConfig, serving
-    from webgym.offline.web import DEFAULT_SEED, collection_name
+    from webgym.offline.app import serving
+    from webgym.offline.config import DEFAULT_SEED, SitesConfig
+    from webgym.offline.web import collection_name
 
     given = os.environ.get(SITES_TOKEN)
     config = SitesConfig(
@@ -79,8 +80,8 @@ def list_sites(
     ),
 ) -> None:
     """List the websites: address, family, split and behaviour."""
-    from webgym.offline import OfflineWeb
-    from webgym.offline.web import DEFAULT_SEED, collection_name
+    from webgym.offline.config import DEFAULT_SEED
+    from webgym.offline.web import OfflineWeb, collection_name
 
     web = OfflineWeb(DEFAULT_SEED if seed is None else seed, collection=collection_name(collection))
     for host, spec in web.specs.items():
@@ -129,9 +130,8 @@ def check(
 
     from webgym.cli._run import run, show_on, tell_on
     from webgym.core.errors import ConfigError
-    from webgym.offline import OfflineWeb
-    from webgym.offline.web import collection_name
-    from webgym.tasks import draw
+    from webgym.offline.web import OfflineWeb, collection_name
+    from webgym.tasks.sampling import draw
     from webgym.validation import check_in_browsers, typed
 
     console = Console()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
 from webgym.llm.config import ChatConfig, Sampling
-from webgym.settings import Section
+from webgym.settings import Section, Settings
 
 Stage: TypeAlias = Literal["keypoint", "fact", "response", "blocking", "reference"]
 STAGES: Final[tuple[Stage, ...]] = ("keypoint", "fact", "response", "blocking", "reference")
@@ -184,3 +185,23 @@ class PanelConfig(Section):
 
     temperature: float = Field(default=0.7, ge=0)
     """Of the samples; every one has a seed of its own."""
+
+
+class JudgeChoice(Settings):
+    """Which judge."""
+
+    name: str = "offline"
+    """``offline`` (for the offline web's tasks), ``rubric`` (a model; the default if an endpoint is given) or
+    ``module:function`` (your own)."""
+
+    rubric: JudgeConfig | None = None
+    """Of the rubric judge: models and rules."""
+
+    cache: Path | None = None
+    """Of the rubric judge: a file that keeps replies, so that no question is paid for twice."""
+
+    panel: PanelConfig = Field(default_factory=PanelConfig)
+    """Of the rubric judge: several samples by majority."""
+
+    without_rubric: bool = False
+    """Judge the task as a whole, for comparison; not possible with the offline judge."""

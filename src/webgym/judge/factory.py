@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
-from pathlib import Path
 from typing import Final
-
-from pydantic import Field
 
 from webgym.core.errors import ConfigError, JudgeError, LLMError
 from webgym.core.task import WHOLE_TASK, Task
 from webgym.judge.base import Judge
-from webgym.judge.config import STAGES, JudgeConfig, PanelConfig, Stage, StageConfig
+from webgym.judge.config import STAGES, JudgeChoice, JudgeConfig, PanelConfig, Stage, StageConfig
 from webgym.judge.custom import load_judge
 from webgym.judge.offline import OfflineJudge, what_is_missing
 from webgym.judge.panel import Panel
@@ -22,29 +19,8 @@ from webgym.llm.cache import ReplyCache
 from webgym.llm.client import ChatClient
 from webgym.llm.completion import Completes
 from webgym.llm.ledger import Ledger
-from webgym.settings import Settings
 
 JUDGE_NAMES: Final = ("offline", "rubric", "module:function")
-
-
-class JudgeChoice(Settings):
-    """Which judge."""
-
-    name: str = "offline"
-    """``offline`` (for the offline web's tasks), ``rubric`` (a model; the default if an endpoint is given) or
-    ``module:function`` (your own)."""
-
-    rubric: JudgeConfig | None = None
-    """Of the rubric judge: models and rules."""
-
-    cache: Path | None = None
-    """Of the rubric judge: a file that keeps replies, so that no question is paid for twice."""
-
-    panel: PanelConfig = Field(default_factory=PanelConfig)
-    """Of the rubric judge: several samples by majority."""
-
-    without_rubric: bool = False
-    """Judge the task as a whole, for comparison; not possible with the offline judge."""
 
 
 def refuse_unjudgeable(choice: JudgeChoice, tasks: Sequence[Task]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-import httpx
 from pydantic import Field, field_validator
 
 from webgym.settings import Settings
@@ -158,6 +157,8 @@ class ChatConfig(Settings):
     @field_validator("base_url")
     @classmethod
     def _is_plain_http(cls, value: str) -> str:
+        import httpx  # takes longer than all settings together, and most commands ask no model
+
         try:
             url = httpx.URL(value.strip().rstrip("/"))
         except httpx.InvalidURL as error:

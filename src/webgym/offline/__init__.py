@@ -9,10 +9,3 @@ art.py      pictures as SVG
 web.py      all websites of a seed, their tasks and the split
 app.py      the ASGI application that serves them on their own hostnames
 """
-
-from __future__ import annotations
-
-from webgym.offline.engine.specified import SpecifiedWebsite
-from webgym.offline.web import OfflineWeb
-
-__all__ = ["OfflineWeb", "SpecifiedWebsite"]

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import uvicorn
-from pydantic import Field, SecretStr
 from starlette.formparsers import MultiPartException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
@@ -27,52 +26,14 @@ from starlette.types import Message, Receive, Scope, Send
 
 from webgym.core.errors import SitesError
 from webgym.offline import latency
-from webgym.offline.latency import SIGMA
+from webgym.offline.config import SitesConfig
 from webgym.offline.visitors import Visitors
-from webgym.offline.web import DEFAULT_SEED, CollectionName, OfflineWeb
+from webgym.offline.web import OfflineWeb
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Visit, Website
-from webgym.settings import Settings
 
 VISITOR_COOKIE = "webgym_visitor"
 ASSETS = Path(__file__).parent / "assets"
 ASSET_TYPES = {".css": "text/css; charset=utf-8", ".js": "text/javascript; charset=utf-8"}
-
-
-class SitesConfig(Settings):
-    """How the offline web is served."""
-
-    seed: int = DEFAULT_SEED
-    """Of every website."""
-
-    collection: CollectionName = "large"
-    """Which websites: ``large``, as on the real web, or ``small``, pages of a few large signs."""
-
-    per_family: int | None = Field(default=None, ge=1)
-    """Websites in every family; ``None`` for the collection's own number (50 large and cross, 72 small)."""
-
-    host: str = "127.0.0.1"
-    """Address to listen on; loopback unless asked otherwise."""
-
-    port: int = Field(default=0, ge=0, le=65535)
-    """Port to listen on; 0 takes a free one."""
-
-    latency: float = Field(default=1.0, ge=0, le=100)
-    """Scale of the simulated latency; 0 turns it off."""
-
-    latency_sigma: float = Field(default=SIGMA, ge=0, le=3)
-    """Spread of its logarithm."""
-
-    slow_seconds: float = Field(default=4.0, ge=0)
-    """What every page of a slow website takes."""
-
-    token: SecretStr | None = None
-    """For the administration; random if not given."""
-
-    keep_alive_seconds: int = Field(default=75, gt=0)
-    """Idle connections are kept for longer than clients keep them, so that none closes as it is used."""
-
-    start_seconds: float = Field(default=30.0, gt=0)
-    """How long the server may take to start."""
 
 
 _LARGEST_FORM: Final = 2**20

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, TypeAlias
 
 from webgym.core.errors import ConfigError
 from webgym.core.task import Task
 from webgym.offline import names, small
+from webgym.offline.config import DEFAULT_SEED, CollectionName
 from webgym.offline.engine import cross_site
 from webgym.offline.engine.specified import SpecifiedWebsite
 from webgym.offline.families import FAMILIES
@@ -18,12 +18,9 @@ from webgym.offline.parts import SENTENCES, Place, Wording, write
 from webgym.offline.seeds import number, stream
 from webgym.offline.website import TOP_LEVEL_DOMAIN, Behaviour, Split, Website
 
-DEFAULT_SEED = 7
 _OTHERS = 2
 """Websites of other families that a website has cross-site tasks with."""
 MISBEHAVING: tuple[Behaviour, ...] = ("blocks", "down", "slow", "nags", "forgets")
-
-CollectionName: TypeAlias = Literal["large", "small", "cross"]
 
 
 @dataclass(frozen=True)

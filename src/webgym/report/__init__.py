@@ -14,9 +14,3 @@ charts.py      inline SVG
 thumbnails.py  small pictures for the file
 template.py    the page around it all: templates/ and static/
 """
-
-from webgym.report.config import ReportConfig
-from webgym.report.training import is_training, write_training_report
-from webgym.report.write import write_report
-
-__all__ = ["ReportConfig", "is_training", "write_report", "write_training_report"]

@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from webgym.core.task import LEVELS, Task, level_of
 from webgym.report.template import ENVIRONMENT
-from webgym.tasks import TaskFile
+from webgym.tasks.files import TaskFile
 from webgym.tasks.index import FACETS, TaskIndex, website_key
 
 _CHOICES = 300

@@ -21,7 +21,7 @@ from webgym.report.config import ViewConfig
 from webgym.report.serving import ONLY_LOCAL_NAMES, SAFE, json_reply, page_reply, serve
 from webgym.report.task_content import choices, figures_of, subdomains, task_page, task_row, tasks_overview
 from webgym.report.template import Document
-from webgym.tasks import read_tasks
+from webgym.tasks.formats import read_tasks
 from webgym.tasks.index import FACETS, TaskIndex, TaskQuery
 
 _SCRIPTS: Final = ("dom.js", "theme.js", "tasks.js")

@@ -13,8 +13,8 @@ from webgym.core.calls import CallQueue, call_queues
 from webgym.core.errors import PolicyTimeout, StoreError
 from webgym.core.outcome import Ending
 from webgym.core.trajectory import Failure, Step
+from webgym.rollout.config import AttemptConfig
 from webgym.rollout.driver import (
-    AttemptConfig,
     Browsers,
     BrowserSession,
     EpisodeContext,
@@ -25,7 +25,7 @@ from webgym.rollout.driver import (
 from webgym.rollout.lockstep import Lockstep
 from webgym.rollout.plan import Planned
 from webgym.rollout.progress import Progress, State
-from webgym.server import View
+from webgym.server.messages import View
 
 StoreT = TypeVar("StoreT", bound=ImageStore, covariant=True)
 

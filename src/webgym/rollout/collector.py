@@ -13,10 +13,8 @@ from array import array
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, nullcontext
 from functools import partial
-from typing import Literal
 
 import numpy as np
-from pydantic import Field
 
 from webgym.core.calls import LoopLag
 from webgym.core.errors import (
@@ -35,85 +33,12 @@ from webgym.judge.base import Judge, Pictures
 from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import Attempt, AttemptContext
 from webgym.rollout.blocklist import Blocklist
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.driver import BrowserSession
 from webgym.rollout.judging import JUDGED, TAKEN_OVER, JudgedEpisode, judge_episode
 from webgym.rollout.plan import Plan, Planned
 from webgym.rollout.progress import queues_of
-from webgym.rollout.sharing import SharingConfig
 from webgym.rollout.store import RunWriter
-from webgym.settings import Settings
-
-
-class CollectorConfig(Settings):
-    """How many at once, and when to give up."""
-
-    sessions: int = Field(default=16, ge=1)
-    """Browser sessions, and therefore attempts, at the same time."""
-
-    schedule: Literal["async", "step_barrier", "episode_barrier"] = "async"
-    """``async``: attempts are independent. ``step_barrier`` and ``episode_barrier`` are the paper's baselines
-    (§4).
-
-    ``step_barrier``: the policy is asked for all sessions in one batch, and they act when its last reply has
-    come. ``episode_barrier``: a group of sessions begins together, and the next group when its last has
-    ended.
-    """
-
-    refills: bool = True
-    """Step barrier: a session whose attempt ended starts the next one and joins again when it is ready.
-    Otherwise the group is fixed: the next one begins when the longest attempt of this one has ended."""
-
-    order: Literal["given", "hardest_first"] = "given"
-    """Order of the tasks. ``hardest_first`` starts long attempts early, so that few are left at the end."""
-
-    policy_calls: int = Field(default=256, ge=1)
-    """Replies that are asked for at the same time (the paper has 80 sessions of inference, appendix F). The
-    endpoint's own limit, ``policy.chat.concurrency``, counts too."""
-
-    judges: int = Field(default=8, ge=1)
-    """Episodes being judged at the same time."""
-
-    backlog: int = Field(default=64, ge=0)
-    """Episodes that may wait for a judge or for the disk. When as many do, browsers take no new task: memory
-    stays bounded."""
-
-    judge_seconds: float = Field(default=300.0, gt=0)
-    """How long one verdict may take before the attempt counts as unjudged."""
-
-    judge_again: int = Field(default=2, ge=0)
-    """How often attempts without a verdict are judged again, at the end of the run and when it is resumed."""
-
-    straggler_share: float = Field(default=0.95, gt=0, le=1)
-    """Once this share of the samples is done and all others have begun, the rest get a grace period (paper
-    §4)."""
-
-    straggler_seconds: float = Field(default=120.0, ge=0)
-    """The grace period. Then whoever has had as long as the slowest of that share needed is ended, and is
-    recorded as cancelled by the collector, which is no failure of the agent's: it carries no reward."""
-
-    server_patience_seconds: float = Field(default=60.0, ge=0)
-    """How long a server that does not answer, or has no free slot, is waited for before the run stops."""
-
-    server_retry_seconds: float = Field(default=0.5, gt=0)
-    """First pause before a server is asked again; each further pause is twice as long, up to eight times."""
-
-    give_up_after: int = Field(default=20, ge=1)
-    """The run stops when so many attempts in a row failed because the policy's endpoint or the server
-    did: nothing is won by sending the rest after them."""
-
-    sharing: SharingConfig = SharingConfig()
-    """One task list for several collectors (:mod:`webgym.rollout.sharing`)."""
-
-    metric_seconds: float = Field(default=5.0, gt=0)
-    """How often a line is added to ``metrics.jsonl``."""
-
-    metrics_port: int | None = Field(default=None, ge=0, le=65535)
-    """Port of the loopback address where Prometheus may read the same figures; 0 takes a free one."""
-
-    @property
-    def is_grouped(self) -> bool:
-        """Whether attempts begin together, group by group."""
-        return self.schedule == "episode_barrier" or (self.schedule == "step_barrier" and not self.refills)
 
 
 class Collector:

@@ -12,17 +12,15 @@ import time
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from pydantic import Field
-
+from webgym.browser.config import Cookie
 from webgym.core.action import Answer, BrowserAction, Mode, Navigate, Space
 from webgym.core.errors import AttemptOverdue, NavigationFailed, PolicyBadReply, WebGymError
 from webgym.core.observation import Observation
 from webgym.core.outcome import Ending, ending_of
-from webgym.core.task import StepBudget
 from webgym.core.trajectory import Episode, Failure, Step
+from webgym.rollout.config import AttemptConfig
 from webgym.rollout.plan import Planned
-from webgym.server import Cookie, SessionOptions, View
-from webgym.settings import Settings
+from webgym.server.messages import SessionOptions, View
 
 _ORIGIN = re.compile(r"https?://[^/\s?#\"]+", re.IGNORECASE)
 _CONNECTION = re.compile(
@@ -96,41 +94,6 @@ class SiteState(Protocol):
             SitesError: the offline web does not answer.
         """
         ...
-
-
-class AttemptConfig(Settings):
-    """Budgets and limits of an attempt."""
-
-    viewport: tuple[int, int] = (1280, 768)
-    """Width and height, CSS pixels (paper §4); 192 x 128 for the offline web's small websites, unless set."""
-
-    budget_easy: int = Field(default=15, ge=1)
-    """Steps for a task of 1 to 3 facts (paper §5: 15, better 10, in training; 30 in testing)."""
-
-    budget_medium: int = Field(default=30, ge=1)
-    """Steps for a task of 4 to 6 facts (paper §5: 30, better 20, in training; 50 in testing)."""
-
-    budget_hard: int = Field(default=45, ge=1)
-    """Steps for a task of 7 facts and more (paper §5: 45, better 30, in training; 70 in testing)."""
-
-    start_tries: int = Field(default=2, ge=1)
-    """How often the start page is tried before the attempt counts as the environment's failure."""
-
-    longest_seconds: float = Field(default=3600.0, gt=0)
-    """How long an attempt may take of its own: replies, and actions and looks in its browser, without waits
-    in queues. An attempt that does ends without a reward, as the environment's failure: the agent's own limit
-    is its budget of steps."""
-
-    record_text: bool = True
-    """Record the text that is visible in each screenshot; the offline judge reads it."""
-
-    record_cuts: bool = False
-    """Record the lines of each page that are cut off; ``webgym sites check`` reads them."""
-
-    @property
-    def budget(self) -> StepBudget:
-        """The three budgets as one value."""
-        return StepBudget(self.budget_easy, self.budget_medium, self.budget_hard)
 
 
 @dataclass(frozen=True)

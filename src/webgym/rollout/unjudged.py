@@ -21,7 +21,7 @@ from webgym.judge.base import Judge, Pictures
 from webgym.judge.blocking import blocking_host
 from webgym.rollout.attempt import AttemptContext
 from webgym.rollout.blocklist import Blocklist
-from webgym.rollout.collector import CollectorConfig
+from webgym.rollout.config import CollectorConfig
 from webgym.rollout.judging import TAKEN_OVER, JudgedEpisode, judge_episode
 from webgym.rollout.plan import Plan
 from webgym.rollout.store import RunReader, RunWriter

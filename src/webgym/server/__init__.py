@@ -33,30 +33,3 @@ aggregate.py   what many workers say, as one
 
 compat/        the HTTP API of the WebGym authors' server, in front of either
 """
-
-from __future__ import annotations
-
-from webgym.browser.config import BrowserConfig, Cookie
-from webgym.server.client import BrowserClient, Session
-from webgym.server.config import ClientLimits, GatewayConfig, RayConfig, ServerConfig
-from webgym.server.gateway import RunningGateway, running_gateway
-from webgym.server.messages import ServerInfo, SessionOptions, View
-from webgym.server.run_worker import RunningServer, running_server
-
-__all__ = [
-    "BrowserClient",
-    "BrowserConfig",
-    "ClientLimits",
-    "Cookie",
-    "GatewayConfig",
-    "RayConfig",
-    "RunningGateway",
-    "RunningServer",
-    "ServerConfig",
-    "ServerInfo",
-    "Session",
-    "SessionOptions",
-    "View",
-    "running_gateway",
-    "running_server",
-]

@@ -15,7 +15,7 @@ from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
-from webgym.browser import Slot
+from webgym.browser.slot import Slot
 from webgym.core.errors import LeaseLost
 from webgym.server.admission import Permit
 

@@ -8,7 +8,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram, generate_la
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from webgym.browser.egress import EgressLoad
+from webgym.browser.egress.proxy import EgressLoad
 from webgym.server.admission import AdmissionController
 from webgym.server.leases import Leases
 from webgym.server.pool import Pool

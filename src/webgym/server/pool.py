@@ -8,11 +8,13 @@ from collections.abc import Callable, Coroutine
 from pathlib import Path
 from typing import Any
 
-from webgym.browser import Egress, ProfileRoot, Slot
 from webgym.browser.config import BrowserConfig
+from webgym.browser.egress.proxy import Egress
 from webgym.browser.memory import MemoryWatch
 from webgym.browser.process import BrowserProcess
+from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState
+from webgym.browser.slot import Slot
 from webgym.core.errors import BrowserError, NoCapacity, TooManyWaiting
 from webgym.server.config import ServerConfig
 from webgym.server.messages import SlotLoad

@@ -12,10 +12,10 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from webgym.browser import Slot
 from webgym.browser.document import Document, ReadRequest
 from webgym.browser.gestures import AnyAction
 from webgym.browser.observe import Metadata
+from webgym.browser.slot import Slot
 from webgym.core.action import Navigate
 from webgym.core.errors import BrowserError, ProtocolError
 from webgym.server.admission import AdmissionController, Permit

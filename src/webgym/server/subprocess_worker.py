@@ -22,7 +22,7 @@ from typing import TypeAlias
 import msgspec
 import uvloop
 
-from webgym.browser import ProfileRoot
+from webgym.browser.profiles import ProfileRoot
 from webgym.core.errors import ServerError, WebGymError, error_from_code
 from webgym.server.config import ServerConfig
 from webgym.server.fleet import Started

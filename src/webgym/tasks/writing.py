@@ -14,7 +14,8 @@ import msgspec
 from webgym.core.errors import LLMUnusable
 from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.websites import host_of
-from webgym.llm import Completes, Completion, ask_for
+from webgym.llm.completion import Completes, Completion
+from webgym.llm.structured import ask_for
 from webgym.tasks import prompts
 from webgym.tasks.rewriting import USUAL, WritingLimits, refused_rewriting
 from webgym.tasks.rules import Asked, Draft, DraftGroup, Finding, check_rubric

@@ -29,11 +29,10 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Episode, Trajectory
 from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import Loaded
-from webgym.judge import OfflineJudge
+from webgym.judge.offline import OfflineJudge
 from webgym.offline.small.wording import small_vocabulary
 from webgym.offline.web import OfflineWeb
-from webgym.rollout.collector import CollectorConfig
-from webgym.rollout.driver import AttemptConfig
+from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.files import write_whole
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned

@@ -24,14 +24,14 @@ from webgym.bench.usage import CpuTimes
 from webgym.browser.config import BrowserConfig
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.core.outcome import Outcome
-from webgym.offline import OfflineWeb
 from webgym.offline.app import RunningSites, serving
+from webgym.offline.web import OfflineWeb
 from webgym.rollout.store import RunReader
 from webgym.rollout.summary import environment_milliseconds
 from webgym.run_config import RunConfig, Secrets
 from webgym.runs import collect
-from webgym.server import BrowserClient, ServerConfig
-from webgym.server.config import Admission
+from webgym.server.client import BrowserClient
+from webgym.server.config import Admission, ServerConfig
 
 PLAN: Final = "plan.json"
 _SAMPLE_SECONDS = 1.0

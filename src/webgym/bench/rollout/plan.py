@@ -10,9 +10,9 @@ import msgspec
 
 from webgym.bench.rollout.endpoint import Script
 from webgym.core.task import LEVELS, Task
-from webgym.offline import OfflineWeb
-from webgym.offline.app import SitesConfig
+from webgym.offline.config import SitesConfig
 from webgym.offline.latency import MEDIAN_SECONDS
+from webgym.offline.web import OfflineWeb
 from webgym.simulate.config import Costs, Queues, Schedule, Workload
 from webgym.simulate.demand import demand, draw_levels, draw_steps
 

@@ -14,7 +14,8 @@ from webgym.bench.soak.plan import SoakPlan
 from webgym.browser.document import ReadRequest
 from webgym.core.action import BrowserAction, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
 from webgym.core.observation import Notice
-from webgym.server import BrowserClient, Session, SessionOptions
+from webgym.server.client import BrowserClient, Session
+from webgym.server.messages import SessionOptions
 
 T = TypeVar("T")
 

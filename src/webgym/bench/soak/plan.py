@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from webgym.browser.config import BrowserConfig
-from webgym.server import ClientLimits, GatewayConfig, ServerConfig
+from webgym.server.config import ClientLimits, GatewayConfig, ServerConfig
 
 _MIB = 1024 * 1024
 

@@ -19,7 +19,7 @@ from webgym.bench.soak.leaks import Census, left_behind
 from webgym.bench.soak.plan import SoakPlan
 from webgym.bench.soak.target import Target, running_target
 from webgym.core.errors import ServerError
-from webgym.server import BrowserClient
+from webgym.server.client import BrowserClient
 
 _READY_SECONDS = 120.0
 _REST_SECONDS = 90.0

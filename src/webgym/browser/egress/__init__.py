@@ -11,11 +11,3 @@ politeness.py  how often one host is connected to
 machine.py     what this machine's network says
 config.py      every limit, with its unit and its reason
 """
-
-from __future__ import annotations
-
-from webgym.browser.egress.config import EgressConfig
-from webgym.browser.egress.dial import NotConnected, Reason
-from webgym.browser.egress.proxy import Egress, EgressLoad, ProxyListener
-
-__all__ = ["Egress", "EgressConfig", "EgressLoad", "NotConnected", "ProxyListener", "Reason"]

@@ -9,7 +9,8 @@ from pathlib import Path
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import Task
-from webgym.tasks import BrokenRecord, read_tasks
+from webgym.tasks.files import BrokenRecord
+from webgym.tasks.formats import read_tasks
 
 _NAMED = 5
 

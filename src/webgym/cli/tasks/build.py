@@ -128,7 +128,7 @@ def _sources(given: Sequence[str]) -> dict[str, dict[str, str]]:
 
 
 def _prices(given: str | None) -> dict[str, Any]:
-    from webgym.llm import Prices
+    from webgym.llm.prices import Prices
 
     price = None if given is None else Prices.parse(given).of("*")
     return {} if price is None else {"*": price.model_dump()}

@@ -18,7 +18,7 @@ def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
     from webgym.core.task import LEVELS
     from webgym.core.websites import site_or_text
     from webgym.tables import Table, grid
-    from webgym.tasks import read_tasks
+    from webgym.tasks.formats import read_tasks
 
     found = read_tasks(file)
     console = Console()

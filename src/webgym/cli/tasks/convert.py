@@ -30,7 +30,7 @@ def convert(
     from webgym.cli import EXIT_USAGE
     from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.errors import ConfigError
-    from webgym.tasks import FORMATS, read_tasks, write_tasks
+    from webgym.tasks.formats import FORMATS, read_tasks, write_tasks
 
     chosen = next((known for known in FORMATS if known == format), None)
     if format and not chosen:

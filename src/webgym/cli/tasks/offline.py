@@ -22,9 +22,9 @@ def offline(
 ) -> None:
     """Write the offline web's tasks to a file, with their hidden truths."""
     from webgym.core.errors import ConfigError
-    from webgym.offline import OfflineWeb
-    from webgym.offline.web import DEFAULT_SEED, collection_name
-    from webgym.tasks import write_tasks
+    from webgym.offline.config import DEFAULT_SEED
+    from webgym.offline.web import OfflineWeb, collection_name
+    from webgym.tasks.formats import write_tasks
 
     if split not in (None, "train", "test"):
         raise ConfigError(f"unknown split {split!r}", hint="give train or test")

@@ -65,7 +65,7 @@ def sample(
     from webgym.core.errors import ConfigError
     from webgym.core.text import plain
     from webgym.rollout.blocklist import Blocklist, BlocklistConfig
-    from webgym.tasks import write_tasks
+    from webgym.tasks.formats import write_tasks
     from webgym.tasks.sampling import Sampler, near_success, spread_websites
 
     if spread and near:

@@ -37,7 +37,7 @@ def show(
     """
     from webgym.cli.tasks._files import tell_set_aside
     from webgym.core.errors import UsageError
-    from webgym.tasks import read_tasks
+    from webgym.tasks.formats import read_tasks
     from webgym.tasks.index import TaskIndex, TaskQuery
 
     found = read_tasks(file)

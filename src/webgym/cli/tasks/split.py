@@ -29,8 +29,8 @@ def split(
     import msgspec
 
     from webgym.cli.tasks._files import with_own_ids
-    from webgym.tasks import write_tasks
     from webgym.tasks.files import whole_file
+    from webgym.tasks.formats import write_tasks
     from webgym.tasks.split import SplitConfig
     from webgym.tasks.split import split as run
 

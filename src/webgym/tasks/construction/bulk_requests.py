@@ -9,7 +9,7 @@ from typing import Final, Generic, TypeVar
 import msgspec
 
 from webgym.core.errors import BudgetSpent, CacheError, LLMError, LLMUnreachable, LLMUnusable, NotCached
-from webgym.llm import EndpointRefused
+from webgym.llm.client import EndpointRefused
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -10,7 +10,9 @@ from typing import Any, Final, Literal, TypeAlias
 from pydantic import Field, ValidationError, field_validator
 
 from webgym.core.errors import ConfigError
-from webgym.llm import Budget, ChatConfig, Price, Sampling
+from webgym.llm.config import ChatConfig, Sampling
+from webgym.llm.ledger import Budget
+from webgym.llm.prices import Price
 from webgym.settings import Section, Settings, first_problem, merged, read_yaml, without_none
 from webgym.tasks.decompose import Decomposing
 from webgym.tasks.duplicates import DuplicateLimits

@@ -9,10 +9,14 @@ from typing import Any, Final
 import msgspec
 
 from webgym.core.errors import NotCached
-from webgym.llm import ChatClient, Completion, Prices, ReplyCache, Sampling, count_messages, count_text
-from webgym.llm.completion import read_completion
+from webgym.llm.cache import ReplyCache
+from webgym.llm.client import ChatClient
+from webgym.llm.completion import Completion, read_completion
+from webgym.llm.config import Sampling
 from webgym.llm.formats import Formats
+from webgym.llm.prices import Prices
 from webgym.llm.request import Request
+from webgym.llm.tokens import count_messages, count_text
 from webgym.tasks import prompts
 from webgym.tasks.construction.config import Assumptions, Purpose
 from webgym.tasks.construction.pipeline import Build

@@ -24,11 +24,11 @@ import msgspec
 
 from webgym.core.errors import TaskFileError
 from webgym.core.task import LEVELS, Task
-from webgym.tasks import write_tasks
 from webgym.tasks.construction.accounting import CountMismatch
 from webgym.tasks.construction.pipeline import Build
 from webgym.tasks.construction.progress import StageProgress
 from webgym.tasks.files import whole_file
+from webgym.tasks.formats import write_tasks
 from webgym.tasks.statistics import describe
 from webgym.tasks.validate import validate
 

@@ -20,7 +20,7 @@ import msgspec
 from webgym.core.errors import TooFewWebsites
 from webgym.core.task import Rubric, Task
 from webgym.core.websites import site_of
-from webgym.llm import Completes
+from webgym.llm.completion import Completes
 from webgym.tasks.construction.accounting import TaskAccounting
 from webgym.tasks.construction.bulk_requests import Done, Failed, Pending, ask_all
 from webgym.tasks.construction.config import BuildConfig, Purpose, no_model

@@ -12,17 +12,13 @@ from typing import Final
 import yaml
 
 from webgym.core.errors import ConfigError, TaskFileError, TooFewWebsites
-from webgym.llm import (
-    BatchFile,
-    ChatClient,
-    ChatConfig,
-    Collector,
-    Completes,
-    Ledger,
-    Prices,
-    ReplyCache,
-    write_batches,
-)
+from webgym.llm.batch import BatchFile, Collector, write_batches
+from webgym.llm.cache import ReplyCache
+from webgym.llm.client import ChatClient
+from webgym.llm.completion import Completes
+from webgym.llm.config import ChatConfig
+from webgym.llm.ledger import Ledger
+from webgym.llm.prices import Prices
 from webgym.tasks.construction.config import PURPOSES, BuildConfig, Purpose
 from webgym.tasks.construction.estimate import Estimate, Estimator, estimate
 from webgym.tasks.construction.outputs import write_build, write_failures

@@ -1,0 +1,118 @@
+"""Settings of an attempt and of the collector."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from webgym.core.task import StepBudget
+from webgym.rollout.sharing import SharingConfig
+from webgym.settings import Settings
+
+
+class AttemptConfig(Settings):
+    """Budgets and limits of an attempt."""
+
+    viewport: tuple[int, int] = (1280, 768)
+    """Width and height, CSS pixels (paper §4); 192 x 128 for the offline web's small websites, unless set."""
+
+    budget_easy: int = Field(default=15, ge=1)
+    """Steps for a task of 1 to 3 facts (paper §5: 15, better 10, in training; 30 in testing)."""
+
+    budget_medium: int = Field(default=30, ge=1)
+    """Steps for a task of 4 to 6 facts (paper §5: 30, better 20, in training; 50 in testing)."""
+
+    budget_hard: int = Field(default=45, ge=1)
+    """Steps for a task of 7 facts and more (paper §5: 45, better 30, in training; 70 in testing)."""
+
+    start_tries: int = Field(default=2, ge=1)
+    """How often the start page is tried before the attempt counts as the environment's failure."""
+
+    longest_seconds: float = Field(default=3600.0, gt=0)
+    """How long an attempt may take of its own: replies, and actions and looks in its browser, without waits
+    in queues. An attempt that does ends without a reward, as the environment's failure: the agent's own limit
+    is its budget of steps."""
+
+    record_text: bool = True
+    """Record the text that is visible in each screenshot; the offline judge reads it."""
+
+    record_cuts: bool = False
+    """Record the lines of each page that are cut off; ``webgym sites check`` reads them."""
+
+    @property
+    def budget(self) -> StepBudget:
+        """The three budgets as one value."""
+        return StepBudget(self.budget_easy, self.budget_medium, self.budget_hard)
+
+
+class CollectorConfig(Settings):
+    """How many at once, and when to give up."""
+
+    sessions: int = Field(default=16, ge=1)
+    """Browser sessions, and therefore attempts, at the same time."""
+
+    schedule: Literal["async", "step_barrier", "episode_barrier"] = "async"
+    """``async``: attempts are independent. ``step_barrier`` and ``episode_barrier`` are the paper's baselines
+    (§4).
+
+    ``step_barrier``: the policy is asked for all sessions in one batch, and they act when its last reply has
+    come. ``episode_barrier``: a group of sessions begins together, and the next group when its last has
+    ended.
+    """
+
+    refills: bool = True
+    """Step barrier: a session whose attempt ended starts the next one and joins again when it is ready.
+    Otherwise the group is fixed: the next one begins when the longest attempt of this one has ended."""
+
+    order: Literal["given", "hardest_first"] = "given"
+    """Order of the tasks. ``hardest_first`` starts long attempts early, so that few are left at the end."""
+
+    policy_calls: int = Field(default=256, ge=1)
+    """Replies that are asked for at the same time (the paper has 80 sessions of inference, appendix F). The
+    endpoint's own limit, ``policy.chat.concurrency``, counts too."""
+
+    judges: int = Field(default=8, ge=1)
+    """Episodes being judged at the same time."""
+
+    backlog: int = Field(default=64, ge=0)
+    """Episodes that may wait for a judge or for the disk. When as many do, browsers take no new task: memory
+    stays bounded."""
+
+    judge_seconds: float = Field(default=300.0, gt=0)
+    """How long one verdict may take before the attempt counts as unjudged."""
+
+    judge_again: int = Field(default=2, ge=0)
+    """How often attempts without a verdict are judged again, at the end of the run and when it is resumed."""
+
+    straggler_share: float = Field(default=0.95, gt=0, le=1)
+    """Once this share of the samples is done and all others have begun, the rest get a grace period (paper
+    §4)."""
+
+    straggler_seconds: float = Field(default=120.0, ge=0)
+    """The grace period. Then whoever has had as long as the slowest of that share needed is ended, and is
+    recorded as cancelled by the collector, which is no failure of the agent's: it carries no reward."""
+
+    server_patience_seconds: float = Field(default=60.0, ge=0)
+    """How long a server that does not answer, or has no free slot, is waited for before the run stops."""
+
+    server_retry_seconds: float = Field(default=0.5, gt=0)
+    """First pause before a server is asked again; each further pause is twice as long, up to eight times."""
+
+    give_up_after: int = Field(default=20, ge=1)
+    """The run stops when so many attempts in a row failed because the policy's endpoint or the server
+    did: nothing is won by sending the rest after them."""
+
+    sharing: SharingConfig = SharingConfig()
+    """One task list for several collectors (:mod:`webgym.rollout.sharing`)."""
+
+    metric_seconds: float = Field(default=5.0, gt=0)
+    """How often a line is added to ``metrics.jsonl``."""
+
+    metrics_port: int | None = Field(default=None, ge=0, le=65535)
+    """Port of the loopback address where Prometheus may read the same figures; 0 takes a free one."""
+
+    @property
+    def is_grouped(self) -> bool:
+        """Whether attempts begin together, group by group."""
+        return self.schedule == "episode_barrier" or (self.schedule == "step_barrier" and not self.refills)

@@ -6,8 +6,8 @@ Run it to have a few of them checked: every task is played in Chromium, and must
 import asyncio
 import random
 
-from webgym import SpecifiedWebsite
 from webgym.offline import names
+from webgym.offline.engine.specified import SpecifiedWebsite
 from webgym.testing import check_family
 
 

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from webgym.inference.rendering import Renderer
     from webgym.judge.base import Judge
     from webgym.judge.offline import OfflineJudge
-    from webgym.offline.engine.specified import SpecifiedWebsite
     from webgym.offline.web import OfflineWeb
     from webgym.report.write import write_report
     from webgym.rollout.store import RunReader
@@ -86,7 +85,6 @@ _HOMES = {
     "webgym.inference.rendering": ("Renderer",),
     "webgym.judge.base": ("Judge",),
     "webgym.judge.offline": ("OfflineJudge",),
-    "webgym.offline.engine.specified": ("SpecifiedWebsite",),
     "webgym.offline.web": ("OfflineWeb",),
     "webgym.report.write": ("write_report",),
     "webgym.rollout.store": ("RunReader",),
@@ -139,7 +137,6 @@ __all__ = [
     "Sampled",
     "Scroll",
     "ServerConfig",
-    "SpecifiedWebsite",
     "Step",
     "SyncEnvironment",
     "Target",

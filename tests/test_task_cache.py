@@ -23,12 +23,16 @@ def unmade(*given: object) -> None:
 
 def test_they_are_made_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     splits: tuple[Split | None, ...] = ("train", "test", None)
-    made = {split: cached_tasks(small(), split, tmp_path) for split in splits}
+    said: list[str] = []
+    made = {split: cached_tasks(small(), split, tmp_path, tell=said.append) for split in splits}
+    count = len(small().specs)
+    assert said[-1] == f"making the tasks of {count} websites, once for this version of the offline web"
+    assert len(said) == 3
     assert {split: list(small().tasks(split)) for split in made} == made
     web = small()
     monkeypatch.setattr(web, "tasks", unmade)
     for split, tasks in made.items():
-        assert cached_tasks(web, split, tmp_path) == tasks
+        assert cached_tasks(web, split, tmp_path, tell=unmade) == tasks
 
 
 def test_other_settings_and_other_code_make_their_own(

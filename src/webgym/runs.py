@@ -107,7 +107,7 @@ async def collect(
     given = tasks
     # A file of hundreds of thousands of tasks takes seconds, and the caller's loop has others to serve.
     chosen = await asyncio.to_thread(
-        lambda: choose_tasks(config) if given is None else given_tasks(given, config)
+        lambda: choose_tasks(config, tell) if given is None else given_tasks(given, config)
     )
     tasks, selected = chosen.tasks, chosen.selected
     refuse_unjudgeable(config.judge, tasks)

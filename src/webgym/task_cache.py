@@ -6,7 +6,7 @@ import hashlib
 import logging
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 
@@ -23,7 +23,13 @@ KEPT_FILES = 8
 """In the folder; the longest unused goes first."""
 
 
-def cached_tasks(web: OfflineWeb, split: Split | None = None, folder: Path | None = None) -> list[Task]:
+def cached_tasks(
+    web: OfflineWeb,
+    split: Split | None = None,
+    folder: Path | None = None,
+    *,
+    tell: Callable[[str], None] | None = None,
+) -> list[Task]:
     """The tasks of a web, as :meth:`OfflineWeb.tasks` makes them.
 
     They are read from a file whose name says what they were made from: the web's settings and the content
@@ -34,6 +40,7 @@ def cached_tasks(web: OfflineWeb, split: Split | None = None, folder: Path | Non
         web: one of the collections.
         split: the split, or all.
         folder: of the files; by default ``webgym/tasks`` in the user's cache folder.
+        tell: is told if tasks have to be made, before it takes that long.
     """
     folder = folder or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "webgym" / "tasks"
     said = f"{_digest_of_code()} {web.seed} {web.per_family} {web.collection} {split}"
@@ -42,6 +49,9 @@ def cached_tasks(web: OfflineWeb, split: Split | None = None, folder: Path | Non
         tasks = _checked(file.read_bytes())
         os.utime(file)
     except (OSError, ValueError):
+        if tell is not None:
+            count = sum(split in (None, spec.split) for spec in web.specs.values())
+            tell(f"making the tasks of {count} websites, once for this version of the offline web")
         tasks = list(web.tasks(split))
         _keep(tasks, file)
     return tasks

@@ -10,7 +10,7 @@ from webgym.core.task import Task
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Split
 from webgym.rollout.blocklist import Blocklist
-from webgym.run_config import RunConfig
+from webgym.run_config import RunConfig, Tell
 from webgym.task_cache import cached_tasks
 from webgym.tasks.brands import brand_or_text
 from webgym.tasks.files import BrokenRecord, TaskFile, unfit
@@ -34,8 +34,12 @@ class Chosen(NamedTuple):
     selected: Selected
 
 
-def choose_tasks(config: RunConfig) -> Chosen:
+def choose_tasks(config: RunConfig, tell: Tell | None = None) -> Chosen:
     """The tasks of a run.
+
+    Args:
+        config: of the run.
+        tell: is told what takes long.
 
     Raises:
         TaskFileError: the file cannot be read or holds no task.
@@ -43,7 +47,7 @@ def choose_tasks(config: RunConfig) -> Chosen:
     """
     choice = config.tasks
     one = choice.split if choice.split in ("train", "test") else None
-    found = _read(config, one)
+    found = _read(config, one, tell)
     selected = select(found.tasks, choice, Blocklist(config.blocklist).blocked())
     if not selected.tasks:
         raise ConfigError(
@@ -53,22 +57,26 @@ def choose_tasks(config: RunConfig) -> Chosen:
     return Chosen(_drawn(selected.tasks, config), found.broken, found.set_aside, selected)
 
 
-def all_tasks(config: RunConfig) -> list[Task]:
+def all_tasks(config: RunConfig, tell: Tell | None = None) -> list[Task]:
     """The whole task set that a run's tasks are chosen from, every split of it.
+
+    Args:
+        config: of the run.
+        tell: is told what takes long.
 
     Raises:
         TaskFileError: the file cannot be read or holds no task.
     """
-    return _read(config, None).tasks
+    return _read(config, None, tell).tasks
 
 
-def _read(config: RunConfig, split: Split | None) -> TaskFile:
+def _read(config: RunConfig, split: Split | None, tell: Tell | None) -> TaskFile:
     """A file is read whole; of the offline web only the split that is asked for."""
     if config.tasks.file is not None:
         return read_tasks(config.tasks.file)
     sites = config.sites
     web = OfflineWeb(sites.seed, per_family=sites.per_family, collection=sites.collection)
-    return TaskFile(cached_tasks(web, split), [])
+    return TaskFile(cached_tasks(web, split, tell=tell), [])
 
 
 def given_tasks(tasks: Sequence[Task], config: RunConfig) -> Chosen:

@@ -92,7 +92,11 @@ def _holds_tasks(folder: Path) -> bool:
 
 def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
     name = str(source)
-    held = Held(all_tasks(config_of(name, "all")), [], []) if name in COLLECTIONS else read_all([source])
+    held = (
+        Held(all_tasks(config_of(name, "all"), typer.echo), [], [])
+        if name in COLLECTIONS
+        else read_all([source])
+    )
     tasks = [task for task in held.tasks if split is Split.ALL or task.split == split.value]
     make_folder(out)
     if any(out.iterdir()):

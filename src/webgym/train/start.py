@@ -56,7 +56,7 @@ async def open_training(
     folder = TrainingFolder(out)
     if not resume:
         folder.refuse_used()
-    tasks = all_tasks(config.rollout)
+    tasks = all_tasks(config.rollout, tell)
     objective = make_objective(config.learn.objective)
     serving = make_serving(config, folder)
     # As config.yaml holds it, for when it is resumed: what follows from unset settings must not change then.

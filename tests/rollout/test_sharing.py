@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import os
+import subprocess
+import sys
+from collections import Counter, defaultdict
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
@@ -15,9 +18,10 @@ from tests.rollout.test_plan import entry
 from tests.rollout.test_summary import task
 from tests.rollout.test_verify import Judge as Passing
 
-from webgym.core.errors import ConfigError, StoreError
+from webgym.core.errors import ConfigError, RunFolderError, StoreError
 from webgym.core.outcome import Outcome
 from webgym.report.overview import Overview
+from webgym.rollout.merging import merge_runs, runs_in
 from webgym.rollout.plan import Plan
 from webgym.rollout.rejudge import judge_run, recorded
 from webgym.rollout.sharing import Claim, Claims, SharingConfig
@@ -125,6 +129,16 @@ async def test_three_collectors_do_every_sample_once(tmp_path: Path, world: Worl
         shown = overview.figures().summary
         assert shown["by_level"] == summary["by_level"]
         assert shown["planned"] == summary["planned"], "the report says what summary.json says"
+    merged = await merge_runs(runs_in(tmp_path / "shared"), tmp_path / "all")
+    assert (merged.attempts, merged.samples, merged.missing) == (40, 40, 0)
+    assert {each.episode.attempt_id for each in books(tmp_path / "all")} == {
+        each.episode.attempt_id for each in made
+    }
+    assert merged.summary["planned"]["overall"] == 40
+    assert merged.summary["success_rate_of_planned"]["overall"] == 1.0
+    assert verify(tmp_path / "all").is_whole
+    with pytest.raises(RunFolderError, match="a run already"):
+        await merge_runs([tmp_path / "a"], tmp_path / "all")
 
 
 async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_recorded_is_not(
@@ -145,6 +159,49 @@ async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_
     assert len(RunReader(tmp_path / "a").attempts) == len(books(tmp_path / "a"))
     again = {each.episode.task_id for each in books(tmp_path / "a") if not each.outcome.is_retried}
     assert again == ended
+    main_result = merge_command(tmp_path / "shared", tmp_path / "all")
+    assert f"{len(books(tmp_path / 'a')) + len(books(tmp_path / 'b'))} attempts of 2 runs" in main_result
+    assert "no result" not in main_result
+    ends = Counter(each.episode.task_id for each in books(tmp_path / "all") if not each.outcome.is_retried)
+    assert ends == dict.fromkeys(ended | others, 1)
+    by_task: defaultdict[str, dict[int, Outcome]] = defaultdict(dict)
+    for each in books(tmp_path / "all"):
+        by_task[each.episode.task_id][each.episode.retry] = each.outcome
+    for outcomes_of in by_task.values():
+        assert sorted(outcomes_of) == list(range(len(outcomes_of))), "no two attempts have one name"
+        assert not outcomes_of[max(outcomes_of)].is_retried, "the one that counts comes last"
+    await Run().start(None, tmp_path / "all").end()  # a run like any other, with nothing left to do
+    assert len(books(tmp_path / "all")) == len(books(tmp_path / "a")) + len(books(tmp_path / "b"))
+
+
+async def test_runs_that_did_not_share_a_list_are_not_merged(tmp_path: Path, world: World) -> None:
+    for name, count in (("a", 2), ("b", 2), ("c", 3)):
+        await Run().start(world.config(tmp_path, count), tmp_path / name).end()
+    with pytest.raises(ConfigError, match="both hold the end of sample 0"):
+        await merge_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
+    with pytest.raises(ConfigError, match="different tasks"):
+        await merge_runs([tmp_path / "a", tmp_path / "c"], tmp_path / "all")
+    assert not (tmp_path / "all").exists()
+    other = (tmp_path / "b/config.yaml").read_text().replace("samples: 1", "samples: 2", 1)
+    (tmp_path / "b/config.yaml").write_text(other)
+    with pytest.raises(ConfigError, match="differ in their settings of 'samples'"):
+        await merge_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
+    (tmp_path / "lists/collectors").mkdir(parents=True)
+    (tmp_path / "lists/collectors/one").write_text(str(tmp_path / "gone"))
+    with pytest.raises(RunFolderError, match="is not there"):
+        runs_in(tmp_path / "lists")
+
+
+def merge_command(shared: Path, out: Path) -> str:
+    """What the command prints; in a process of its own, since a loop runs here."""
+    done = subprocess.run(
+        [sys.executable, "-m", "webgym", "merge", str(shared), "--out", str(out)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert (out / "report.html").exists()
+    return done.stdout
 
 
 async def test_a_record_that_was_set_aside_is_made_again_by_whose_run_it_was(

@@ -69,6 +69,7 @@ VERBS: tuple[Verb, ...] = (
     Verb("study", "Repeat the paper's study in miniature."),
     Verb("report", "Write the report of a run or of a training."),
     Verb("view", "Browse a run or a task set in a web browser."),
+    Verb("merge", "Merge the runs of collectors that shared one task list."),
     Verb("verify", "Check that a run is complete and intact; set aside records that are not."),
     Verb("export", "Write a run's steps, or tasks, for other programs: Parquet, JSON lines, ShareGPT."),
     Verb("simulate", "Size a rollout system: throughput, bottleneck and price, by a model."),

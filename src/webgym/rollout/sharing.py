@@ -26,7 +26,7 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 from pydantic import AfterValidator, Field
 
@@ -35,6 +35,9 @@ from webgym.core.task import Task
 from webgym.rollout.files import disk_errors, write_whole
 from webgym.rollout.store import RunReader
 from webgym.settings import Settings
+
+COLLECTORS: Final = "collectors"
+"""Subfolder with a file for every collector, which holds the path of its run folder."""
 
 
 class SharingConfig(Settings):
@@ -76,7 +79,7 @@ class Claims:
         self.config = config
         self._folder = config.folder
         self._name = name
-        self._life = self._folder / "collectors" / name
+        self._life = self._folder / COLLECTORS / name
         self._finished: dict[tuple[str, int], frozenset[tuple[str, int]]] = {}
         """Samples that dead collectors had finished, by name and last sign of life."""
 

@@ -9,6 +9,7 @@ import signal
 import sys
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,6 +26,7 @@ from webgym.rollout.files import CONFIG
 from webgym.rollout.live import showing
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
+from webgym.rollout.summary import Summary
 from webgym.run_config import RunConfig, Secrets
 from webgym.settings import merged, read_files, validated, without_none
 
@@ -81,6 +83,45 @@ def run(
                 write_report(resumed_by[1])
             _tell_kept(*resumed_by)
         raise
+
+
+def make_run(
+    job: Callable[..., Coroutine[Any, Any, Summary]],
+    *,
+    resumed_by: tuple[str, Path],
+    console: Console,
+    token_file: Path | None,
+    report: bool,
+) -> tuple[Summary, asyncio.Event]:
+    """Begin or resume a run, with tokens, progress, remarks and Ctrl-C as all commands have them.
+
+    Args:
+        job: takes ``secrets``, ``show``, ``tell`` and ``finishing`` of :func:`webgym.runs.collect`.
+        resumed_by: the command, and the run folder.
+        console: for progress and remarks.
+        token_file: of a browser server that runs elsewhere.
+        report: write the report also when the run is cancelled.
+
+    Returns:
+        The run's summary, and what the first Ctrl-C has set, for :func:`end_early`.
+    """
+    finishing = asyncio.Event()
+    given = {"secrets": secrets(token_file), "show": show_on(console), "tell": tell_on(console)}
+    summary = run(
+        lambda: job(**given, finishing=finishing), resumed_by=resumed_by, finishing=finishing, report=report
+    )
+    return summary, finishing
+
+
+def resuming(
+    folder: Path, settings: Mapping[str, Any], *, skip_corrupt: bool, retry_errors: bool
+) -> Callable[..., Coroutine[Any, Any, Summary]]:
+    """The job of :func:`make_run` that resumes a run; of the settings only other servers are used."""
+    from webgym.run_config import ServerChoice
+    from webgym.runs import resume
+
+    server = ServerChoice.model_validate(settings["server"]) if "server" in settings else None
+    return partial(resume, folder, server=server, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
 
 
 def end_early(finishing: asyncio.Event, resumed_by: tuple[str, Path]) -> None:

@@ -60,7 +60,7 @@ def command(
     An evaluation is a run like any other: it survives kill -9, is resumed with --resume, and can be judged
     again and browsed. Offline, with no model: webgym eval --policy scripted --limit 50.
     """
-    import asyncio
+    from functools import partial
 
     from rich.console import Console
 
@@ -69,9 +69,7 @@ def command(
     from webgym.report.write import write_report
     from webgym.rollout.evaluation import evaluate
     from webgym.rollout.rejudge import RECORDED
-    from webgym.run_config import ServerChoice
     from webgym.runs import collect
-    from webgym.runs import resume as go_on
     from webgym.settings import merged
 
     if sum(1 for each in (out, resume, of) if each) > 1:
@@ -83,37 +81,18 @@ def command(
         judge = settings.get("judge", {}).get("name", RECORDED)
         _tell([evaluate(run, judge) for run in of], console, as_json, as_markdown, as_latex)
         return
-    secrets = _run.secrets(token_file)
-    show, tell = _run.show_on(console), _run.tell_on(console)
-    finishing = asyncio.Event()
     if resume is not None:
         folder = resume
-        server = ServerChoice.model_validate(settings["server"]) if "server" in settings else None
-        summary = _run.run(
-            lambda: go_on(
-                folder,
-                secrets=secrets,
-                server=server,
-                skip_corrupt=skip_corrupt,
-                retry_errors=retry_errors,
-                show=show,
-                tell=tell,
-                finishing=finishing,
-            ),
-            resumed_by=("webgym eval", folder),
-            finishing=finishing,
-            report=report,
-        )
+        job = _run.resuming(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     else:
         defaults = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
         run = _as_a_test(options.run_settings(config, merged(defaults, settings)))
         folder = out or _new_folder()
-        summary = _run.run(
-            lambda: collect(run, folder, secrets=secrets, show=show, tell=tell, finishing=finishing),
-            resumed_by=("webgym eval", folder),
-            finishing=finishing,
-            report=report,
-        )
+        job = partial(collect, run, folder)
+    resumed_by = ("webgym eval", folder)
+    summary, finishing = _run.make_run(
+        job, resumed_by=resumed_by, console=console, token_file=token_file, report=report
+    )
     if report:
         write_report(folder)
     _tell([evaluate(folder)], console, as_json, as_markdown, as_latex)
@@ -121,7 +100,7 @@ def command(
     told = f"\nrun      {folder}\nbrowse   webgym view {folder}"
     console.print(told, highlight=False, soft_wrap=True, markup=False)
     print_retry(summary, f"webgym eval --resume {folder}", console)
-    _run.end_early(finishing, ("webgym eval", folder))
+    _run.end_early(finishing, resumed_by)
     if all_failed(summary):
         raise typer.Exit(1)
 

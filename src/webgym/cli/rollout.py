@@ -35,7 +35,7 @@ def command(
     Ctrl-C once ends the run when the attempts in flight are done, twice abandons them. A run that was stopped
     or killed is resumed with --resume RUN: no attempt is lost or made twice.
     """
-    import asyncio
+    from functools import partial
 
     from rich.console import Console
 
@@ -43,49 +43,27 @@ def command(
     from webgym.cli._summary import all_failed, print_retry, print_summary
     from webgym.core.errors import UsageError
     from webgym.report.write import write_report
-    from webgym.run_config import ServerChoice
     from webgym.runs import collect
-    from webgym.runs import resume as go_on
 
     console = Console()
-    secrets = _run.secrets(token_file)
-    show, tell = _run.show_on(console), _run.tell_on(console)
-    finishing = asyncio.Event()
     if resume is not None and out is None:
         folder = resume
-        server = ServerChoice.model_validate(settings["server"]) if "server" in settings else None
-        summary = _run.run(
-            lambda: go_on(
-                folder,
-                secrets=secrets,
-                server=server,
-                skip_corrupt=skip_corrupt,
-                retry_errors=retry_errors,
-                show=show,
-                tell=tell,
-                finishing=finishing,
-            ),
-            resumed_by=("webgym rollout", folder),
-            finishing=finishing,
-            report=report,
-        )
+        job = _run.resuming(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     elif out is not None and resume is None:
         folder = out
-        run = options.run_settings(config, settings)
-        summary = _run.run(
-            lambda: collect(run, folder, secrets=secrets, show=show, tell=tell, finishing=finishing),
-            resumed_by=("webgym rollout", folder),
-            finishing=finishing,
-            report=report,
-        )
+        job = partial(collect, options.run_settings(config, settings), folder)
     else:
         raise UsageError("give either --out or --resume", hint="--out makes a run, --resume resumes one")
+    resumed_by = ("webgym rollout", folder)
+    summary, finishing = _run.make_run(
+        job, resumed_by=resumed_by, console=console, token_file=token_file, report=report
+    )
     path = write_report(folder) if report else None
     print_summary(summary, console)
     console.print(f"\nrun      {folder}", highlight=False, soft_wrap=True, markup=False)
     print_retry(summary, f"webgym rollout --resume {folder}", console)
     if path is not None:
         console.print(f"report   {path}", highlight=False, soft_wrap=True, markup=False)
-    _run.end_early(finishing, ("webgym rollout", folder))
+    _run.end_early(finishing, resumed_by)
     if all_failed(summary):
         raise typer.Exit(1)

@@ -2,7 +2,8 @@
 
 plan.py       which attempts are still to be made
 attempt.py    one attempt: observe, ask, act, until it ends
-collector.py  many attempts at once, then judging and recording
+collector.py  many attempts at once, then judging and recording (config.py: its settings)
+sharing.py    one task list for several collectors (merging.py: their runs as one)
 progress.py   what is going on right now
 live.py       the same for a terminal
 judging.py    one episode judged, whatever the judge does

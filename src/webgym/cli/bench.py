@@ -226,6 +226,9 @@ def rollout(
     out: Path = typer.Option(
         Path("runs/bench-rollout"), "--out", help="Folder, a file per cell. Given again, it goes on."
     ),
+    measures: bool = typer.Option(
+        True, "--measure/--no-measure", help="Measure what is missing, or print what --out holds so far."
+    ),
     figure: Path | None = typer.Option(None, "--figure", help="Draw it here: .svg, .png or .pdf."),
     as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
 ) -> None:
@@ -266,10 +269,10 @@ def rollout(
     done = {one.cell.name: one for one in begin(plan, out)}
     parts = only or (("calibration", "schedules") if quick else PARTS)
     cells = list(plan.cells(parts, mode or MODE_NAMES))
-    for cell in track(cells, "cells", console=Console(stderr=True), transient=True):
-        if cell.name not in done:
-            done[cell.name] = measure_into(out, plan, cell)
-    found = [done[cell.name] for cell in cells]
+    missing = [cell for cell in cells if cell.name not in done] if measures else []
+    for cell in track(missing, "cells", console=Console(stderr=True), transient=True):
+        done[cell.name] = measure_into(out, plan, cell)
+    found = [done[cell.name] for cell in cells if cell.name in done]
     if as_markdown:
         print(markdown(rollout_tables(found)), end="")
     else:

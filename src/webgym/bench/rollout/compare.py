@@ -61,8 +61,7 @@ def service_times(plan: RolloutPlan, found: Sequence[Measured]) -> Costs:
     return plan.costs.model_copy(
         update={
             "open_cpu": 0.0,
-            "act_cpu": cpu * (1 - _LOOK),
-            "look_cpu": cpu * _LOOK,
+            **_cpu(cpu),
             "page_seconds": math.exp(mean(waits)),
             "page_sigma": stdev(waits),
             "page_longest": max(calm.between),
@@ -72,15 +71,32 @@ def service_times(plan: RolloutPlan, found: Sequence[Measured]) -> Costs:
     )
 
 
+def _cpu(seconds: float) -> dict[str, float]:
+    """Of a step, as the simulation takes it."""
+    return {"act_cpu": seconds * (1 - _LOOK), "look_cpu": seconds * _LOOK}
+
+
 def compare(plan: RolloutPlan, found: Sequence[Measured]) -> Iterator[Compared]:
     """Simulate every cell of the schedules, with the same lengths of trajectories.
+
+    A step takes more CPU time where many browsers share caches and memory than with one episode at a time:
+    it is that of the async cell with the same number of processors.
 
     Raises:
         ConfigError: the benchmark has no service times.
     """
     costs = service_times(plan, found)
     cells = [one for one in repeated(found) if one.cell.part == "schedules"]
-    simulated = {one.cell: _simulated(one.cell, costs, plan) for one in cells}
+    per_step = {
+        one.cell.cpus: median(each.cpu_seconds / each.steps for each in one.rounds)
+        for one in cells
+        if one.cell.mode == "async"
+    }
+    simulated = {
+        one.cell: _simulated(one.cell, costs.model_copy(update=_cpu(per_step[one.cell.cpus])), plan)
+        for one in cells
+        if one.cell.cpus in per_step
+    }
     bases = {one.cell.cpus: simulated[one.cell] for one in cells if one.cell.mode == "async"}
     for one in cells:
         if ratios := over_async(one, cells):

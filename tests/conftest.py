@@ -121,6 +121,11 @@ class Calls:
 
     def run(self, *arguments: object, **environment: str) -> tuple[int, str]:
         """A command to its end: (exit code, what it printed)."""
+        code, out, err = self.apart(*arguments, **environment)
+        return code, out + err
+
+    def apart(self, *arguments: object, **environment: str) -> tuple[int, str, str]:
+        """A command to its end: (exit code, standard output, standard error)."""
         with self._patch.context() as patch:
             for name, value in environment.items():
                 patch.setenv(name, value)
@@ -128,7 +133,7 @@ class Calls:
                 main([str(argument) for argument in arguments])
         printed = self._captured.readouterr()
         assert isinstance(ended.value.code, int)
-        return ended.value.code, printed.out + printed.err
+        return ended.value.code, printed.out, printed.err
 
 
 @pytest.fixture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,8 +9,9 @@ from pathlib import Path
 import msgspec
 import pytest
 import yaml
-from tests.conftest import Calls, Commands
+from tests.conftest import Calls
 from tests.llm.endpoint import Endpoint, serve
+from tests.serving import beside
 
 from webgym.core.errors import PolicyError, StoreFull, WebGymError
 from webgym.core.outcome import Outcome
@@ -138,22 +138,21 @@ def test_a_judge_that_cannot_judge_the_tasks_is_refused_before_anything_starts(
     assert not (tmp_path / "run").exists()
 
 
-async def test_an_unreachable_server(tmp_path: Path, commands: Commands) -> None:
+def test_an_unreachable_server(tmp_path: Path, calls: Calls) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
-    async with serve() as judge:
+    with beside(serve()) as judge:
         options = ("--tasks", file, "--out", tmp_path / "run", "--server", "http://127.0.0.1:9")
-        command = ("rollout", *options, *judged_by(judge))
-        code, said = await asyncio.to_thread(commands.run, *command, WEBGYM_TOKEN="x" * 20)
+        code, said = calls.run("rollout", *options, *judged_by(judge), WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "127.0.0.1:9" in one_line(said)
 
 
 @pytest.mark.browser
-async def test_a_wrong_token(tmp_path: Path, commands: Commands) -> None:
+def test_a_wrong_token(tmp_path: Path, calls: Calls) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
-    async with running_server(ServerConfig(slots=1)) as server, serve() as judge:
+    with beside(running_server(ServerConfig(slots=1))) as server, beside(serve()) as judge:
         options = ("--tasks", file, "--out", tmp_path / "run", "--server", server.url, *judged_by(judge))
-        code, said = await asyncio.to_thread(commands.run, "rollout", *options, WEBGYM_TOKEN="x" * 20)
+        code, said = calls.run("rollout", *options, WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "token" in one_line(said)
 

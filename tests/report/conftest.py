@@ -56,6 +56,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size)
 
 
+@functools.cache
 def draw(site: str, kind: str, number: int) -> bytes:
     """A page of an imaginary website as PNG; another number, another page."""
     colour = SITES[site][2]

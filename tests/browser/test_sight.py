@@ -6,7 +6,7 @@ import pytest
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 BOX = "width:100px;overflow:hidden;white-space:nowrap;"
 

@@ -9,7 +9,7 @@ from webgym.core.action import LeftClick
 from .conftest import Open, Site, Tab
 from .test_marks import evaluate
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 
 def names(tab: Tab) -> list[str]:

@@ -13,7 +13,7 @@ from webgym.core.action import LeftClick, Target, Type
 from .conftest import Open, Site, Tab
 
 browser = pytest.mark.browser
-pytestmark = [pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.asyncio(loop_scope="package")]
 
 HEARD = """
 <script>

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import runpy
 import sys
+from functools import partial
 from pathlib import Path
 
 import msgspec
 import pytest
 
+import webgym
 from webgym.cli._run import settings
 from webgym.judge.factory import refuse_unjudgeable
 from webgym.offline import OfflineWeb
@@ -23,6 +25,10 @@ ROOT = Path(__file__).parent.parent
 def test_an_example_runs(
     example: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """As they are, but with fewer websites and browsers."""
+    make_many, few = webgym.make_many, {"sites": {"per_family": 2}, "collector": {"sessions": 2}}
+    monkeypatch.setattr(webgym, "make_many", lambda _, name: make_many(2, name))
+    monkeypatch.setattr(webgym, "RunConfig", partial(webgym.RunConfig, **few))
     monkeypatch.setattr(sys, "argv", [str(example), str(tmp_path / "run")])
     runpy.run_path(str(example), run_name="__main__")
     assert "attempts" in capsys.readouterr().out

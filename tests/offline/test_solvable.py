@@ -45,7 +45,7 @@ async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path, per_
         policy=PolicyChoice(name="scripted"),
         attempt=AttemptConfig(record_cuts=True),
         sites=SitesConfig(latency=0),
-        collector=CollectorConfig(sessions=4, straggler_share=1.0),
+        collector=CollectorConfig(sessions=2, straggler_share=1.0),
     )
     await collect(config, tmp_path / "run")
     reader = RunReader(tmp_path / "run")

@@ -164,3 +164,12 @@ async def open_tab(shared_slot: Slot) -> AsyncIterator[Open]:
 @pytest_asyncio.fixture(loop_scope="package")
 async def tab(open_tab: Open) -> Tab:
     return await open_tab()
+
+
+@pytest_asyncio.fixture(loop_scope="package")
+async def same_tab(shared_slot: Slot) -> Tab:
+    """The last test's episode, for pages that are looked at and leave nothing behind."""
+    options = PageOptions(text=True, elements=True)
+    if not shared_slot.is_open:
+        await shared_slot.open(options)
+    return Tab(shared_slot, options)

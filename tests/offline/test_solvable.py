@@ -64,7 +64,7 @@ def test_there_are_enough_websites_and_tasks() -> None:
     families = Counter(spec.family.family for spec in web.specs.values() if spec.behaviour == "good")
     assert len(families) >= 6
     assert min(families.values()) >= 50
-    web = OfflineWeb(per_family=10)
+    web = OfflineWeb(per_family=6)
     tasks = list(web.tasks())
     assert len(tasks) >= 3000
     assert len({task.id for task in tasks}) == len(tasks)

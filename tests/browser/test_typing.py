@@ -73,7 +73,7 @@ async def test_every_script_arrives_as_it_is(site: Site, tab: Tab, field: str) -
 
 @browser
 async def test_every_script_arrives_in_editable_content(site: Site, tab: Tab) -> None:
-    div = "<div contenteditable aria-label={} dir=auto style='float:left;width:24%'>old <b>text</b></div>"
+    div = "<div contenteditable aria-label={} dir=auto style='float:left;width:48%'>old <b>text</b></div>"
     await tab.goto(site.page("".join(map(div.format, TEXTS))))
     for name, text in TEXTS.items():
         await tab.step(Type(tab.at(name), text))

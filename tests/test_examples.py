@@ -27,7 +27,8 @@ def test_an_example_runs(
     example: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As they are, but with fewer websites and browsers."""
-    make_many, few = webgym.make_many, {"sites": {"per_family": 2}, "collector": {"sessions": 2}}
+    make_many = webgym.make_many
+    few: dict[str, Any] = {"sites": {"per_family": 5}, "collector": {"sessions": 2}}
     monkeypatch.setattr(webgym, "make_many", lambda _, name: make_many(2, name))
     monkeypatch.setattr(webgym, "RunConfig", partial(webgym.RunConfig, **few))
     monkeypatch.setattr(sys, "argv", [str(example), str(tmp_path / "run")])

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
+import pytest_asyncio
 import yaml
 from tests.conftest import Calls
 from tests.llm.endpoint import Endpoint, serve
@@ -18,7 +19,8 @@ from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.offline import OfflineWeb
 from webgym.rollout.store import RunReader
-from webgym.run_config import RunConfig
+from webgym.run_config import RunConfig, Secrets, ServerChoice
+from webgym.run_services import services
 from webgym.runs import collect
 from webgym.server import ServerConfig, running_server
 from webgym.tasks import draw, write_tasks
@@ -196,14 +198,27 @@ async def test_a_full_disk_stops_the_run_and_what_was_counted_stays(tmp_path: Pa
             assert RunReader(small_disk / "run").image(seen.screenshot)
 
 
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def served() -> AsyncIterator[tuple[ServerChoice, Secrets]]:
+    """Browsers and websites for several runs."""
+    config = RunConfig.model_validate({"sites": SITES, "collector": {"sessions": 2}})
+    async with services(config, Secrets()) as reached:
+        yield reached
+
+
 @pytest.mark.browser
+@pytest.mark.asyncio(loop_scope="module")
 @pytest.mark.parametrize("behaviour", ["500", "html", "nothing", "trickle"])
-async def test_an_endpoint_that_never_completes_stops_the_run(tmp_path: Path, behaviour: str) -> None:
+async def test_an_endpoint_that_never_completes_stops_the_run(
+    tmp_path: Path, behaviour: str, served: tuple[ServerChoice, Secrets]
+) -> None:
     async with serve() as endpoint:
-        await endpoint_stops_the_run(tmp_path, endpoint, behaviour)
+        await endpoint_stops_the_run(tmp_path, endpoint, behaviour, *served)
 
 
-async def endpoint_stops_the_run(tmp_path: Path, endpoint: Endpoint, behaviour: str) -> None:
+async def endpoint_stops_the_run(
+    tmp_path: Path, endpoint: Endpoint, behaviour: str, where: ServerChoice, secrets: Secrets
+) -> None:
     write_tasks(tmp_path / "tasks.jsonl", tasks(8))
     chat = {
         "base_url": endpoint.url(behaviour),
@@ -218,10 +233,11 @@ async def endpoint_stops_the_run(tmp_path: Path, endpoint: Endpoint, behaviour: 
             "sites": SITES,
             "collector": {"sessions": 2, "give_up_after": 4},
             "retries": 0,
+            "server": where,
         }
     )
     with pytest.raises((WebGymError, ExceptionGroup)) as caught:
-        await collect(settings, tmp_path / "run")
+        await collect(settings, tmp_path / "run", secrets=secrets)
     (error,) = leaves(caught.value)
     assert isinstance(error, PolicyError)
     assert "attempts in a row" in str(error)

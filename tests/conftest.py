@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import psutil
@@ -23,6 +24,17 @@ settings.load_profile("webgym")
 
 # Nothing here comes from the hub: one that does not answer is asked for most of a minute.
 os.environ.setdefault("HF_HUB_OFFLINE", "1")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """What is imported lives to the end: it is not looked through for garbage, now or later."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -121,6 +133,11 @@ class Calls:
 
     def run(self, *arguments: object, **environment: str) -> tuple[int, str]:
         """A command to its end: (exit code, what it printed)."""
+        code, out, err = self.apart(*arguments, **environment)
+        return code, out + err
+
+    def apart(self, *arguments: object, **environment: str) -> tuple[int, str, str]:
+        """A command to its end: (exit code, standard output, standard error)."""
         with self._patch.context() as patch:
             for name, value in environment.items():
                 patch.setenv(name, value)
@@ -128,7 +145,7 @@ class Calls:
                 main([str(argument) for argument in arguments])
         printed = self._captured.readouterr()
         assert isinstance(ended.value.code, int)
-        return ended.value.code, printed.out + printed.err
+        return ended.value.code, printed.out, printed.err
 
 
 @pytest.fixture

@@ -16,10 +16,13 @@ from webgym.agent.solver import Solver
 from webgym.core.action import Answer, Hover, Scroll, Target
 from webgym.core.errors import ConfigError, EpisodeLost, UsageError
 from webgym.core.trajectory import Reply
+from webgym.rollout.collector import CollectorConfig
 from webgym.run_config import RunConfig, TaskChoice
 from webgym.testing import check_environment, stand_in_environment
 
-SMALL = RunConfig(tasks=TaskChoice(count=6), agent=AgentConfig(mode="marks"))
+SMALL = RunConfig(
+    tasks=TaskChoice(count=6), agent=AgentConfig(mode="marks"), collector=CollectorConfig(sessions=1)
+)
 
 
 async def test_the_environment_keeps_its_promises() -> None:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import subprocess
-import sys
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.conftest import Calls
 from tests.llm.endpoint import Endpoint, serve
 from tests.rollout.test_summary import task
 
@@ -154,15 +153,10 @@ def test_an_endpoint_is_never_played_by_the_oracle() -> None:
         PolicyChoice.model_validate({"name": "scripted", "chat": chat})
 
 
-def test_a_model_without_an_endpoint_is_refused(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "webgym", "rollout", "--model", "m", "--out", str(tmp_path / "run")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode != 0
-    assert "needs an endpoint and a model" in done.stderr
+def test_a_model_without_an_endpoint_is_refused(tmp_path: Path, calls: Calls) -> None:
+    code, _, said = calls.apart("rollout", "--model", "m", "--out", tmp_path / "run")
+    assert code != 0
+    assert "needs an endpoint and a model" in said
 
 
 @pytest.mark.parametrize(("there", "drawn"), [(100, 100), (101, 20)])

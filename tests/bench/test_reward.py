@@ -58,7 +58,7 @@ async def test_no_hack_gains_with_either_judge(tmp_path: Path) -> None:
         sites=SITES,
         tasks=TaskChoice(file=tmp_path / "tasks.jsonl", split="all"),
         attempt=AttemptConfig(budget_easy=10),
-        collector=CollectorConfig(sessions=3),
+        collector=CollectorConfig(sessions=2),
         blocklist=kept,
     )
     policy = HackingPolicy(lambda task: ways[task.id], challenge_of(web))

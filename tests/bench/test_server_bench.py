@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.conftest import Calls
 
 from webgym.bench.ceiling import APART, SERVER, SHARED
 
@@ -18,27 +17,18 @@ SMALL = (
 ).split()
 
 
-def bench(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "webgym", "bench", "server", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=100,
-    )
-
-
-def figures_of(folder: Path, *parts: str) -> tuple[str, dict[str, Any]]:
+def figures_of(calls: Calls, folder: Path, *parts: str) -> tuple[str, dict[str, Any]]:
     """What a small run prints and writes."""
     file = folder / "figures.json"
     chosen = [word for part in parts for word in ("--only", part)]
-    done = bench(*SMALL, *chosen, "--markdown", "--json", str(file))
-    assert done.returncode == 0, done.stderr
-    return done.stdout, json.loads(file.read_text())
+    code, out, err = calls.apart("bench", "server", *SMALL, *chosen, "--markdown", "--json", file)
+    assert code == 0, err
+    return out, json.loads(file.read_text())
 
 
 @pytest.mark.browser
-def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path) -> None:
-    said, figures = figures_of(tmp_path, "ceiling", "density")
+def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path, calls: Calls) -> None:
+    said, figures = figures_of(calls, tmp_path, "ceiling", "density")
     assert "Against the ceiling" in said
     assert "Density" in said
     assert "thinking" not in figures
@@ -51,22 +41,22 @@ def test_the_server_beside_the_bare_loop_and_in_numbers(tmp_path: Path) -> None:
 
 @pytest.mark.browser
 @pytest.mark.slow
-def test_every_part_runs(tmp_path: Path) -> None:
-    said, figures = figures_of(tmp_path)
+def test_every_part_runs(tmp_path: Path, calls: Calls) -> None:
+    said, figures = figures_of(calls, tmp_path)
     for title in ("Against the ceiling", "CPU milliseconds per call", "of thinking", "burst", "Density"):
         assert title in said
     costs = {cost["operation"]: cost for cost in figures["costs"]}
     assert costs["navigate"]["cpu"]["renderer"] > 0
 
 
-def test_a_part_that_is_not_there_is_named() -> None:
-    done = bench("--only", "everything")
-    assert done.returncode == 2
-    assert "everything" in done.stderr
+def test_a_part_that_is_not_there_is_named(calls: Calls) -> None:
+    code, _, err = calls.apart("bench", "server", "--only", "everything")
+    assert code == 2
+    assert "everything" in err
 
 
-def test_a_place_where_nothing_can_be_written_is_told_at_once(tmp_path: Path) -> None:
-    done = bench("--json", str(tmp_path / "none" / "figures.json"))
-    assert done.returncode == 2
-    assert "cannot be written" in done.stderr
-    assert "starting" not in done.stderr
+def test_a_place_where_nothing_can_be_written_is_told_at_once(tmp_path: Path, calls: Calls) -> None:
+    code, _, err = calls.apart("bench", "server", "--json", tmp_path / "none" / "figures.json")
+    assert code == 2
+    assert "cannot be written" in err
+    assert "starting" not in err

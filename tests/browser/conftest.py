@@ -73,12 +73,12 @@ def executable() -> Path:
     return find_browser().path
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="package")
 def profiles(tmp_path_factory: pytest.TempPathFactory) -> ProfileRoot:
     return ProfileRoot(tmp_path_factory.mktemp("profiles"))
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="package", loop_scope="package")
 async def module_site() -> AsyncIterator[Site]:
     async with serving() as site:
         yield site
@@ -90,7 +90,7 @@ def site(module_site: Site) -> Site:
     return module_site
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="package", loop_scope="package")
 async def egress(module_site: Site) -> AsyncIterator[Egress]:
     """A way out that leads to this machine, where the small website is, under other names as well."""
     elsewhere = f"*.elsewhere.test=127.0.0.1:{module_site.port}"
@@ -98,9 +98,9 @@ async def egress(module_site: Site) -> AsyncIterator[Egress]:
         yield egress
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="package", loop_scope="package")
 async def shared_slot(executable: Path, profiles: ProfileRoot, egress: Egress) -> AsyncIterator[Slot]:
-    """One browser for a whole module: every test has an episode of its own in it."""
+    """One browser for all modules: every test has an episode of its own in it."""
     slot = Slot(BrowserConfig(), executable, profiles, egress)
     yield slot
     await slot.stop()
@@ -151,25 +151,30 @@ class Tab:
 Open = Callable[..., Awaitable[Tab]]
 
 
-@pytest_asyncio.fixture(loop_scope="module")
-async def open_tab(
-    executable: Path, profiles: ProfileRoot, egress: Egress, shared_slot: Slot
-) -> AsyncIterator[Open]:
-    """Open an episode: in the shared browser, or with a config of its own in one of its own."""
-    slots: list[Slot] = []
+@pytest_asyncio.fixture(loop_scope="package")
+async def open_tab(shared_slot: Slot) -> AsyncIterator[Open]:
+    """Open an episode, with limits of its own if need be."""
 
     async def open_one(mode: str = "coordinates", config: BrowserConfig | None = None, **more: object) -> Tab:
         options = PageOptions(mode=mode, **({"text": True, "elements": True} | more))  # type: ignore[arg-type]
-        slot = Slot(config, executable, profiles, egress) if config else shared_slot
-        slots.append(slot)
-        await slot.open(options)
-        return Tab(slot, options)
+        shared_slot.config = config or BrowserConfig()
+        await shared_slot.open(options)
+        return Tab(shared_slot, options)
 
     yield open_one
-    for slot in slots:
-        await (slot.close() if slot is shared_slot else slot.stop())
+    await shared_slot.close()
+    shared_slot.config = BrowserConfig()
 
 
-@pytest_asyncio.fixture(loop_scope="module")
+@pytest_asyncio.fixture(loop_scope="package")
 async def tab(open_tab: Open) -> Tab:
     return await open_tab()
+
+
+@pytest_asyncio.fixture(loop_scope="package")
+async def same_tab(shared_slot: Slot) -> Tab:
+    """The last test's episode, for pages that are looked at and leave nothing behind."""
+    options = PageOptions(text=True, elements=True)
+    if not shared_slot.is_open:
+        await shared_slot.open(options)
+    return Tab(shared_slot, options)

@@ -10,7 +10,7 @@ from webgym.core.action import GoBack, LeftClick, Navigate, Scroll, Target, Type
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 FORM = """
 <title>Form</title>

@@ -13,7 +13,7 @@ from webgym.core.action import LeftClick, Navigate, Type
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 LIMITS = BrowserConfig()
 MOST_BYTES = 500_000

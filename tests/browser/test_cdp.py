@@ -56,7 +56,7 @@ HALF = "cut off \\ud83d"
 
 
 @pytest.mark.browser
-@pytest.mark.asyncio(loop_scope="module")
+@pytest.mark.asyncio(loop_scope="package")
 async def test_a_page_with_half_characters_everywhere(open_tab: Open, site: Site) -> None:
     script = f"""
         document.title = "{HALF}";

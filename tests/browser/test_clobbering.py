@@ -16,7 +16,7 @@ from webgym.core.action import LeftClick, Scroll, Type
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 FOLDER = resources.files("webgym.browser") / "scripts"
 SCRIPTS = [file.read_text("utf-8") for file in FOLDER.iterdir() if file.name.endswith(".js")]

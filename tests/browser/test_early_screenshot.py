@@ -11,7 +11,7 @@ from webgym.core.action import LeftClick, Mode, Scroll, Target
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 HERE = Target(coordinate=(50, 50))
 AWAY = Target(coordinate=(900, 900))

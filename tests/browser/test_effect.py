@@ -8,7 +8,7 @@ from webgym.core.action import LeftClick, RightClick, Scroll, Target, Wait
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 TITLE = "<h1 style='height:60px'>Nothing happens here</h1>"
 HERE = Target(coordinate=(50, 50))

@@ -32,7 +32,7 @@ from webgym.core.action import Navigate
 from .canary import HERE, Canary, Names, UdpCanary, canary, has_ipv6, udp_canary
 from .conftest import Site, serving
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 EVIL = "http://evil.localhost"
 """The attacker's website. As a name below localhost it is a secure context: service workers run."""
@@ -165,7 +165,7 @@ class Played:
     reached: dict[str, bool] = field(default_factory=dict)
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="module", loop_scope="package")
 async def evil() -> AsyncIterator[Site]:
     async def go(request: Request) -> Response:
         return RedirectResponse(request.query_params["to"], int(request.query_params["status"]))
@@ -190,19 +190,19 @@ async def _way(evil: Site, executable: Path, profiles: ProfileRoot, opened: bool
         await slot.stop()
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="module", loop_scope="package")
 async def guarded(evil: Site, executable: Path, profiles: ProfileRoot) -> AsyncIterator[Way]:
     async for way in _way(evil, executable, profiles, opened=False):
         yield way
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="module", loop_scope="package")
 async def opened(evil: Site, executable: Path, profiles: ProfileRoot) -> AsyncIterator[Way]:
     async for way in _way(evil, executable, profiles, opened=True):
         yield way
 
 
-@pytest_asyncio.fixture(loop_scope="module", params=["guarded", "opened"])
+@pytest_asyncio.fixture(loop_scope="package", params=["guarded", "opened"])
 async def way(request: pytest.FixtureRequest, guarded: Way, opened: Way) -> AsyncIterator[Way]:
     chosen = guarded if request.param == "guarded" else opened
     await chosen.slot.open(PageOptions(text=True))
@@ -320,7 +320,7 @@ async def test_no_private_or_reserved_place_is_even_tried(evil: Site, guarded: W
 # --- names that change ----------------------------------------------------------------------------------
 
 
-@pytest_asyncio.fixture(loop_scope="module")
+@pytest_asyncio.fixture(loop_scope="package")
 async def pair() -> AsyncIterator[tuple[int, Canary]]:
     """A website on 127.0.0.2, which is allowed, and a canary with the same port on 127.0.0.1."""
     page = b"<script>(async () => {for (let i = 0; i < 4; i++) await fetch('/again?' + i)})()</script>"
@@ -392,7 +392,7 @@ DATAGRAMS = {
 }
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="module", loop_scope="package")
 async def unproxied(executable: Path, profiles: ProfileRoot) -> AsyncIterator[Slot]:
     async with _Unproxied() as egress:
         slot = Slot(BrowserConfig(), executable, profiles, egress)

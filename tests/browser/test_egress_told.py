@@ -26,7 +26,7 @@ from .canary import HERE, Names
 from .conftest import Site, Tab, serving
 from .test_tab import free_port
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 WEB = "http://web.test"
 
@@ -56,7 +56,7 @@ class Told:
         return [text for kind, text in self.tab.notices if kind == "navigation_failed"]
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="module", loop_scope="package")
 async def started(
     executable: Path, profiles: ProfileRoot
 ) -> AsyncIterator[tuple[Slot, Egress, Network, Site]]:
@@ -75,7 +75,7 @@ async def started(
             await slot.stop()
 
 
-@pytest_asyncio.fixture(loop_scope="module")
+@pytest_asyncio.fixture(loop_scope="package")
 async def told(started: tuple[Slot, Egress, Network, Site]) -> AsyncIterator[Told]:
     slot, egress, network, site = started
     options = PageOptions(text=True, elements=True)

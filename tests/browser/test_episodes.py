@@ -20,7 +20,7 @@ from webgym.core.action import Navigate
 
 from .conftest import Site
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 PAGE = """<!doctype html><title>marks</title><script>
 const asked = (request) => new Promise((done, failed) => {

@@ -26,7 +26,7 @@ from webgym.core.task import Attachment
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 LOG = """<p id=log>.</p><script>
 const say = (...words) => log.append(words.join(' ') + '; ');

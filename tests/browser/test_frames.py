@@ -13,7 +13,7 @@ from webgym.core.observation import Element
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 MODES = pytest.mark.parametrize("mode", ["coordinates", "marks"])
 

@@ -23,7 +23,7 @@ from webgym.core.action import LeftClick, Wait
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 NAP_SECONDS = 1.0
 LONG_SECONDS = 150.0

@@ -17,7 +17,7 @@ from webgym.core.action import Hover, LeftClick, Press, Target
 
 from .conftest import Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 KEYS = """
 <p id=log>.</p>

@@ -12,7 +12,7 @@ from webgym.core.action import LeftClick, Scroll, Type
 
 from .conftest import Open, Site
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 MODES = pytest.mark.parametrize("mode", ["coordinates", "marks"])
 

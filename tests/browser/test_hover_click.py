@@ -8,7 +8,7 @@ from webgym.core.action import LeftClick, Target
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 STYLE = "<style>#a { position: absolute; left: 100px; top: 100px; width: 200px; height: 80px }</style>"
 NEW = (

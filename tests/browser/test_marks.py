@@ -21,7 +21,7 @@ from webgym.core.observation import Element
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 STEP = 5
 """Pixels between the oracle's hit tests."""

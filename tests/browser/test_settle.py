@@ -14,7 +14,7 @@ from webgym.core.action import LeftClick, Target
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 NOWHERE = LeftClick(Target(coordinate=(990, 990)))
 

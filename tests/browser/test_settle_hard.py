@@ -23,7 +23,7 @@ from webgym.core.action import LeftClick, Navigate, Press, Target, Type
 
 from .conftest import Open, Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 NOWHERE = LeftClick(Target(coordinate=(990, 990)))
 BUTTON = LeftClick(Target(coordinate=(100, 50)))
@@ -31,7 +31,7 @@ PACE = 0.6
 SHORT = BrowserConfig(long_poll_seconds=0.6, silent_timer_seconds=0.2)
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="module", loop_scope="package")
 async def hard() -> AsyncIterator[HardSite]:
     async with HardSite() as site:
         yield site

@@ -22,7 +22,7 @@ from webgym.core.errors import BrowserLaunchFailed
 
 from .conftest import Site
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 OPTIONS = PageOptions(text=True)
 

@@ -9,7 +9,7 @@ from webgym.core.action import LeftClick
 from .conftest import Open, Site, Tab
 from .test_marks import evaluate
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 
 def names(tab: Tab) -> list[str]:
@@ -282,10 +282,10 @@ PAGES: dict[str, tuple[str, list[str]]] = {
 
 @pytest.mark.parametrize(("body", "expected"), PAGES.values(), ids=PAGES.keys())
 async def test_what_can_be_used_is_numbered_once(
-    site: Site, tab: Tab, body: str, expected: list[str]
+    site: Site, same_tab: Tab, body: str, expected: list[str]
 ) -> None:
-    await tab.goto(site.page(body))
-    assert names(tab) == expected
+    await same_tab.goto(site.page(body))
+    assert names(same_tab) == expected
 
 
 async def test_what_listens_in_frames_is_numbered(site: Site, open_tab: Open) -> None:

@@ -8,7 +8,7 @@ from webgym.core.action import LeftClick, Scroll, Target
 
 from .conftest import Site, Tab
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 LINES = """<style>#box { width: 500px; height: 300px; overflow: hidden; position: relative }
 #box div { position: absolute; height: 20px; width: 500px }</style><div id=box tabindex=0></div><script>

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import asyncio
 import subprocess
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
 
 import msgspec
 import pytest
+import pytest_asyncio
 import yaml
-from tests.conftest import Calls, Commands
+from tests.conftest import Calls
 from tests.llm.endpoint import Endpoint, serve
+from tests.serving import beside
 
 from webgym.core.errors import PolicyError, StoreFull, WebGymError
 from webgym.core.outcome import Outcome
 from webgym.core.task import Task
 from webgym.offline.web import OfflineWeb
 from webgym.rollout.store import RunReader
-from webgym.run_config import RunConfig
+from webgym.run_config import RunConfig, Secrets, ServerChoice
+from webgym.run_services import services
 from webgym.runs import collect
 from webgym.server.config import ServerConfig
 from webgym.server.run_worker import running_server
@@ -140,22 +142,21 @@ def test_a_judge_that_cannot_judge_the_tasks_is_refused_before_anything_starts(
     assert not (tmp_path / "run").exists()
 
 
-async def test_an_unreachable_server(tmp_path: Path, commands: Commands) -> None:
+def test_an_unreachable_server(tmp_path: Path, calls: Calls) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
-    async with serve() as judge:
+    with beside(serve()) as judge:
         options = ("--tasks", file, "--out", tmp_path / "run", "--server", "http://127.0.0.1:9")
-        command = ("rollout", *options, *judged_by(judge))
-        code, said = await asyncio.to_thread(commands.run, *command, WEBGYM_TOKEN="x" * 20)
+        code, said = calls.run("rollout", *options, *judged_by(judge), WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "127.0.0.1:9" in one_line(said)
 
 
 @pytest.mark.browser
-async def test_a_wrong_token(tmp_path: Path, commands: Commands) -> None:
+def test_a_wrong_token(tmp_path: Path, calls: Calls) -> None:
     file = without_truth(tmp_path / "tasks.jsonl")
-    async with running_server(ServerConfig(slots=1)) as server, serve() as judge:
+    with beside(running_server(ServerConfig(slots=1))) as server, beside(serve()) as judge:
         options = ("--tasks", file, "--out", tmp_path / "run", "--server", server.url, *judged_by(judge))
-        code, said = await asyncio.to_thread(commands.run, "rollout", *options, WEBGYM_TOKEN="x" * 20)
+        code, said = calls.run("rollout", *options, WEBGYM_TOKEN="x" * 20)
     assert code == 1
     assert "token" in one_line(said)
 
@@ -199,14 +200,27 @@ async def test_a_full_disk_stops_the_run_and_what_was_counted_stays(tmp_path: Pa
             assert RunReader(small_disk / "run").image(seen.screenshot)
 
 
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def served() -> AsyncIterator[tuple[ServerChoice, Secrets]]:
+    """Browsers and websites for several runs."""
+    config = RunConfig.model_validate({"sites": SITES, "collector": {"sessions": 2}})
+    async with services(config, Secrets()) as reached:
+        yield reached
+
+
 @pytest.mark.browser
+@pytest.mark.asyncio(loop_scope="module")
 @pytest.mark.parametrize("behaviour", ["500", "html", "nothing", "trickle"])
-async def test_an_endpoint_that_never_completes_stops_the_run(tmp_path: Path, behaviour: str) -> None:
+async def test_an_endpoint_that_never_completes_stops_the_run(
+    tmp_path: Path, behaviour: str, served: tuple[ServerChoice, Secrets]
+) -> None:
     async with serve() as endpoint:
-        await endpoint_stops_the_run(tmp_path, endpoint, behaviour)
+        await endpoint_stops_the_run(tmp_path, endpoint, behaviour, *served)
 
 
-async def endpoint_stops_the_run(tmp_path: Path, endpoint: Endpoint, behaviour: str) -> None:
+async def endpoint_stops_the_run(
+    tmp_path: Path, endpoint: Endpoint, behaviour: str, where: ServerChoice, secrets: Secrets
+) -> None:
     write_tasks(tmp_path / "tasks.jsonl", tasks(8))
     chat = {
         "base_url": endpoint.url(behaviour),
@@ -221,10 +235,11 @@ async def endpoint_stops_the_run(tmp_path: Path, endpoint: Endpoint, behaviour: 
             "sites": SITES,
             "collector": {"sessions": 2, "give_up_after": 4},
             "retries": 0,
+            "server": where,
         }
     )
     with pytest.raises((WebGymError, ExceptionGroup)) as caught:
-        await collect(settings, tmp_path / "run")
+        await collect(settings, tmp_path / "run", secrets=secrets)
     (error,) = leaves(caught.value)
     assert isinstance(error, PolicyError)
     assert "attempts in a row" in str(error)

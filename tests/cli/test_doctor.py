@@ -6,29 +6,17 @@ import io
 import json
 import os
 import resource
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from rich.console import Console
+from tests.conftest import Calls
 
 from webgym.browser.find import find_browser
 from webgym.cli import doctor
 from webgym.cli._launch_check import SAMPLES, SIZE, LaunchCheck, try_browser
 from webgym.cli.doctor import Check, DoctorLimits
 from webgym.core.errors import BrowserError
-
-
-def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", "from webgym.cli import main; main()", "doctor", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=100,
-        env={**os.environ, "COLUMNS": "160", **environment},
-        check=False,
-    )
 
 
 def program(path: Path, script: str) -> Path:
@@ -38,10 +26,10 @@ def program(path: Path, script: str) -> Path:
 
 
 @pytest.mark.browser
-def test_this_machine_is_ready() -> None:
-    answer = run("--json")
-    assert answer.returncode == 0, answer.stdout + answer.stderr
-    report = json.loads(answer.stdout)
+def test_this_machine_is_ready(calls: Calls) -> None:
+    code, out, err = calls.apart("doctor", "--json")
+    assert code == 0, out + err
+    report = json.loads(out)
     assert report["ready"] is True
     checks = {check["name"]: check for check in report["checks"]}
     assert str(find_browser().path) in checks["Browser"]["found"]
@@ -71,20 +59,21 @@ async def test_a_browser_that_does_not_come_up(tmp_path: Path) -> None:
         await try_browser(hangs, 0.5)
 
 
-def test_a_missing_browser_is_said_with_what_mends_it(tmp_path: Path) -> None:
+def test_a_missing_browser_is_said_with_what_mends_it(tmp_path: Path, calls: Calls) -> None:
     absent = str(tmp_path / "absent")
-    answer = run(WEBGYM_BROWSER=absent)
-    assert answer.returncode == 1
-    assert f"there is no browser at {absent}" in " ".join(answer.stdout.split())
-    assert "→ correct the setting or WEBGYM_BROWSER" in answer.stdout
-    assert "missing: Browser" in answer.stdout
-    assert answer.stderr == ""
+    code, out, err = calls.apart("doctor", WEBGYM_BROWSER=absent, COLUMNS="160")
+    assert code == 1
+    assert f"there is no browser at {absent}" in " ".join(out.split())
+    assert "→ correct the setting or WEBGYM_BROWSER" in out
+    assert "missing: Browser" in out
+    assert err == ""
 
 
-def test_no_browser_anywhere(tmp_path: Path) -> None:
-    answer = run("--json", PATH=str(tmp_path), HOME=str(tmp_path), PLAYWRIGHT_BROWSERS_PATH=str(tmp_path))
-    assert answer.returncode == 1
-    report = json.loads(answer.stdout)
+def test_no_browser_anywhere(tmp_path: Path, calls: Calls) -> None:
+    nowhere = dict.fromkeys(("PATH", "HOME", "PLAYWRIGHT_BROWSERS_PATH"), str(tmp_path))
+    code, out, _ = calls.apart("doctor", "--json", **nowhere)
+    assert code == 1
+    report = json.loads(out)
     assert report["ready"] is False
     [missing] = [check for check in report["checks"] if check["status"] == "missing"]
     assert missing["name"] == "Browser"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import signal
 import subprocess
 import sys
@@ -13,20 +12,10 @@ from pathlib import Path
 
 import pytest
 import typer
+from tests.conftest import Calls
 
 from webgym import cli
 from webgym.core.errors import ConfigError, ServerUnreachable, StoreFull
-
-
-def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", "from webgym.cli import main; main()", *arguments],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        env={**os.environ, "COLUMNS": "200", **environment},
-        check=False,
-    )
 
 
 @pytest.fixture
@@ -171,25 +160,24 @@ def test_help_lists_the_verbs_and_imports_none() -> None:
         assert not verb.is_there or f" {verb.name} " in answer.stdout
 
 
-def test_without_arguments_the_help_is_shown() -> None:
-    answer = run()
-    assert answer.returncode == 0
-    assert "Usage: webgym" in answer.stdout
+def test_without_arguments_the_help_is_shown(calls: Calls) -> None:
+    code, out, _ = calls.apart(COLUMNS="200")
+    assert code == 0
+    assert "Usage: webgym" in out
 
 
-def test_unknown_verbs_and_options() -> None:
-    for arguments in (["rolout"], ["--verbose"]):
-        answer = run(*arguments)
-        assert answer.returncode == 2
-        assert answer.stdout == ""
-        assert answer.stderr.count("\n") == 1
-        assert "(see `webgym --help`)" in answer.stderr
+def test_unknown_verbs_and_options(calls: Calls) -> None:
+    for argument in ("rolout", "--verbose"):
+        code, out, err = calls.apart(argument)
+        assert (code, out) == (2, "")
+        assert err.count("\n") == 1
+        assert "(see `webgym --help`)" in err
 
 
-def test_the_version() -> None:
-    answer = run("--version")
-    assert answer.returncode == 0
-    assert answer.stdout.startswith("webgym 0.")
+def test_the_version(calls: Calls) -> None:
+    code, out, _ = calls.apart("--version")
+    assert code == 0
+    assert out.startswith("webgym 0.")
 
 
 def test_asyncio_cancellation_is_no_success(

@@ -14,6 +14,7 @@ import msgspec
 import pytest
 from tests.judge.judge_model import Asked, JudgeModel, serve_judge
 from tests.report.conftest import build_run
+from tests.serving import beside
 
 from webgym.cli import main
 from webgym.rollout.judging import JUDGED
@@ -35,29 +36,14 @@ def run(collected: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def judge_model() -> Iterator[JudgeModel]:
     """A model that finds that everything holds, in a thread of its own."""
-    import threading
-
-    started: list[JudgeModel] = []
-    ready, done = threading.Event(), threading.Event()
 
     def answers(asked: Asked) -> str:
         if asked.stage == "keypoint":
             return asked.each(lambda name: True)
         return asked.verdict(asked.stage != "blocking")
 
-    async def serve() -> None:
-        async with serve_judge(answers) as model:
-            started.append(model)
-            ready.set()
-            while not done.is_set():
-                await asyncio.sleep(0.01)
-
-    thread = threading.Thread(target=lambda: asyncio.run(serve()))
-    thread.start()
-    ready.wait()
-    yield started[0]
-    done.set()
-    thread.join()
+    with beside(serve_judge(answers)) as model:
+        yield model
 
 
 ANY = "operator:eq"

@@ -98,7 +98,7 @@ async def make_run(path: Path) -> Path:
         sites=SITES,
         tasks=TaskChoice(file=path / "tasks.jsonl", split="all"),
         policy=PolicyChoice(mistakes=0.5),
-        collector=CollectorConfig(sessions=3),
+        collector=CollectorConfig(sessions=2),
         retries=0,
     )
     await collect(config, path / "run")

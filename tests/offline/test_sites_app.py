@@ -31,7 +31,10 @@ def web() -> OfflineWeb:
 @asynccontextmanager
 async def served(web: OfflineWeb, **settings: Any) -> AsyncIterator[tuple[RunningSites, httpx.AsyncClient]]:
     config = SitesConfig(latency=0, token=SecretStr(TOKEN), **settings)
-    async with serving(config, web) as sites, httpx.AsyncClient(base_url=sites.url, timeout=20) as client:
+    async with (
+        serving(config, web) as sites,
+        httpx.AsyncClient(base_url=sites.url, trust_env=False, verify=False, timeout=20) as client,
+    ):
         yield sites, client
 
 

@@ -45,7 +45,7 @@ async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path, per_
         policy=PolicyChoice(name="scripted"),
         attempt=AttemptConfig(record_cuts=True),
         sites=SitesConfig(latency=0),
-        collector=CollectorConfig(sessions=4, straggler_share=1.0),
+        collector=CollectorConfig(sessions=2, straggler_share=1.0),
     )
     await collect(config, tmp_path / "run")
     reader = RunReader(tmp_path / "run")
@@ -64,7 +64,7 @@ def test_there_are_enough_websites_and_tasks() -> None:
     families = Counter(spec.family.family for spec in web.specs.values() if spec.behaviour == "good")
     assert len(families) >= 6
     assert min(families.values()) >= 50
-    web = OfflineWeb(per_family=10)
+    web = OfflineWeb(per_family=6)
     tasks = list(web.tasks())
     assert len(tasks) >= 3000
     assert len({task.id for task in tasks}) == len(tasks)

@@ -56,6 +56,7 @@ def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(size)
 
 
+@functools.cache
 def draw(site: str, kind: str, number: int) -> bytes:
     """A page of an imaginary website as PNG; another number, another page."""
     colour = SITES[site][2]
@@ -377,7 +378,7 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return asyncio.run(build_run(tmp_path_factory.mktemp("runs") / "2026-03-demo"))
 
 
-@pytest_asyncio.fixture(scope="module", loop_scope="module")
+@pytest_asyncio.fixture(scope="package", loop_scope="package")
 async def browser() -> AsyncIterator[Browser]:
     """A real Chromium."""
     found = await asyncio.to_thread(find_browser)

@@ -21,7 +21,7 @@ from webgym.report.write import write_report
 from webgym.rollout.rejudge import judge_run, recorded
 from webgym.rollout.store import RunReader
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 HOSTILE = '<img src=x onerror="window.pwned=1"></script><script>window.pwned=1</script>'
 

@@ -286,7 +286,7 @@ def test_kill_9_loses_no_label_that_was_acknowledged(tmp_path: Path) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.asyncio(loop_scope="module")
+@pytest.mark.asyncio(loop_scope="package")
 async def test_trajectories_are_labelled_with_keys_and_the_work_is_taken_up_again(
     browser: Browser, run: Path
 ) -> None:
@@ -342,7 +342,7 @@ async def test_trajectories_are_labelled_with_keys_and_the_work_is_taken_up_agai
 
 
 @pytest.mark.browser
-@pytest.mark.asyncio(loop_scope="module")
+@pytest.mark.asyncio(loop_scope="package")
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 async def test_the_page_is_readable_and_hostile_text_is_inert(
     browser: Browser, run: Path, scheme: Any

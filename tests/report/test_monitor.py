@@ -25,7 +25,7 @@ from webgym.rollout.files import LIVE, METRICS
 from webgym.rollout.progress import STATES, Progress, Queue
 from webgym.rollout.store import RunWriter
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 HOSTILE = "a<img src=x onerror='window.pwned=1'>#0.0"
 

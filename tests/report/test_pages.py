@@ -22,7 +22,7 @@ from webgym.report.live import serve_view
 from webgym.report.write import write_report
 from webgym.rollout.store import RunReader, RunWriter
 
-pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 
 @pytest.fixture(scope="module")

@@ -174,7 +174,7 @@ def address(url: str, task_id: str) -> str:
     return f"{url}#/task/{quote(task_id, safe='')}"
 
 
-in_browser = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
+in_browser = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="package")]
 
 
 class TestPages:

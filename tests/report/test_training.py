@@ -136,7 +136,7 @@ def test_nothing_is_loaded_from_outside(folder: Path) -> None:
 
 
 @pytest.mark.browser
-@pytest.mark.asyncio(loop_scope="module")
+@pytest.mark.asyncio(loop_scope="package")
 @pytest.mark.parametrize(("width", "budget"), [(1280, 48 * 2**20), (800, 0)])
 async def test_the_page_in_a_browser(browser: Browser, folder: Path, width: int, budget: int) -> None:
     """Wide with embedded pictures; narrow with those of the run folders."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import psutil
 import pytest
+import pytest_asyncio
 from pydantic import SecretStr
 
 from webgym.agent.config import AgentConfig
@@ -30,13 +31,15 @@ from webgym.rollout.blocklist import Blocklist, BlocklistConfig
 from webgym.rollout.config import AttemptConfig, CollectorConfig
 from webgym.rollout.progress import Progress
 from webgym.rollout.store import RunReader
+from webgym.rollout.summary import Summary
 from webgym.run_config import PolicyChoice, RunConfig, Secrets, ServerChoice, TaskChoice, read_config
+from webgym.run_services import services
 from webgym.runs import collect, resume
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
 from webgym.validation import unexpected
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.asyncio(loop_scope="module")]
 
 SITES = SitesConfig(per_family=3, latency=0, slow_seconds=0.5)
 
@@ -48,6 +51,21 @@ def config(file: Path | None = None, **changes: Any) -> RunConfig:
         "collector": CollectorConfig(sessions=3),
     }
     return RunConfig(**settings | changes)
+
+
+Served = tuple[ServerChoice, Secrets]
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="module")
+async def served() -> AsyncIterator[Served]:
+    """Browsers and websites for those runs that need not start their own."""
+    async with services(config(), Secrets()) as reached:
+        yield reached
+
+
+async def collect_there(served: Served, settings: RunConfig, out: Path) -> Summary:
+    where, secrets = served
+    return await collect(settings.model_copy(update={"server": where}), out, secrets=secrets)
 
 
 def task_file(path: Path, count: int, *, behaviour: str = "good", most_moves: int = 6) -> Path:
@@ -95,7 +113,7 @@ async def test_solutions_succeed_in_both_modes(tmp_path: Path, mode: Any) -> Non
         assert each.verdict.reward == 1
 
 
-async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path) -> None:
+async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path, served: Served) -> None:
     web = OfflineWeb(SITES.seed, per_family=SITES.per_family)
     picked = []
     ends = {
@@ -111,7 +129,8 @@ async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path) -> Non
         picked.append(min(fitting, key=lambda task: len(task.truth.moves) if task.truth else 0))
     write_tasks(tmp_path / "tasks.jsonl", picked)
     kept = BlocklistConfig(file=tmp_path / "blocked.jsonl")
-    await collect(config(tmp_path / "tasks.jsonl", retries=0, blocklist=kept), tmp_path / "run")
+    settings = config(tmp_path / "tasks.jsonl", retries=0, blocklist=kept)
+    await collect_there(served, settings, tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     assert not list(unexpected(RunReader(tmp_path / "run").tasks, trajectories))
     summary = RunReader(tmp_path / "run").summary
@@ -126,19 +145,19 @@ async def test_websites_that_misbehave_end_as_they_should(tmp_path: Path) -> Non
     }
 
 
-async def test_an_error_is_attempted_again_and_both_are_counted(tmp_path: Path) -> None:
+async def test_an_error_is_attempted_again_and_both_are_counted(tmp_path: Path, served: Served) -> None:
     file = task_file(tmp_path, 1, behaviour="down")
-    summary = await collect(config(file, retries=2), tmp_path / "run")
+    summary = await collect_there(served, config(file, retries=2), tmp_path / "run")
     assert summary["outcomes"]["environment_error"] == summary["attempts"] == 3
     assert summary["success_rate"]["overall"] is None
     assert [each.episode.retry for each in add_up(tmp_path / "run")] == [0, 1, 2]
 
 
-async def test_every_mistake_is_data(tmp_path: Path) -> None:
+async def test_every_mistake_is_data(tmp_path: Path, served: Served) -> None:
     file = task_file(tmp_path, 14)
     short = AttemptConfig(budget_easy=8, budget_medium=8, budget_hard=8)
     mistaken = config(file, policy=PolicyChoice(mistakes=1.0), retries=0, attempt=short)
-    await collect(mistaken, tmp_path / "run")
+    await collect_there(served, mistaken, tmp_path / "run")
     trajectories = add_up(tmp_path / "run")
     by_mistake: dict[str, Counter[Outcome]] = {}
     for each in trajectories:
@@ -153,6 +172,7 @@ async def test_every_mistake_is_data(tmp_path: Path) -> None:
 
 async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_path: Path) -> None:
     file = task_file(tmp_path, 5)
+    others = {child.pid for child in psutil.Process().children()}
 
     class Killer:
         """Kills one browser once three steps were taken."""
@@ -166,7 +186,7 @@ async def test_a_browser_that_is_killed_costs_its_attempt_and_nothing_else(tmp_p
         async def kill(self) -> None:
             while self.progress.steps < 3:
                 await asyncio.sleep(0.01)
-            children = psutil.Process().children()
+            children = [child for child in psutil.Process().children() if child.pid not in others]
             browsers = [child for child in children if any("--headless" in part for part in child.cmdline())]
             browsers[0].kill()
 
@@ -218,11 +238,13 @@ async def test_a_cancelled_run_records_what_was_in_flight_and_goes_on(tmp_path: 
     assert outcomes[Outcome.CANCELLED] == before["cancelled"]
 
 
-async def test_the_same_seed_makes_the_same_decisions(tmp_path: Path) -> None:
+async def test_the_same_seed_makes_the_same_decisions(tmp_path: Path, served: Served) -> None:
     file = task_file(tmp_path, 3)
     made = []
     for name in ("a", "b"):
-        await collect(config(file, policy=PolicyChoice(mistakes=0.5), retries=0), tmp_path / name)
+        await collect_there(
+            served, config(file, policy=PolicyChoice(mistakes=0.5), retries=0), tmp_path / name
+        )
         each = {
             trajectory.episode.task_id: [step.action for step in trajectory.episode.steps]
             for trajectory in RunReader(tmp_path / name).trajectories()
@@ -257,11 +279,11 @@ async def test_a_run_that_cannot_start_says_so_before_it_makes_attempts(tmp_path
         await resume(tmp_path / "nowhere")
 
 
-async def test_every_attempt_may_be_late_at_any_moment(tmp_path: Path) -> None:
+async def test_every_attempt_may_be_late_at_any_moment(tmp_path: Path, served: Served) -> None:
     """The grace period is over at once, whatever the attempts are doing: opening, acting, closing."""
     file = task_file(tmp_path, 6)
     late = CollectorConfig(sessions=3, straggler_share=0.1, straggler_seconds=0.0)
-    await collect(config(file, collector=late), tmp_path / "run")
+    await collect_there(served, config(file, collector=late), tmp_path / "run")
     outcomes = Counter(each.outcome for each in add_up(tmp_path / "run"))
     assert outcomes[Outcome.SUCCESS] >= 1
     assert outcomes[Outcome.SUCCESS] + outcomes[Outcome.CANCELLED] == outcomes.total() == 6

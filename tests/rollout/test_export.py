@@ -13,7 +13,7 @@ import pandas
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
-from tests.conftest import Commands
+from tests.conftest import Calls
 from tests.report.conftest import build_run
 
 from webgym.core.errors import RunFolderError, UsageError
@@ -107,12 +107,12 @@ async def test_tasks_of_no_known_split_are_not_for_training(run: Path, tmp_path:
         assert export(place / "run", place / "out", "parquet").attempts == wanted
 
 
-def test_the_command_says_what_it_left_out(run: Path, tmp_path: Path, commands: Commands) -> None:
-    code, said = commands.run("export", run, "--out", tmp_path / "out", "--format", "jsonl")
+def test_the_command_says_what_it_left_out(run: Path, tmp_path: Path, calls: Calls) -> None:
+    code, said = calls.run("export", run, "--out", tmp_path / "out", "--format", "jsonl")
     assert code == 0
     assert "0 steps of 0 attempts" in said
     assert "attempts at tasks of another split" in said
-    code, said = commands.run("export", run, "--out", tmp_path / "out")
+    code, said = calls.run("export", run, "--out", tmp_path / "out")
     assert code == 2
     assert "is not empty" in said
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from tests.tasks.strategies import task_lists
@@ -72,6 +72,7 @@ def test_counts_and_families() -> None:
     assert INDEX.close_ids("B/3") == ["b/3", "b/3+1"]
 
 
+@settings(max_examples=50)
 @given(tasks=task_lists, wanted=st.text(max_size=2))
 def test_finding_agrees_with_looking_at_every_task(tasks: list[Task], wanted: str) -> None:
     index = TaskIndex(tasks)

@@ -409,7 +409,7 @@ def test_good_rubrics_are_not_refused(good: tuple[str, list[tuple[str, list[str]
 
 
 def test_no_rubric_of_the_offline_web_is_refused_and_few_are_remarked_on() -> None:
-    tasks = [task for task in OfflineWeb(seed=7, per_family=10).tasks() if task.truth is not None]
+    tasks = [task for task in OfflineWeb(seed=7, per_family=6).tasks() if task.truth is not None]
     refused, remarked = [], 0
     for task in tasks:
         answers = () if task.reference_answer is None else (task.reference_answer,)

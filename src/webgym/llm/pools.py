@@ -9,12 +9,16 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import cache
 from typing import Any, Final
 
 import httpx
 
 POOL: Final = 10
 """Connections of a pool."""
+
+_certificates = cache(httpx.create_ssl_context)
+"""Those that are trusted; reading them takes 30 ms."""
 
 
 class Pools:
@@ -27,7 +31,7 @@ class Pools:
 
     def __init__(self, connections: int, **options: Any) -> None:
         limits = httpx.Limits(max_connections=None, max_keepalive_connections=POOL)
-        options |= {"limits": limits, "verify": httpx.create_ssl_context()}
+        options |= {"limits": limits, "verify": _certificates()}
         self._clients = [httpx.AsyncClient(**options) for _ in range(-(-connections // POOL))]
         self._in_flight = [0] * len(self._clients)
 

@@ -92,7 +92,7 @@ def command(
         _learn(folder, weights, seed, tasks, iterations, sessions)
         return
     from webgym.cli._options import mode_of
-    from webgym.cli._run import run, settings, show_on, tell_on
+    from webgym.cli._run import print_notes_on, run, settings, show_progress_on
     from webgym.cli._summary import all_failed, print_summary
     from webgym.report.write import write_report
     from webgym.runs import collect
@@ -111,7 +111,7 @@ def command(
         highlight=False,
     )
     summary = run(
-        lambda: collect(config, folder, show=show_on(console), tell=tell_on(console)),
+        lambda: collect(config, folder, show=show_progress_on(console), tell=print_notes_on(console)),
         resumed_by=("webgym rollout", folder),
         report=True,
     )
@@ -130,7 +130,7 @@ def _learn(
     from rich.console import Console
 
     from webgym.cli._run import secrets
-    from webgym.cli._training_output import carry_out
+    from webgym.cli._training_output import run_training
     from webgym.core.errors import ConfigError
 
     try:
@@ -145,7 +145,7 @@ def _learn(
     torch.set_num_threads(1)
     console = Console()
     config = settings(weights or WEIGHTS, seed=seed, tasks=tasks, iterations=iterations, sessions=sessions)
-    carry_out(config, folder, resume=False, secrets=secrets(None), console=console)
+    run_training(config, folder, resume=False, secrets=secrets(None), console=console)
     for line in before_and_after(folder):
         console.print(line, highlight=False, soft_wrap=True)
     told = f"browse   webgym view {folder}/evaluations"

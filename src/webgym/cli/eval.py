@@ -83,7 +83,7 @@ def command(
         return
     if resume is not None:
         folder = resume
-        job = _run.resuming(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
+        job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     else:
         defaults = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
         run = _as_a_test(options.run_settings(config, merged(defaults, settings)))
@@ -100,7 +100,7 @@ def command(
     told = f"\nrun      {folder}\nbrowse   webgym view {folder}"
     console.print(told, highlight=False, soft_wrap=True, markup=False)
     print_retry(summary, f"webgym eval --resume {folder}", console)
-    _run.end_early(finishing, resumed_by)
+    _run.raise_if_interrupted(finishing, resumed_by)
     if all_failed(summary):
         raise typer.Exit(1)
 

@@ -111,8 +111,8 @@ def judge_a_run(
 
     from webgym.cli._judge_options import judge_choice, own_choice
     from webgym.cli._judge_output import print_account, showing, spent_since
+    from webgym.cli._run import print_notes_on
     from webgym.cli._run import run as run_job
-    from webgym.cli._run import tell_on
     from webgym.judge.factory import open_judge, refuse_unjudgeable
     from webgym.llm.cache import ReplyCache
     from webgym.llm.health import report_problems, watch_clients
@@ -139,7 +139,7 @@ def judge_a_run(
             before = msgspec.structs.replace(ledger.totals.all)
             with watch_clients() as problem, showing(console) as show:
                 async with (
-                    report_problems(problem, tell_on(console)),
+                    report_problems(problem, print_notes_on(console)),
                     open_judge(choice, cache=cache, ledger=ledger) as opened,
                 ):
                     state = await judge_run(run, opened, settings, show=show)

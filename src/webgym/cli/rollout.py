@@ -48,7 +48,7 @@ def command(
     console = Console()
     if resume is not None and out is None:
         folder = resume
-        job = _run.resuming(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
+        job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     elif out is not None and resume is None:
         folder = out
         job = partial(collect, options.run_settings(config, settings), folder)
@@ -64,6 +64,6 @@ def command(
     print_retry(summary, f"webgym rollout --resume {folder}", console)
     if path is not None:
         console.print(f"report   {path}", highlight=False, soft_wrap=True, markup=False)
-    _run.end_early(finishing, resumed_by)
+    _run.raise_if_interrupted(finishing, resumed_by)
     if all_failed(summary):
         raise typer.Exit(1)

@@ -128,7 +128,7 @@ def check(
 
     from rich.console import Console
 
-    from webgym.cli._run import run, show_on, tell_on
+    from webgym.cli._run import print_notes_on, run, show_progress_on
     from webgym.core.errors import ConfigError
     from webgym.offline.web import OfflineWeb, collection_name
     from webgym.tasks.sampling import draw
@@ -158,8 +158,8 @@ def check(
                 mode="marks" if marks else "coordinates",
                 sessions=sessions,
                 latency=latency,
-                show=show_on(console),
-                tell=tell_on(console),
+                show=show_progress_on(console),
+                tell=print_notes_on(console),
             )
         )
     _report(console, [*surprises, *checked], [task.id for task in tasks])

@@ -36,7 +36,7 @@ def command(
     from rich.console import Console
 
     from webgym.cli import _run
-    from webgym.cli._training_output import carry_out
+    from webgym.cli._training_output import run_training
     from webgym.core.errors import ConfigError, UsageError
 
     try:
@@ -62,7 +62,9 @@ def command(
     if is_follower():
         follow(settings, folder)
         return
-    carry_out(settings, folder, resume=resume is not None, secrets=_run.secrets(token_file), console=console)
+    run_training(
+        settings, folder, resume=resume is not None, secrets=_run.secrets(token_file), console=console
+    )
 
 
 def _explained(settings: TrainConfig, gpus: str) -> list[str]:

@@ -150,7 +150,7 @@ def test_limits_decide_what_is_worth_a_note() -> None:
 def test_graphics_cards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     limits = DoctorLimits(program_seconds=5)
-    assert doctor.check_gpu(limits) == Check("GPU", "ok", "none; only serving or training a model wants one")
+    assert doctor.check_gpu(limits) == Check("GPU", "ok", "none; only needed to serve or train a model")
     program(tmp_path / "nvidia-smi", "echo 'NVIDIA H100, 81559 MiB'; echo 'NVIDIA H100, 81559 MiB'")
     assert doctor.check_gpu(limits).found == "NVIDIA H100, 81559 MiB; NVIDIA H100, 81559 MiB"
     program(tmp_path / "nvidia-smi", "echo 'Driver/library version mismatch'; exit 18")

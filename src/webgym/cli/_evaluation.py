@@ -24,7 +24,7 @@ _SHORT: Final = {
 
 
 def tables(results: Sequence[Evaluation]) -> Iterator[Table]:
-    """Tables for a paper: rates of one run by difficulty, or of several runs; then samples without a reward."""
+    """Tables for a paper: success of one run by difficulty, or of several runs; samples without a reward."""
     if len(results) == 1:
         (result,) = results
         columns, rows = _by_difficulty(result)

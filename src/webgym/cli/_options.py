@@ -23,7 +23,7 @@ Config: TypeAlias = Annotated[
     list[Path] | None,
     typer.Option(
         "--config",
-        help="YAML file of settings; options override it. May be repeated: later files override earlier ones.",
+        help="YAML file of settings. May be repeated; later files, and options, override earlier ones.",
         show_default=False,
     ),
 ]

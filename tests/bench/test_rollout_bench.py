@@ -19,6 +19,7 @@ from webgym.bench.rollout.engine import Engine, PrefixCache
 from webgym.bench.rollout.measure import Load, Measured, begin, file_of, measure_into, read_bench
 from webgym.bench.rollout.plan import MODES, PARTS, Cell, RolloutPlan, scripts_of
 from webgym.bench.rollout.tables import draw_rollout, rollout_tables
+from webgym.cli import main
 from webgym.core.errors import ConfigError, RunFolderError
 from webgym.offline.web import OfflineWeb
 from webgym.simulate.config import Costs
@@ -216,6 +217,26 @@ def test_what_was_measured_is_kept_and_belongs_to_its_plan(tmp_path: Path) -> No
         begin(msgspec.structs.replace(PLAN, seed=1), tmp_path)
     with pytest.raises(RunFolderError, match="no figures"):
         read_bench(tmp_path / "elsewhere")
+
+
+def test_an_unfinished_one_prints_what_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    begin(PLAN, tmp_path)
+    cell = next(PLAN.cells(["schedules"]))
+    file_of(tmp_path, cell).write_bytes(msgspec.json.encode(measured(cell, 30.0)))
+    options = "--trajectories 8 --sessions 4 --cpus 1 --cpus 2 --mean-steps 5 --rounds 2 --markdown".split()
+    for more in ([], ["--mode", "async"], ["--mode", "episode barrier"]):
+        with pytest.raises(SystemExit) as ended:
+            main(["bench", "rollout", "--no-measure", "--out", str(tmp_path), *options, *more])
+        assert ended.value.code == 0
+        assert ("1 CPUs, async" in capsys.readouterr().out) == (more != ["--mode", "episode barrier"])
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", "rollout", "--out", str(tmp_path), "--mode", "async, two queues"])
+    assert ended.value.code == 2
+    assert (
+        "unknown mode 'async, two queues' (choose one of async; async, one queue; step"
+        in capsys.readouterr().err
+    )
+    assert not list(tmp_path.glob("*.run"))
 
 
 def test_figures_become_shares_tables_and_a_drawing(tmp_path: Path) -> None:

@@ -259,6 +259,9 @@ def rollout(
         "--out",
         help="Folder of the results, a file per measurement. An interrupted benchmark in it is continued.",
     ),
+    measures: bool = typer.Option(
+        True, "--measure/--no-measure", help="Run what is missing in --out, or only print what it contains."
+    ),
     figure: Path | None = typer.Option(
         None, "--figure", help="Draw the results to this file: .svg, .png or .pdf."
     ),
@@ -298,7 +301,8 @@ def rollout(
         seed=seed,
     )
     parts = only or (("calibration", "schedules") if quick else PARTS)
-    results = _measure_all(plan, list(plan.cells(parts, mode or MODE_NAMES)), out)
+    cells = list(plan.cells(parts, mode or MODE_NAMES))
+    results = _results(plan, cells, out, measures=measures)
     if as_markdown:
         print(markdown(rollout_tables(results)), end="")
     else:
@@ -307,15 +311,22 @@ def rollout(
         draw_rollout(results, figure)
 
 
-def _measure_all(plan: RolloutPlan, cells: Sequence[Cell], folder: Path) -> list[Measured]:
-    """The results of these measurements, of which those that are not in the folder yet are made."""
+def _results(plan: RolloutPlan, cells: Sequence[Cell], folder: Path, *, measures: bool) -> list[Measured]:
+    """The results of these measurements, as far as they are in the folder.
+
+    Args:
+        plan: of the benchmark.
+        cells: the measurements.
+        folder: of the results.
+        measures: whether to run those that are missing.
+    """
     from rich.console import Console
     from rich.progress import track
 
     from webgym.bench.rollout.measure import begin, measure_into
 
     results = {result.cell.name: result for result in begin(plan, folder)}
-    for cell in track(cells, "measurements", console=Console(stderr=True), transient=True):
-        if cell.name not in results:
-            results[cell.name] = measure_into(folder, plan, cell)
-    return [results[cell.name] for cell in cells]
+    missing = [cell for cell in cells if cell.name not in results] if measures else []
+    for cell in track(missing, "measurements", console=Console(stderr=True), transient=True):
+        results[cell.name] = measure_into(folder, plan, cell)
+    return [results[cell.name] for cell in cells if cell.name in results]

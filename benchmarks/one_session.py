@@ -18,7 +18,7 @@ import time
 from contextlib import AsyncExitStack
 
 from webgym.bench.pages import serving_pages
-from webgym.bench.stepping import Stepper, browser_for, deed
+from webgym.bench.stepping import StepFunction, browser_for, click_or_scroll
 from webgym.browser.actions import perform
 from webgym.browser.config import PageOptions
 from webgym.browser.egress.proxy import Egress
@@ -35,7 +35,7 @@ STEPS = 8
 MODES: tuple[Mode, ...] = ("coordinates", "marks")
 
 
-async def timed(step: Stepper) -> float:
+async def timed(step: StepFunction) -> float:
     """Milliseconds per step of one round."""
     start = time.perf_counter()
     for number in range(STEPS):
@@ -43,17 +43,17 @@ async def timed(step: Stepper) -> float:
     return (time.perf_counter() - start) * 1000 / STEPS
 
 
-def _bare(page: Page) -> Stepper:
+def _bare(page: Page) -> StepFunction:
     async def step(number: int) -> None:
         page.begin_action()
-        await perform(page, deed(number))
+        await perform(page, click_or_scroll(number))
         await capture(page)
 
     return step
 
 
-def _stepping(slot: Slot) -> Stepper:
-    return lambda number: slot.step(deed(number))
+def _stepping(slot: Slot) -> StepFunction:
+    return lambda number: slot.step(click_or_scroll(number))
 
 
 async def measure(rounds: int) -> str:
@@ -70,8 +70,8 @@ async def measure(rounds: int) -> str:
             await slot.step(Navigate(pages.url("static")))
             slots.append(slot)
         plain, marked = slots
-        steppers = (_bare(plain.page), _stepping(plain), _stepping(marked))
-        times = [[await timed(step) for step in steppers] for _ in range(rounds)]
+        step_functions = (_bare(plain.page), _stepping(plain), _stepping(marked))
+        times = [[await timed(step) for step in step_functions] for _ in range(rounds)]
     bare, step, marks = (statistics.median(column) for column in zip(*times, strict=True))
     return "\n".join(
         (

@@ -16,10 +16,10 @@ import msgspec
 import uvloop
 from pydantic import SecretStr
 
-from webgym.bench.apart import Address, start_apart, stop_apart
 from webgym.bench.rollout.endpoint import Endpoint, serving_endpoint
 from webgym.bench.rollout.plan import PARTS, Cell, RolloutPlan, scripts_of
-from webgym.bench.stepping import until
+from webgym.bench.server_process import ServerAddress, start_server, stop_server
+from webgym.bench.stepping import wait_until
 from webgym.bench.usage import CpuTimes
 from webgym.browser.config import BrowserConfig
 from webgym.core.errors import ConfigError, RunFolderError
@@ -170,7 +170,7 @@ def _confined(cpus: int) -> Iterator[None]:
 
 
 @asynccontextmanager
-async def _browsers(cell: Cell, sites: RunningSites) -> AsyncIterator[Address]:
+async def _browsers(cell: Cell, sites: RunningSites) -> AsyncIterator[ServerAddress]:
     """A browser server, confined to the cell's processors, all of its slots ready."""
     with _confined(cell.cpus):  # its defaults, too, go by the processors that it may use
         config = ServerConfig(
@@ -178,14 +178,14 @@ async def _browsers(cell: Cell, sites: RunningSites) -> AsyncIterator[Address]:
             admission=Admission(queues=cell.queues),
             browser=BrowserConfig().allowing(*sites.allowed_hosts),
         )
-        process, address = await start_apart(config)
+        process, address = await start_server(config)
     try:
         async with BrowserClient(address.url, token=address.token) as client:
             async with asyncio.timeout(_READY_SECONDS):
-                await until(client, lambda pressure: pressure.slots.free == cell.sessions)
+                await wait_until(client, lambda pressure: pressure.slots.free == cell.sessions)
         yield address
     finally:
-        await stop_apart(process)
+        await stop_server(process)
 
 
 async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
@@ -243,7 +243,7 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
 
 
 def _run_config(
-    plan: RolloutPlan, cell: Cell, sites: RunningSites, endpoint: Endpoint, browsers: Address
+    plan: RolloutPlan, cell: Cell, sites: RunningSites, endpoint: Endpoint, browsers: ServerAddress
 ) -> RunConfig:
     """Every attempt is made once and to its own end: the same work in all cells, nothing cut short."""
     chat = {

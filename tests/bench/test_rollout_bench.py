@@ -215,7 +215,7 @@ def test_what_was_measured_is_kept_and_belongs_to_its_plan(tmp_path: Path) -> No
     assert read_bench(tmp_path) == (PLAN, [measured(cell, 30.0)])
     with pytest.raises(RunFolderError, match="another plan"):
         begin(msgspec.structs.replace(PLAN, seed=1), tmp_path)
-    with pytest.raises(RunFolderError, match="no figures"):
+    with pytest.raises(RunFolderError, match="no results"):
         read_bench(tmp_path / "elsewhere")
 
 

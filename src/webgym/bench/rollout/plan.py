@@ -64,8 +64,8 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
         trajectories: number of trajectories per cell.
         sessions: number of parallel environments.
         cpus: numbers of processors that the browsers may use, with a cell for each.
-        policy_gpus: number of GPUs in the part ``schedules``: enough that the policy is not the bottleneck, as
-            in the paper. With one GPU it is, even with one processor.
+        policy_gpus: number of GPUs in the part ``schedules``: enough that the policy is not the
+            bottleneck, as in the paper. With one GPU it is, even with one processor.
         gpus: numbers of GPUs in the part ``capacity``, with a cell for each.
         mean_steps: mean number of steps per trajectory (the paper's 13.2).
         reply_tokens: mean number of tokens per reply.

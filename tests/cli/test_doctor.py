@@ -165,7 +165,11 @@ def test_a_missing_package_is_essential(monkeypatch: pytest.MonkeyPatch) -> None
         "importlib.metadata.requires", lambda _: ["no-such-package>=1", "httpx<1", "x; extra == 'y'"]
     )
     check = doctor.check_packages()
-    assert (check.status, check.found, check.fix) == ("missing", "without no-such-package", "make setup")
+    assert (check.status, check.found, check.fix) == (
+        "missing",
+        "not installed: no-such-package",
+        "make setup",
+    )
 
 
 def test_the_table_fits_a_narrow_terminal() -> None:

@@ -181,7 +181,7 @@ def test_a_task_is_shown_whole_with_its_family(file: Path, run: Run) -> None:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("shop/28",), "there is deepshop/28"),
+        (("shop/28",), "similar ids: deepshop/28"),
         (("nothing",), "webgym tasks show"),
         (("--level", "hardest"), "--level is one of medium, easy"),
         (("--domain", "Sports"), "--domain is one of Misc."),

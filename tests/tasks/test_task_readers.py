@@ -72,7 +72,7 @@ def test_tasks_that_come_with_webgym_are_exported_by_their_name(
     held = list(OfflineWeb(per_family=1, collection="small").tasks())[:5]
     asked: list[RunConfig] = []
 
-    def given(config: RunConfig) -> list[Task]:
+    def given(config: RunConfig, tell: Callable[[str], None]) -> list[Task]:  # noqa: ARG001
         asked.append(config)
         return held
 

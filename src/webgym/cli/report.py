@@ -42,8 +42,8 @@ def command(
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         bar = bars.add_task("trajectories", total=None)
 
-        def show(name: str, done: int, total: int) -> None:
-            bars.update(bar, description=name, completed=done, total=total)
+        def show(what: str, done: int, total: int) -> None:
+            bars.update(bar, description=what, completed=done, total=total)
 
         write = write_training_report if is_training(run) else write_report
         path = write(run, config=config, progress=show)

@@ -145,7 +145,7 @@ def _new_numbers(readers: Sequence[RunReader]) -> dict[tuple[Path, str], int]:
     for reader in readers:
         for entry in reader.attempts.values():
             attempts[entry.task_id, entry.sample].append((reader.path, entry))
-    numbers = {}
+    numbers: dict[tuple[Path, str], int] = {}
     for (task_id, sample), entries in attempts.items():
         ends = Counter(path for path, entry in entries if not entry.outcome.is_retried)
         if len(ends) > 1:

@@ -175,8 +175,9 @@ async def test_what_an_abandoned_run_had_claimed_is_done_by_another_and_what_it_
 
 
 async def test_runs_that_did_not_share_a_list_are_not_merged(tmp_path: Path, world: World) -> None:
-    for name, count in (("a", 2), ("b", 2), ("c", 3)):
-        await Run().start(world.config(tmp_path, count), tmp_path / name).end()
+    (tmp_path / "other").mkdir()
+    for name, folder, count in (("a", tmp_path, 2), ("b", tmp_path, 2), ("c", tmp_path / "other", 3)):
+        await Run().start(world.config(folder, count), tmp_path / name).end()
     with pytest.raises(ConfigError, match="both completed sample 0"):
         await merge_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
     with pytest.raises(ConfigError, match="different tasks"):

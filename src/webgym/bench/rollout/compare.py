@@ -67,8 +67,7 @@ def service_times(plan: RolloutPlan, results: Sequence[Measured]) -> Costs:
     return plan.costs.model_copy(
         update={
             "open_cpu": 0.0,
-            "act_cpu": cpu * (1 - _SCREENSHOT_SHARE),
-            "look_cpu": cpu * _SCREENSHOT_SHARE,
+            **_cpu_costs(cpu),
             "page_seconds": math.exp(mean(waits)),
             "page_sigma": stdev(waits),
             "page_longest": max(calibration.between),
@@ -78,15 +77,34 @@ def service_times(plan: RolloutPlan, results: Sequence[Measured]) -> Costs:
     )
 
 
+def _cpu_costs(seconds: float) -> dict[str, float]:
+    """The CPU time of a step, as costs of the simulation."""
+    return {"act_cpu": seconds * (1 - _SCREENSHOT_SHARE), "look_cpu": seconds * _SCREENSHOT_SHARE}
+
+
 def compare(plan: RolloutPlan, measured: Sequence[Measured]) -> Iterator[Compared]:
     """Simulate every cell of the part ``schedules``, with the same trajectory lengths.
+
+    The CPU time of a step is that of the async cell with the same number of processors, as it is greater when
+    many browsers share caches and memory than in the calibration.
 
     Raises:
         ConfigError: the results contain no calibration.
     """
     costs = service_times(plan, measured)
     schedules = [result for result in by_cell(measured) if result.cell.part == "schedules"]
-    simulated = {result.cell: _simulated(result.cell, costs, plan) for result in schedules}
+    cpu_seconds = {
+        result.cell.cpus: median(measurement.cpu_seconds / measurement.steps for measurement in result.rounds)
+        for result in schedules
+        if result.cell.mode == "async"
+    }
+    simulated = {
+        result.cell: _simulated(
+            result.cell, costs.model_copy(update=_cpu_costs(cpu_seconds[result.cell.cpus])), plan
+        )
+        for result in schedules
+        if result.cell.cpus in cpu_seconds
+    }
     bases = {result.cell.cpus: simulated[result.cell] for result in schedules if result.cell.mode == "async"}
     for result in schedules:
         if ratios := over_async(result, schedules):

@@ -189,7 +189,7 @@ async def test_runs_that_did_not_share_a_list_are_not_merged(tmp_path: Path, wor
         await merge_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
     (tmp_path / "lists/collectors").mkdir(parents=True)
     (tmp_path / "lists/collectors/one").write_text(str(tmp_path / "gone"))
-    with pytest.raises(RunFolderError, match="is not there"):
+    with pytest.raises(RunFolderError, match="does not exist"):
         runs_in(tmp_path / "lists")
 
 

@@ -1,11 +1,11 @@
-"""What a collector itself costs: many episodes at once in one process, against servers that cost nothing.
+"""The cost of the collector itself: many parallel episodes in one process, with servers that cost little.
 
     PYTHONPATH=. .venv/bin/python benchmarks/collector.py --sessions 100 1000
 
-Browser server and model's endpoint are stand-ins behind real HTTP, in a process of their own; agent, client
-and records on disk are real. Steps and replies take as long as they are told to, spread evenly around it, so
-that all sessions are in flight all the time. Pages look alike, so that the disk keeps each picture once. CPU
-is that of the collector's process alone.
+Browser server and model endpoint are stand-ins behind real HTTP, in a separate process; agent, client and
+records on disk are real. Times of steps and replies are uniformly distributed around the given means, so
+that all sessions are active all the time. Pages are equal, so that each screenshot is stored once. CPU time
+is that of the collector's process only.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from webgym.server.config import ClientLimits
 from webgym.tasks.formats import write_tasks
 
 PATIENT: Any = {"connect_seconds": 60}
-"""All connect at once, to servers on the same processors."""
+"""Limits of the client: all sessions connect at the same time, to servers on the same processors."""
 
 
 def judge(task: Task, episode: object) -> bool:
-    """Every answer is right."""
+    """Accept every answer."""
     del task, episode
     return True
 
@@ -64,7 +64,7 @@ def stand_in(pipe: Connection, steps: int, step_seconds: float, reply_seconds: f
 
 
 class Watch:
-    """Sees the progress of a run, and the CPU time that it took."""
+    """Records the progress of a run, and its CPU time."""
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
@@ -94,7 +94,7 @@ def settings(folder: Path, sessions: int, episodes: int, ports: tuple[int, int])
 
 
 async def measure(sessions: int, given: argparse.Namespace) -> str:
-    """One row of the table."""
+    """Measure a row of the table."""
     pipe, other = multiprocessing.Pipe()
     context = multiprocessing.get_context("spawn")
     servers = context.Process(
@@ -131,13 +131,15 @@ async def measure(sessions: int, given: argparse.Namespace) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--sessions", type=int, nargs="+", default=[100, 1000])
-    parser.add_argument("--rounds", type=int, default=1, help="episodes per session")
-    parser.add_argument("--steps", type=int, default=13, help="per episode; the paper's mean is 13.2")
+    parser.add_argument("--rounds", type=int, default=1, help="number of episodes per session")
+    parser.add_argument(
+        "--steps", type=int, default=13, help="number of steps per episode; the paper's mean is 13.2"
+    )
     parser.add_argument("--step-seconds", type=float, default=3.0)
     parser.add_argument("--reply-seconds", type=float, default=7.0)
     given = parser.parse_args()
     print(
-        "| sessions | most open | most asked | success | steps/s | client CPU per step, ms | CPU, cores",
+        "| sessions | max. open | max. requests | success | steps/s | client CPU per step, ms | CPU, cores",
         end="",
     )
     print(" | loop lag p50, ms | p99, ms |\n" + "|---" * 9 + "|")

@@ -1,4 +1,4 @@
-"""What the command lines of benchmarks share."""
+"""Functions shared by the command lines of benchmarks."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from webgym.core.errors import ConfigError, UsageError, WebGymError
 
 
 def run(command: Callable[..., None], arguments: Sequence[str] | None = None) -> None:
-    """Run a function whose parameters are Typer's, and exit; an expected error is one line."""
+    """Run a function with Typer parameters as a command, and exit; an expected error is one line."""
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command()(command)
     try:
@@ -22,11 +22,11 @@ def run(command: Callable[..., None], arguments: Sequence[str] | None = None) ->
         sys.exit(2 if isinstance(error, UsageError) else 1)
 
 
-def expect_to_write(file: Path | None) -> None:
-    """Say now, not after the measurement, that there is no place for its figures.
+def check_writable(file: Path | None) -> None:
+    """Refuse an output file that cannot be written, before anything is measured.
 
     Raises:
-        ConfigError: the file's folder is not there.
+        ConfigError: the path is a folder, or its folder does not exist.
     """
     if file is not None and (file.is_dir() or not file.parent.is_dir()):
         raise ConfigError(f"{file} cannot be written", hint="give a file in a folder that exists")

@@ -1,11 +1,11 @@
-"""What a neighbour's session feels of a page that would take everything for itself, round by round in turn.
+"""The effect of hostile pages on the session of a neighbour, in alternating rounds.
 
     .venv/bin/python benchmarks/denial.py --rounds 5
 
-Two browsers share one way out. One opens a page that asks for ever more names whose servers never answer, or
-one that loads itself anew without end; the other opens pages under names that are looked up for the first
-time, at a real name server on this machine. Its milliseconds per page are taken alone and beside each of the
-two, in the same round; the processors are shared, so a ratio of 1 is not to be had on few of them.
+Two browsers share one proxy. One opens a page that resolves ever more names whose servers never respond, or a
+page that reloads itself forever; the other opens pages under new names, which are resolved by a real name
+server on this machine. Its time per page is measured alone and next to each hostile page, in the same round.
+As the processors are shared, a ratio of 1 cannot be reached on few of them.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ HOSTILE = {
 
 
 class NameServer(asyncio.DatagramProtocol):
-    """Knows the names below one, and never answers for any other."""
+    """A name server that knows the names of one domain, and never responds to others."""
 
     def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
         self._transport = transport
@@ -74,7 +74,11 @@ async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> 
 
 @asynccontextmanager
 async def two_browsers() -> AsyncIterator[tuple[int, Slot, Slot]]:
-    """(port of the pages, the hostile page's browser, the neighbour's)."""
+    """Run two browsers until the block ends.
+
+    Yields:
+        The port of the pages, the slot of the hostile page, the slot of the neighbour.
+    """
     pages = await asyncio.start_server(answer, "127.0.0.1", 0)
     loop = asyncio.get_running_loop()
     names, _ = await loop.create_datagram_endpoint(NameServer, local_addr=("127.0.0.1", 0))
@@ -94,7 +98,7 @@ async def two_browsers() -> AsyncIterator[tuple[int, Slot, Slot]]:
 
 
 async def opened(slot: Slot, port: int, fresh: Iterator[int]) -> tuple[float, int]:
-    """(median milliseconds of a page, pages that did not come)."""
+    """The median time of a page in milliseconds, and the number of pages that failed."""
     times, missed = [], 0
     for _ in range(PAGES_PER_ROUND):
         start = time.perf_counter()
@@ -105,7 +109,7 @@ async def opened(slot: Slot, port: int, fresh: Iterator[int]) -> tuple[float, in
 
 
 async def measure(rounds: int) -> Iterator[str]:
-    """The table's lines."""
+    """Measure, and return the lines of the table."""
     fresh = itertools.count()
     alone: dict[str, list[float]] = {name: [] for name in HOSTILE}
     beside: dict[str, list[float]] = {name: [] for name in HOSTILE}

@@ -1,9 +1,9 @@
-"""What the proxy costs: its CPU time per megabyte and per connection, without browsers.
+"""CPU time of the proxy per megabyte and per connection, without browsers.
 
     python benchmarks/egress.py
 
-A child process plays both the browsers and the servers, over loopback. Only the CPU time of the process that
-holds the proxy is counted, so other load on the machine matters little.
+A child process acts as both browsers and servers, on the loopback address. Only the CPU time of the process
+of the proxy is measured, so other load on the machine has little effect.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ REQUEST = b"GET / HTTP/1.1\r\n\r\n"
 
 
 def connect(proxy: int, server: int) -> socket.socket:
-    """A connection through the proxy."""
+    """Connect to a server through the proxy."""
     raw = socket.create_connection((HERE, proxy))
     raw.sendall(b"\5\1\0")
     raw.recv(2)
@@ -39,14 +39,14 @@ def connect(proxy: int, server: int) -> socket.socket:
 
 
 def serve(listener: socket.socket, size: int) -> None:
-    """Answer every request with so many bytes."""
+    """Respond to every request with ``size`` bytes."""
     while True:
         raw, _ = listener.accept()
         threading.Thread(target=answer, args=(raw, size), daemon=True).start()
 
 
 def answer(raw: socket.socket, size: int) -> None:
-    """Answer one request, and close."""
+    """Respond to one request, and close the connection."""
     with raw:
         raw.recv(65536)
         chunk = bytes(min(size, 65536))
@@ -55,7 +55,7 @@ def answer(raw: socket.socket, size: int) -> None:
 
 
 def drain(raw: socket.socket) -> None:
-    """Ask, and read what comes."""
+    """Send a request, and read the response."""
     with raw:
         raw.sendall(REQUEST)
         while raw.recv(MIB):
@@ -63,7 +63,7 @@ def drain(raw: socket.socket) -> None:
 
 
 def play(pipe: Connection) -> None:
-    """Browsers and servers: a few downloads, then many small pages."""
+    """Act as browsers and servers: a few downloads, then many small pages."""
     proxy = pipe.recv()
     for size, count, at_once in ((EACH, DOWNLOADS, DOWNLOADS), (2048, CONNECTIONS, 1)):
         with socket.create_server((HERE, 0), backlog=128) as listener:
@@ -84,7 +84,7 @@ def play(pipe: Connection) -> None:
 
 
 async def measure(pipe: Connection) -> None:
-    """Print the two figures."""
+    """Measure, and print both results."""
     async with Egress(EgressConfig(allow=(HERE,))) as egress:
         pipe.send(egress.port)
         spent = []
@@ -100,7 +100,7 @@ async def measure(pipe: Connection) -> None:
 
 
 def main() -> None:
-    """Start the child, and measure."""
+    """Start the child process, and measure."""
     ours, theirs = multiprocessing.Pipe()
     child = multiprocessing.get_context("spawn").Process(target=play, args=(theirs,))
     child.start()

@@ -1,11 +1,10 @@
-"""Three ways to keep pages while the model thinks: let them run, stop their processes, withhold their frames.
+"""Three treatments of pages while the model thinks: let them run, stop processes, withhold frames.
 
     python benchmarks/frame_control.py
 
-Each way gets browsers of its own with one busy page each (animation, canvas, timer). What is measured:
-processors used while nobody acts, and CPU time and latency of a step (a turn of the wheel, 50 ms, a picture).
-Frame control is Chromium's `HeadlessExperimental.beginFrame`: a page draws when it is told to, but its timers
-run on.
+Each way has its own browsers, with one busy page each (animation, canvas, timer). Measured are the CPU use
+without actions, and CPU time and latency of a step (scroll, 50 ms pause, screenshot). Frame control is
+`HeadlessExperimental.beginFrame` of Chromium: a page draws only on command, but its timers keep running.
 """
 
 from __future__ import annotations
@@ -56,7 +55,7 @@ class Frame(Wire, frozen=True):
 
 
 class Tab:
-    """One busy page in a browser of its own."""
+    """A busy page in its own browser."""
 
     def __init__(self, way: str, process: BrowserProcess, session: Session) -> None:
         self.way = way
@@ -87,7 +86,7 @@ class Tab:
         down = 576 if number % 4 < 2 else -576
         wheel = self.do("Input.dispatchMouseEvent", type="mouseWheel", x=640, y=384, deltaX=0, deltaY=down)
         if self.way == "frame control":
-            turned = asyncio.ensure_future(wheel)  # answered with a frame
+            turned = asyncio.ensure_future(wheel)  # completes with a frame
             while not turned.done():
                 await self.frame()
             await asyncio.sleep(PAUSE_SECONDS)
@@ -164,7 +163,7 @@ async def measure(way: str, executable: Path, pages: PageServer) -> str:
 async def main() -> None:
     logging.disable()
     browser = find_browser().path
-    print(f"| {PAGES} busy pages | idle processors | CPU per step | p50 | steps | no picture | hung |")
+    print(f"| {PAGES} busy pages | idle CPU use, cores | CPU per step | p50 | steps | no screenshot | hung |")
     print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         controlled = Path(folder) / "chromium"

@@ -1,9 +1,9 @@
-"""What a call with a picture costs the caller: CPU time per call with aiohttp and with httpx.
+"""CPU time of a client per call with a screenshot: aiohttp and httpx.
 
     python benchmarks/http_clients.py
 
-The server is a process of its own and answers a small POST with a body of the size of a screenshot. The
-rounds take turns, so that both meet the same machine.
+The server is a separate process, and responds to a small POST with a body of the size of a screenshot. The
+rounds alternate, so that other load affects both clients.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Evidence that the offline web's pages cut off at the usual viewport: their layout, without an agent.
+"""Find evidence that pages of the offline web cut off at the usual viewport, without an agent.
 
     .venv/bin/python benchmarks/layout.py --per-kind 1
     .venv/bin/python benchmarks/layout.py --family timetable --per-kind 1000
 
-Opens every page that an address alone leads to and on which some task's evidence stands, or as many of every
-kind and website as asked for, one for every form of evidence ("00:00") at least. Evidence that a page holds
-and does not show, however far one scrolls, is printed; exit code 1 if there is any. Other lines that are cut
-off are counted. Pages that need an account, a cart or
-a form sent are left to ``webgym sites check``, which plays solutions.
+Opens pages with evidence of a task that can be reached by their address alone: at most --per-kind of every
+kind and website, and at least one for every form of evidence ("00:00"). Evidence in the source of a page that
+cannot be made visible by scrolling is printed; exit code 1 if there is any. Other lines that are cut off are
+counted. Pages that need an account, a cart or a submitted form are left to ``webgym sites check``, which
+carries out solutions.
 """
 
 from __future__ import annotations
@@ -38,18 +38,18 @@ from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Visit, Website
 
 EPISODE = 40
-"""Pages in one episode of a browser."""
+"""Number of pages per episode of a browser."""
 
 
 class Evidence(NamedTuple):
-    """Texts that must be visible at once, where the path matches."""
+    """Texts that must be visible at the same time on pages whose path matches."""
 
     path: str
     texts: tuple[str, ...]
 
 
 def address_of(pattern: str) -> str | None:
-    """An address that a pattern of evidence matches, if its first alternative tells one."""
+    """An address that matches a pattern of evidence, if its first alternative determines one."""
     first = pattern
     while first.startswith("(?:") and not first.startswith("(?:("):
         first = first.removeprefix("(?:")
@@ -71,7 +71,7 @@ def address_of(pattern: str) -> str | None:
 
 
 def pages_of(site: Website, evidence: set[Evidence]) -> dict[str, set[Evidence]]:
-    """Pages that an address leads a new visitor to, with the evidence that stands in their source."""
+    """Pages that a new visitor can open by address, with the evidence in their source."""
     addresses = {address for one in evidence if (address := address_of(one.path)) is not None}
     found: dict[str, set[Evidence]] = {}
     for address in addresses:
@@ -89,7 +89,7 @@ def pages_of(site: Website, evidence: set[Evidence]) -> dict[str, set[Evidence]]
 
 
 def chosen(pages: dict[str, set[Evidence]], per_kind: int) -> Iterator[str]:
-    """So many pages of every kind, and at least one for every form of evidence on it."""
+    """At most ``per_kind`` pages of every kind, and at least one for every form of evidence."""
     opened: Counter[tuple[str, ...]] = Counter()
     forms: set[tuple[str, ...]] = set()
     for address in sorted(
@@ -106,7 +106,7 @@ def chosen(pages: dict[str, set[Evidence]], per_kind: int) -> Iterator[str]:
 
 
 def _form(text: str) -> str:
-    """What values of a kind share: "13:23" is "0:0", names are the number of their words."""
+    """The form that values of a kind share: "0:0" for "13:23", the number of words for names."""
     return re.sub(r"\d+", "0", text) if re.search(r"\d", text) and len(text) < 12 else str(len(text) // 8)
 
 
@@ -115,8 +115,10 @@ async def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--family", help="only of this family")
-    parser.add_argument("--per-kind", type=int, default=1, help="pages of every kind and website at most")
+    parser.add_argument("--family", help="only websites of this family")
+    parser.add_argument(
+        "--per-kind", type=int, default=1, help="maximum number of pages per kind and website"
+    )
     parser.add_argument("--every", type=int, default=1, help="only every n-th website of a family")
     args = parser.parse_args()
     web = OfflineWeb()

@@ -1,19 +1,21 @@
-"""Marks against what a second browser finds out by trying: pages of npm packages, by page and in all.
+"""Marks compared with the elements that react to clicks in a second browser: pages of npm packages.
 
     .venv/bin/python benchmarks/marks.py
     .venv/bin/python benchmarks/marks.py --set half_b
     .venv/bin/python benchmarks/marks.py --pages shoelace leaflet --details
 
-In a browser of its own, without our scripts, a point of every element is hovered over and clicked, and
-the page is loaded anew whenever something came of it: an element, attribute, value or picture changed,
-a control got the focus, the tab wanted to leave. What changed is the signature of a point. A mark is
-right if something comes of a click on its middle, at once, after one on another of its kind (the open
-tab), with the right button, or once the mouse has gone (a star), and no other mark that lies there has
-the same signature. A point that reacts is found if a mark has its signature, or one that it lies in has
-most of it, or one does the same but for looks. Left out are whole containers and what changes of them,
-rims around marks where only looks change, disabled controls, what comes of the mouse without a click,
-and labels of controls that are seen themselves.
-Names are compared with the browser's accessibility tree. Exit code 1 below the goals.
+In a second browser, without our scripts, a point of every element is hovered over and clicked. The page is
+reloaded whenever it reacts: an element, attribute, value or image changes, a control gets the focus, or the
+tab navigates. The set of changes is the signature of the point.
+
+A mark is correct if the page reacts to a click on its middle: at once, after a click on another element of
+its kind (the open tab), to the right button, or after the mouse has left (a star); and if no other mark at
+this place has the same signature. A point that reacts is covered if a mark has its signature, or a mark
+that it lies in has most of it, or a mark has the same changes apart from looks. Ignored are containers and
+their changes, rims of marks where only looks change, disabled controls, reactions to the mouse without a
+click, and labels of visible controls.
+
+Names are compared with the browser's accessibility tree. Exit code 1 if a result is below its goal.
 """
 
 from __future__ import annotations
@@ -46,22 +48,22 @@ from webgym.core.text import fold
 
 GOAL = 0.97
 GRID = 14
-"""CSS pixels between the points from which one for every element is chosen."""
+"""Distance of grid points in CSS pixels; one point is chosen for every element."""
 
 MOST_POINTS = 140
-"""That are tried on a page; every n-th where there are more."""
+"""Maximum number of points to click on a page; of more points, every n-th is clicked."""
 
 LARGE = 0.25
-"""Of the viewport: a mark that is larger is a container, unless one can type into it."""
+"""Share of the viewport from which a mark counts as a container, unless it is a text field."""
 
 LOOKS = frozenset({"class", "part", "style", "focus"})
-"""Kinds of changes that may be nothing but looks."""
+"""Kinds of changes that may affect looks only."""
 
 KIN = 3
-"""Of one kind with a mark that does nothing, which are clicked before it is tried again."""
+"""Number of similar elements that are clicked before a mark without reaction is clicked again."""
 
 SLACK = 8
-"""CSS pixels around a mark that belong to it."""
+"""Margin in CSS pixels around a mark that belongs to it."""
 
 CALL_SECONDS = 30.0
 REACTION_SECONDS = 0.09
@@ -88,7 +90,7 @@ class Anything(msgspec.Struct):
 
 
 class Trier:
-    """The second browser: what comes of clicks on a page, kept by point."""
+    """The second browser: clicks points of a page and stores the reactions."""
 
     def __init__(self, slot: Slot, url: str) -> None:
         self.slot = slot
@@ -113,14 +115,14 @@ class Trier:
         return done.result.value
 
     async def load(self) -> None:
-        """The page as it is at first; what it changes by itself is no reaction."""
-        self.tab.begin_action()  # else it is held for having led on too often
+        """Load the page, and ignore changes that it makes by itself."""
+        self.tab.begin_action()  # otherwise the tab is stopped because of too many navigations
         self._loads += 1
         url = f"{self.url}?{self._loads}"
         await self.session.do("Page.navigate", {"url": url}, seconds=CALL_SECONDS)
         is_there = f"location.href === {json.dumps(url)} && document.readyState === 'complete'"
         async with asyncio.timeout(CALL_SECONDS):
-            while not await self.evaluate(is_there):  # noqa: ASYNC110 - it is in another process
+            while not await self.evaluate(is_there):  # noqa: ASYNC110 - the browser is another process
                 await asyncio.sleep(POLL_SECONDS)
         await asyncio.sleep(LOAD_SECONDS)
         noise = json.dumps(self.noise or [])
@@ -138,7 +140,7 @@ class Trier:
         await self.session.do("Input.dispatchMouseEvent", params, seconds=CALL_SECONDS)
 
     async def try_at(self, x: float, y: float) -> str:
-        """The signature of a point: what changes after a click there; empty for nothing."""
+        """The signature of a point: the changes after a click; empty if there are none."""
         point = (round(x, 1), round(y, 1))
         if point not in self.known:
             if not self._is_fresh:
@@ -158,7 +160,7 @@ class Trier:
             await self._press(x, y)
             changes, focused = await self._came()
             if not changes and focused == before:
-                await asyncio.sleep(LATE_SECONDS)  # it may wait for a second click
+                await asyncio.sleep(LATE_SECONDS)  # the page may wait for a second click
                 changes, focused = await self._came()
             field = await self.evaluate("__trial.field()")
             is_in_field = await self.evaluate(f"__trial.isInFocus({x}, {y})")
@@ -172,13 +174,13 @@ class Trier:
         return "; ".join([*changes, *([focused] if focused != before else [])])
 
     async def _press(self, x: float, y: float, button: str = "left") -> None:
-        """Click as a hand does: the page draws while the button is down."""
+        """Click like a person: the page draws while the button is down."""
         for kind in ("mousePressed", "mouseReleased"):
             await self.mouse(kind, x, y, button=button, clickCount=1)
             await self._reaction()
 
     async def is_right_clicked(self, x: float, y: float) -> bool:
-        """Whether something comes of a click with the right button."""
+        """Whether the page reacts to a click with the right button."""
         await self.load()
         self._is_fresh = False
         await self.mouse("mouseMoved", x, y)
@@ -188,7 +190,7 @@ class Trier:
         return bool((await self._came())[0])
 
     async def is_current(self, x: float, y: float, marks: Sequence[Element]) -> bool:
-        """Whether what does nothing changes after a click on another of its kind: the open tab, say."""
+        """Whether the page reacts to a second click after one on a similar element (such as another tab)."""
         if not self._is_fresh:
             await self.load()
         await self.evaluate("__trial.take()")
@@ -207,8 +209,7 @@ class Trier:
         return False
 
     async def is_lasting(self, x: float, y: float) -> bool:
-        """Whether something has come of a click once the mouse has gone: the star of a rating, whose looks
-        were the same while the mouse was on it."""
+        """Whether a change shows only after the mouse has left, such as that of the star of a rating."""
         await self.load()
         self._is_fresh = False
         for press in (False, True):
@@ -224,11 +225,11 @@ class Trier:
         return bool((await self._came())[0])
 
     async def _came(self) -> tuple[list[str], str]:
-        """What has changed, and what has the focus."""
+        """The changes so far, and the element with the focus."""
         return await self.evaluate("__trial.changes()"), await self.evaluate("__trial.focused()")
 
     async def is_hover(self, x: float, y: float, signature: str) -> bool:
-        """Whether the same comes of it if the mouse stays there and nothing is clicked: a hint, say."""
+        """Whether the page reacts in the same way to the mouse without a click, such as with a tooltip."""
         key = (round(x, 1), round(y, 1), 0.0)
         if key not in self.known:
             await self.load()
@@ -241,18 +242,18 @@ class Trier:
         return nodes_of(signature) <= nodes_of(self.known[key])
 
     async def _reaction(self) -> None:
-        """Time for the page to react, and to draw: on a busy machine the first may be too short."""
+        """Wait for the page to react and to draw, which takes longer on a busy machine."""
         await asyncio.sleep(REACTION_SECONDS)
         await self.evaluate("__trial.drawn()")
 
     async def points(self) -> list[tuple[float, float]]:
-        """One for every element that a grid of points hits."""
+        """One point for every element that the grid hits."""
         await self.load()
         found = [(x, y) for x, y in await self.evaluate(f"__trial.points({GRID})")]
         return found[:: -(-len(found) // MOST_POINTS)]
 
     async def is_rim(self, x: float, y: float, signature: str, marks: Sequence[Element]) -> bool:
-        """Whether it is the rim of something around a mark, where only looks change."""
+        """Whether the point is on a rim around a mark, where only looks change."""
         if deeds_of(signature):
             return False
         if not self._is_fresh:
@@ -261,7 +262,7 @@ class Trier:
         return bool(await self.evaluate(f"__trial.isRim({x}, {y}, {points})"))
 
     async def name_at(self, x: float, y: float, role: str) -> str | None:
-        """What accessibility software would call what lies there; None where it has no word for it."""
+        """The accessible name of the element at a point; ``None`` if it has none."""
         if not self._is_fresh:
             await self.load()
         params = {"expression": f"__trial.at({x}, {y})"}
@@ -296,7 +297,7 @@ NAMED: dict[str, frozenset[str]] = {
     **{role: frozenset({role}) for role in ("tab", "slider", "menuitem", "treeitem", "gridcell")},
     "option": frozenset({"option", "MenuListOption", "ListBoxOption"}),
 }
-"""Roles of the accessibility tree that may stand for one of ours."""
+"""By role of our marks: the equivalent roles of the accessibility tree."""
 
 
 def inside(x: float, y: float, element: Element, slack: float = 0) -> bool:
@@ -314,23 +315,23 @@ def nodes_of(signature: str) -> set[str]:
 
 
 def deeds_of(signature: str) -> set[str]:
-    """What is more than looks."""
+    """The changes of a signature that affect more than looks."""
     return {node for node in nodes_of(signature) if node and node.split()[-1] not in LOOKS}
 
 
 def is_done_by(signature: str, mark: str) -> bool:
-    """Whether a click on a mark does the same but for looks: a point around a box to tick, say."""
+    """Whether a click on a mark has the same changes apart from looks, such as around a checkbox."""
     return bool(deeds_of(mark)) and deeds_of(mark) == deeds_of(signature)
 
 
 def is_alike(one: str, other: str) -> bool:
-    """Whether two signatures tell of mostly the same nodes: the places on a slider, say."""
+    """Whether two signatures contain mostly the same nodes, such as two positions on a slider."""
     nodes = [nodes_of(signature) for signature in (one, other)]
     return 2 * len(nodes[0] & nodes[1]) >= len(nodes[0] | nodes[1])
 
 
 async def measure(ours: Slot, trier: Trier, say: Any) -> Counter[str]:
-    """What is right on one page, counted."""
+    """Counts of correct marks, covered points and correct names on a page."""
     await ours.open(PageOptions(elements=True, mode="marks"))
     await ours.act(Navigate(trier.url))
     await asyncio.sleep(QUIET_SECONDS)
@@ -440,15 +441,17 @@ async def run(pages: list[str], cache: Path, details: bool) -> bool:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--set", choices=PAGES, default="first", help="which pages: see npm_pages.py")
-    parser.add_argument("--pages", nargs="+", choices=FILES, metavar="PAGE", help="these alone")
+    parser.add_argument("--set", choices=PAGES, default="first", help="set of pages; see npm_pages.py")
+    parser.add_argument("--pages", nargs="+", choices=FILES, metavar="PAGE", help="only these pages")
     parser.add_argument(
         "--cache",
         type=Path,
         default=CACHE,
-        help="where packages are kept, and trials: delete trials.json when a page changes",
+        help="folder of the npm packages and of trials.json, which must be deleted when a page changes",
     )
-    parser.add_argument("--details", action="store_true", help="what was wrong, missing, or called otherwise")
+    parser.add_argument(
+        "--details", action="store_true", help="print wrong and missing marks, and names that differ"
+    )
     given = parser.parse_args()
     sys.exit(0 if asyncio.run(run(given.pages or PAGES[given.set], given.cache, given.details)) else 1)
 

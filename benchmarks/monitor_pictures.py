@@ -1,11 +1,11 @@
-"""The pictures of the monitor in the README, from a run that goes on while they are taken.
+"""Take the pictures of the monitor for the README, during a run.
 
     python benchmarks/monitor_pictures.py --out docs/figures
     python benchmarks/monitor_pictures.py --draw 1000
 
-Real browsers play the offline web. The replies are a script's, with mistakes, and take as long as a model's:
-without that wait nobody would be seen thinking. With --draw so many made-up attempts change
-state and nothing is pictured: it prints how long the page and the terminal take to draw themselves.
+Real browsers run tasks of the offline web. The replies are scripted, with mistakes, and take as long as those
+of a model, so that the pictures show attempts that wait for a reply. With --draw, generated attempts change
+their state instead, and the drawing times of page and terminal are printed.
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ COUNT_FRAMES = """
 
 
 class ThinkingPolicy(ScriptedPolicy):
-    """The script, as slow as a model."""
+    """The scripted policy, as slow as a model."""
 
     def __init__(self, mistake_rate: float, seconds: float) -> None:
         super().__init__(mistake_rate)
         self._seconds = seconds
 
     def begin(self, task: Task, seed: int) -> PolicySession:
-        """A player who takes its time."""
+        """A session whose replies take time."""
         return _Thinking(super().begin(task, seed), self._seconds, random.Random(seed))
 
 
@@ -67,7 +67,7 @@ class _Thinking:
         self._player, self._seconds, self._chance = player, seconds, chance
 
     async def reply(self, turn: PolicyInput) -> Reply:
-        """After a while."""
+        """The reply, after a delay."""
         await asyncio.sleep(self._chance.lognormvariate(0, 0.5) * self._seconds)
         return await self._player.reply(turn)
 
@@ -86,7 +86,7 @@ async def _picture_of_svg(browser: Browser, svg: str, out: Path) -> None:
 
 
 async def _pictures(progress: Progress, run: Path, options: argparse.Namespace) -> None:
-    """Wait until enough has ended, then take them."""
+    """Wait until enough attempts have ended, then take the pictures."""
     ready: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     async with async_playwright() as playwright, asyncio.TaskGroup() as group:
         browser = await playwright.chromium.launch(
@@ -107,7 +107,7 @@ async def _pictures(progress: Progress, run: Path, options: argparse.Namespace) 
 
 
 async def draw(count: int, seconds: float = 15.0) -> None:
-    """Say how long made-up attempts take to draw."""
+    """Print how long it takes to draw generated attempts."""
     progress, chance = Progress(total=10 * count), random.Random(0)
     names = [f"shop/task-{number}#0.0" for number in range(count)]
     for name in names:
@@ -141,7 +141,7 @@ async def draw(count: int, seconds: float = 15.0) -> None:
 
 
 async def main(options: argparse.Namespace) -> None:
-    """Run, and take the pictures meanwhile."""
+    """Run tasks, and take the pictures meanwhile."""
     options.out.mkdir(parents=True, exist_ok=True)
     config = RunConfig(
         tasks=TaskChoice(count=options.tasks, spread=True),
@@ -162,7 +162,7 @@ async def main(options: argparse.Namespace) -> None:
             collect(config, run, policy=ThinkingPolicy(0.3, options.think), show=show)
         )
         await asyncio.wait([collecting, asyncio.create_task(taken.wait())], return_when="FIRST_COMPLETED")
-        collecting.cancel()  # the pictures are all that is wanted
+        collecting.cancel()  # the rest of the run is not needed
         await asyncio.gather(collecting, return_exceptions=True)
 
 
@@ -171,10 +171,12 @@ if __name__ == "__main__":
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", type=Path, default=Path("docs/figures"))
-    parser.add_argument("--sessions", type=int, default=40, help="attempts at the same time")
+    parser.add_argument("--sessions", type=int, default=40, help="number of parallel attempts")
     parser.add_argument("--tasks", type=int, default=150)
-    parser.add_argument("--think", type=float, default=2.0, help="median seconds of a reply")
-    parser.add_argument("--after", type=int, default=35, help="attempts that have ended when they are taken")
-    parser.add_argument("--draw", type=int, help="made-up attempts to draw, instead of a run")
+    parser.add_argument("--think", type=float, default=2.0, help="median time of a reply, seconds")
+    parser.add_argument(
+        "--after", type=int, default=35, help="number of ended attempts at which the pictures are taken"
+    )
+    parser.add_argument("--draw", type=int, help="number of generated attempts to draw instead of a run")
     given = parser.parse_args()
     asyncio.run(draw(given.draw) if given.draw else main(given))

@@ -1,10 +1,10 @@
-"""Pages made of widely used packages of npm, one HTML file each in `npm_pages/`, served from a cache folder.
+"""Pages that use popular npm packages: an HTML file each in `npm_pages/`, served from a cache folder.
 
-Nothing of the packages is part of this repository: they are installed at the first run. A script that lies
-beside a page is bundled with what it imports. The pages in `half_a` and `half_b` were written before any was
-measured, and halved by lot: the rules of marks and text were corrected by what half A showed, and those of
-marks later by B. Those in `unseen` were written then, measured once, and rules were corrected by them later;
-those in `unseen_2` after that, and nothing was corrected by them.
+The packages are not part of this repository: they are installed at the first run. A script next to a page is
+bundled with its imports. The pages in `half_a` and `half_b` were written before the first measurement, and
+divided at random: the rules of marks and text were corrected by the results on `half_a`, those of marks later
+by `half_b`. The pages in `unseen` were written after that and measured once before rules were corrected by
+them; those in `unseen_2` were written last, and nothing was corrected by them.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ PACKAGES = (
     "@mantine/hooks@7 radix-ui@1 vuetify@3 element-plus@2 uikit@3 fomantic-ui-css@2 materialize-css@1 "
     "foundation-sites@6 video.js@8 tinymce@7 handsontable@15 gridjs@6 d3@7 air-datepicker@3 "
     "@splidejs/splide@4 jquery.fancytree@2 sweetalert2@11 jodit@4 @toast-ui/calendar@2 "
-    # of those that nobody has seen
+    # of the unseen pages
     "slim-select@2 vanillajs-datepicker@1 @simonwep/pickr@1 jspreadsheet-ce@4 frappe-gantt@0.6 easymde@2 "
     "naive-ui@2 w2ui@2 simple-datatables@9 vis-timeline@7 plyr@3 "
-    # of the next ones
+    # of the second set of unseen pages
     "primereact@10 rsuite@5 @blueprintjs/core@5 quasar@2 ace-builds@1 tui-grid@4 slickgrid@5 sortablejs@1 "
     "litepicker@2 @event-calendar/build@4 intl-tel-input@25 @yaireo/tagify@4 jsoneditor@10 "
     "@spectrum-web-components/bundle@1 dockview-core@4 @melloware/coloris@0.25 wunderbaum@0.13"
@@ -44,9 +44,9 @@ PACKAGES = (
 
 FOLDER = Path(__file__).with_name("npm_pages")
 REMOTE = {f"remote/{file.stem}": file for file in sorted(FOLDER.glob("remote/*.html"))}
-"""Pages whose data comes from the server, as many milliseconds later as `ms` in their address says."""
+"""Pages by name whose data comes from the server, with a delay of `ms` in their address, milliseconds."""
 FILES = REMOTE | {file.stem: file for file in sorted(FOLDER.rglob("*.html")) if file.parent.name != "remote"}
-"""Pages by name."""
+"""Files of all pages by name."""
 PAGES = {
     "first": [name for name, file in FILES.items() if file.parent == FOLDER],
     "half_a": [name for name, file in FILES.items() if file.parent.name == "half_a"],
@@ -54,12 +54,12 @@ PAGES = {
     "unseen": [name for name, file in FILES.items() if file.parent.name == "unseen"],
     "unseen_2": [name for name, file in FILES.items() if file.parent.name == "unseen_2"],
 }
-"""Names by set."""
+"""Names of pages by set."""
 CACHE = Path.home() / ".cache/webgym/npm_pages"
 
 
 def install(cache: Path) -> None:
-    """Install the packages, and bundle scripts, where that has not been done."""
+    """Install the packages and bundle scripts, if that has not been done yet."""
     asked = cache / "packages.txt"
     if not asked.exists() or asked.read_text().split() != PACKAGES:
         cache.mkdir(parents=True, exist_ok=True)
@@ -81,8 +81,8 @@ def install(cache: Path) -> None:
 
 
 class Handler(SimpleHTTPRequestHandler):
-    """Pages by their names, with a script that makes noise where their address says so; `/remote/rows`,
-    `/remote/text` and `/remote/picture`; and all that the cache folder holds."""
+    """Serves pages by name, with a noise script if their address requests it; `/remote/rows`, `/remote/text`
+    and `/remote/picture`; and all files of the cache folder."""
 
     protocol_version = "HTTP/1.1"
 
@@ -106,7 +106,7 @@ class Handler(SimpleHTTPRequestHandler):
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(body)))
         self.send_header("Cache-Control", "no-store")
-        with suppress(ConnectionError):  # the page has gone on
+        with suppress(ConnectionError):  # the page has navigated away
             self.end_headers()
             self.wfile.write(body)
 
@@ -141,7 +141,11 @@ def _answer(name: str, wanted: dict[str, str]) -> tuple[bytes, str]:
 
 @contextmanager
 def serving(cache: Path) -> Iterator[str]:
-    """Serve the pages and packages; gives the base address."""
+    """Serve pages and packages until the block ends.
+
+    Yields:
+        The base URL.
+    """
     install(cache)
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(Handler, directory=str(cache))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()

@@ -1,12 +1,12 @@
-"""One session's steps against a loop that does not wait, in the same browser, round by round in turn.
+"""Steps of one session compared with a loop that does not wait, in the same browser, in alternating rounds.
 
-Steps with marks, in a second browser, take turns with them.
+Steps with marks, in a second browser, alternate with them.
 
     .venv/bin/python benchmarks/one_session.py --rounds 12
 
-The page is quiet at once. The bare loop clicks or scrolls and takes a picture, with no pause at all; a step
-waits until the page is quiet, and observes. The ratio of the two is taken per pair of rounds: other load on
-the machine meets both.
+The page is settled at once. The bare loop clicks or scrolls and takes a screenshot without a pause; a step
+waits until the page is settled, and makes an observation. The ratio is taken per pair of rounds, as other
+load on the machine affects both.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import time
 from contextlib import AsyncExitStack
 
 from webgym.bench.pages import serving_pages
-from webgym.bench.stepping import Stepper, browser_for, deed
+from webgym.bench.stepping import StepFunction, browser_for, click_or_scroll
 from webgym.browser.actions import perform
 from webgym.browser.config import PageOptions
 from webgym.browser.egress.proxy import Egress
@@ -30,34 +30,34 @@ from webgym.browser.slot import Slot
 from webgym.core.action import Mode, Navigate
 
 STEPS = 8
-"""Per round."""
+"""Number of steps per round."""
 
 MODES: tuple[Mode, ...] = ("coordinates", "marks")
 
 
-async def timed(step: Stepper) -> float:
-    """Milliseconds per step of one round."""
+async def timed(step: StepFunction) -> float:
+    """Milliseconds per step, mean of a round."""
     start = time.perf_counter()
     for number in range(STEPS):
         await step(number)
     return (time.perf_counter() - start) * 1000 / STEPS
 
 
-def _bare(page: Page) -> Stepper:
+def _bare(page: Page) -> StepFunction:
     async def step(number: int) -> None:
         page.begin_action()
-        await perform(page, deed(number))
+        await perform(page, click_or_scroll(number))
         await capture(page)
 
     return step
 
 
-def _stepping(slot: Slot) -> Stepper:
-    return lambda number: slot.step(deed(number))
+def _stepping(slot: Slot) -> StepFunction:
+    return lambda number: slot.step(click_or_scroll(number))
 
 
 async def measure(rounds: int) -> str:
-    """The lines that are printed."""
+    """Measure, and return the lines to print."""
     async with AsyncExitStack() as stack:
         pages = await stack.enter_async_context(serving_pages())
         config = browser_for(pages)
@@ -70,8 +70,8 @@ async def measure(rounds: int) -> str:
             await slot.step(Navigate(pages.url("static")))
             slots.append(slot)
         plain, marked = slots
-        steppers = (_bare(plain.page), _stepping(plain), _stepping(marked))
-        times = [[await timed(step) for step in steppers] for _ in range(rounds)]
+        step_functions = (_bare(plain.page), _stepping(plain), _stepping(marked))
+        times = [[await timed(step) for step in step_functions] for _ in range(rounds)]
     bare, step, marks = (statistics.median(column) for column in zip(*times, strict=True))
     return "\n".join(
         (
@@ -88,7 +88,7 @@ def _spread(ratios: list[float]) -> str:
 
 
 def main() -> None:
-    """Print the line."""
+    """Print the results."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--rounds", type=int, default=12)
     print(asyncio.run(measure(parser.parse_args().rounds)))

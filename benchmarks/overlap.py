@@ -1,10 +1,11 @@
-"""Wall time of a training whose collection waits for the update, and of one whose collection goes on.
+"""Wall time of training with and without overlap of collection and update.
 
     python benchmarks/overlap.py --iterations 4 --tasks 12 --think 0.5 --passes 6
 
-Real browsers, websites, judge, store and updates of a tiny model on this machine's processors; demonstrators
-play, and each of their replies takes --think seconds, as one of a model elsewhere would. Both loops run one
-after the other, on the same browsers, with the same tasks, and learn from the same number of steps at most.
+Real browsers, websites, judge, store and updates of a tiny model on the processors of this machine. The
+policy demonstrates solutions, and its replies take --think seconds, as those of a remote model would. Both
+loops run one after the other, with the same browsers and tasks, and train on at most the same number of
+steps.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from webgym.train.replay import Replay
 
 
 class Thinks(BasePolicy):
-    """Demonstrators whose replies take their time; takes new weights and needs none."""
+    """A policy that demonstrates solutions with a delay, and ignores published weights."""
 
     wants_elements = True
     name = "demonstrators"
@@ -110,9 +111,9 @@ async def measure(options: argparse.Namespace, folder: Path) -> list[tuple[int, 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--iterations", type=int, default=4)
-    parser.add_argument("--tasks", type=int, default=12, help="per iteration")
-    parser.add_argument("--think", type=float, default=0.5, help="seconds of a reply")
-    parser.add_argument("--passes", type=int, default=6, help="of an update over its steps")
+    parser.add_argument("--tasks", type=int, default=12, help="number of tasks per iteration")
+    parser.add_argument("--think", type=float, default=0.5, help="time of a reply, seconds")
+    parser.add_argument("--passes", type=int, default=6, help="number of passes of an update over its steps")
     parser.add_argument("--sessions", type=int, default=6)
     parser.add_argument("--staleness", type=int, nargs="+", default=[0, 1])
     options = parser.parse_args()

@@ -1,12 +1,12 @@
-"""Reference answers against generated answers: how often a rule passes a wrong one, or fails a right one.
+"""Error rates of the rules that compare answers with reference answers, on generated answers.
 
     .venv/bin/python benchmarks/reference_answers.py
     .venv/bin/python benchmarks/reference_answers.py --data ../shared/data --per-reference 4 --seed 2
 
-Wrong answers hold the reference among rivals (lists, tables, choices), deny it, date it to the past or give
-it another unit or sign; a rule that calls one the same is a false pass. Right answers hold it in plain
-words; a rule that calls one different is a false fail, and what it leaves unsure costs a model's reply.
-References are those of the offline web and, where ``--data`` holds them, of the benchmarks' own files.
+Wrong answers contain the reference among other candidates (lists, tables, choices), deny it, date it to the
+past or give it another unit or sign: a rule that accepts one is a false pass. Right answers contain it in a
+plain wrapping: a rule that rejects one is a false fail; an undecided one costs a model call. The references
+are those of the offline web and, if ``--data`` contains them, of the files of the benchmarks.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Case:
-    """An answer to hold against a reference, and whether it is right."""
+    """An answer to compare with a reference, and whether it is right."""
 
     family: str
     instruction: str
@@ -57,12 +57,12 @@ class Case:
     is_right: bool
 
     def match(self, ways: Sequence[Way] = WAYS) -> Match:
-        """What the rules say."""
+        """The decision of the rules."""
         return hold_against(self.reference, self.answer, ways, self.instruction).match
 
 
 COUNTS: Final = (*(1,) * 8, *(2,) * 4, *(3,) * 4, *(5,) * 4, *(10,) * 4, *(30,) * 2, 100)
-"""Rivals in a list are drawn from these: few more often than many, which take the time."""
+"""Numbers of other candidates in a list, one of which is drawn: mostly small ones, which are faster."""
 SEPARATORS: Final = (
     ". ", ".", ", ", ",", "; ", ";", ": ", "/", " / ", "|", " | ", "\\", " - ", "-- ", " – ", " — ", "–", "—",
     "\n", "\n\n", "\r\n", "\n- ", "\n* ", "\n• ", "\t", "  ", " ", " · ", " • ", "! ", "… ", " ... ", "? ",
@@ -85,7 +85,7 @@ EACH: Final = (
     "Here: {}, ", "to {}, ", "the website says {}, ", "named {}; ", "that is {} ", "it is {} ", "is {} ",
     "found {} and ", "Result {}\n",
 )  # fmt: skip
-"""What stands around each of several candidates, written one after the other."""
+"""Forms of a candidate in a sequence of candidates."""
 WHOLE: Final = (
     "{}", "{}.", "The answer is {}.", "It is {}", "Answer: {}", "I found {}.", "The answers are: {}", "{} ",
 )  # fmt: skip
@@ -152,11 +152,11 @@ SHOUT: Final[tuple[Callable[[str], str], ...]] = (str, str, str.lower, str.upper
 
 
 class Families:
-    """Cases about references, from a seed.
+    """Generates cases about references.
 
     Args:
-        known: the references; those of the same source and shape are each other's rivals.
-        seed: of every choice.
+        known: the references; those of the same source and shape are candidates for each other.
+        seed: of all random choices.
     """
 
     def __init__(self, known: Sequence[Known], seed: int = 1) -> None:
@@ -169,7 +169,7 @@ class Families:
         self._all = [one.reference for one in known]
 
     def wrong(self, one: Known) -> Iterator[Case]:
-        """One wrong answer of every family."""
+        """A wrong answer of every family."""
         rng, reference = self._rng, one.reference
         candidates = [reference, *self.rivals(one, rng.choice(COUNTS))]
         rng.shuffle(candidates)
@@ -195,7 +195,7 @@ class Families:
                 yield self._case("unit or sign", one, form.format(r=reference))
 
     def _named(self, one: Known, candidates: list[str]) -> Iterator[Case]:
-        """The task names the rivals and not the reference."""
+        """Cases whose task names the other candidates and not the reference."""
         rivals, rng = ", ".join(item for item in candidates if item != one.reference), self._rng
         for form in ("Other than {}: ", "Unlike {}, ", "Start at the page on {}. "):
             asked = Known(one.source, form.format(rivals) + one.instruction, one.reference)
@@ -205,7 +205,7 @@ class Families:
             yield self._case("rivals that the task names", asked, told)
 
     def _choices(self, one: Known, candidates: list[str]) -> Iterator[Case]:
-        """The task names the reference among others."""
+        """Cases whose task names the reference among other candidates."""
         listed = ", ".join(candidates[:-1]) + " or " + candidates[-1]
         rng = self._rng
         for task in (f"Which is right: {listed}?", f"{one.instruction} Choose among {listed}."):
@@ -217,7 +217,7 @@ class Families:
             yield self._case("quote of the task", asked, quote.format(task.replace("?", rng.choice("?. "))))
 
     def right(self, one: Known, most: int | None = None) -> Iterator[Case]:
-        """The reference in every plain wrapping, or in ``most`` that are drawn."""
+        """The reference in every plain wrapping, or in ``most`` random ones."""
         for form in WRAPPINGS if most is None else self._rng.sample(WRAPPINGS, most):
             text = one.reference
             count = form.replace("{{", "").count("{}")
@@ -226,7 +226,7 @@ class Families:
         yield Case("wrapping", one.instruction, one.reference, one.reference.replace(" ", "  "), True)
 
     def rivals(self, one: Known, count: int) -> list[str]:
-        """Other answers of the same shape; of any where there are none."""
+        """Other answers of the same shape, or of any shape if there are none."""
         pool = self._pools[one.source, _shape(one.reference)]
         found: list[str] = []
         for attempt in range(count * 8):
@@ -252,14 +252,14 @@ class Families:
 
 
 def _is_asked(form: str, instruction: str) -> bool:
-    """Whether a task asks for the unit that a form adds: then it is right."""
+    """Whether the task asks for the unit that a form adds, so that the answer is right."""
     signs = {"km": "kilomet", "$": "dollar", "€": "euro", "%": "percent", "°": "degree", "¢": "cent"}
     names = [*re.findall("[a-z]{2,}", form), *(name for sign, name in signs.items() if sign in form)]
     return any(name.removesuffix("s") in instruction.casefold() for name in names)
 
 
 def _shape(reference: str) -> str:
-    """Roughly what kind of answer it is: rivals are of the same."""
+    """The rough kind of an answer."""
     if ";" in reference:
         return "list"
     if re.search(r"\d", reference):
@@ -268,13 +268,13 @@ def _shape(reference: str) -> str:
 
 
 def _overlaps(one: str, other: str) -> bool:
-    """Whether one says what the other does, or a part of it."""
+    """Whether one of two answers contains the other."""
     a, b = ({*re.findall(r"\w+", text.casefold())} for text in (one, other))
     return not a or not b or a <= b or b <= a or one.casefold() in other.casefold()
 
 
 def offline_references(every: int = 1) -> list[Known]:
-    """Every different reference of the offline web, or of every n-th of its websites."""
+    """All distinct references of the offline web, or of every n-th of its websites."""
     web = OfflineWeb()
     tasks = (task for host in list(web.specs)[::every] for task in web.tasks_of(host))
     found = {task.reference_answer: task.instruction for task in tasks if task.reference_answer}
@@ -282,7 +282,7 @@ def offline_references(every: int = 1) -> list[Known]:
 
 
 def source_references(data: Path) -> list[Known]:
-    """The reference and example answers of the benchmarks' files."""
+    """The reference and example answers in the files of the benchmarks."""
     found: list[Known] = []
     for source, folder in FOLDERS.items():
         try:
@@ -301,12 +301,18 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--data", type=Path, default=Path("../shared/data"), help="folder of source files")
-    parser.add_argument("--per-reference", type=int, default=1, help="rounds of wrong answers")
-    parser.add_argument("--wrong", type=int, default=8, help="wrong answers drawn of each round")
-    parser.add_argument("--wrappings", type=int, default=16, help="right answers, drawn for each reference")
-    parser.add_argument("--offline", type=int, help="references of the offline web at most; else all")
+    parser.add_argument("--per-reference", type=int, default=1, help="number of rounds of wrong answers")
+    parser.add_argument("--wrong", type=int, default=8, help="number of wrong answers drawn per round")
+    parser.add_argument(
+        "--wrappings", type=int, default=16, help="number of right answers drawn per reference"
+    )
+    parser.add_argument(
+        "--offline", type=int, help="maximum number of references of the offline web; by default all"
+    )
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--show", type=int, default=0, help="false passes and fails to print, per family")
+    parser.add_argument(
+        "--show", type=int, default=0, help="number of false passes and fails to print per family"
+    )
     args = parser.parse_args()
     offline = offline_references()
     random.Random(args.seed).shuffle(offline)

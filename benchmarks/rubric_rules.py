@@ -1,11 +1,11 @@
-"""How often the rules of rubrics and of rewritten tasks are wrong, where it is known what is right.
+"""Error rates of the rules for rubrics and for rewritten tasks, on data with known answers.
 
     .venv/bin/python benchmarks/rubric_rules.py
     .venv/bin/python benchmarks/rubric_rules.py --data ../shared/data --every 10
 
-The offline web's rubrics are composed from the truth: none may be refused. Its derived tasks keep what their
-own facts ask for: refusing one is wrong, and taking a sibling's text for it would be. The key points that a
-judge listed for real tasks, from ``--data``, are read as rubrics.
+The rubrics of the offline web are composed from truths: none may be rejected. Its derived tasks ask for their
+own facts: they must be accepted with their own text and rejected with that of a sibling. Key points that a
+judge listed for real tasks, from ``--data``, are checked as rubrics.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ REPLIES = "judge-labels/webjudge_replies_o4_mini.jsonl"
 
 
 def of_rubrics(tasks: list[Task]) -> None:
-    """Print how many of the offline web's rubrics are refused and remarked on."""
+    """Print how many rubrics of the offline web are rejected, and how many get a remark."""
     refused = remarked = 0
     remarks: Counter[str] = Counter()
     for task in tasks:
@@ -37,13 +37,14 @@ def of_rubrics(tasks: list[Task]) -> None:
         remarked += bool(findings)
         remarks.update({finding.rule for finding in findings})
     print(
-        f"rubrics of the offline web: {_share(refused, tasks)} refused, {_share(remarked, tasks)} remarked on"
+        f"rubrics of the offline web: {_share(refused, tasks)} rejected, "
+        f"{_share(remarked, tasks)} with remarks"
     )
     print("  " + ", ".join(f"{rule} {count:,}" for rule, count in remarks.most_common()))
 
 
 def of_derived(tasks: list[Task]) -> None:
-    """Print how many derived tasks are refused with their own text, and taken with a sibling's."""
+    """Print how many derived tasks are rejected with their own text, and accepted with that of a sibling."""
     parents = {task.id: task for task in tasks if task.parent_id is None}
     derived = [task for task in tasks if task.parent_id in parents]
     own = [
@@ -61,12 +62,12 @@ def of_derived(tasks: list[Task]) -> None:
         for one, other in siblings
         if not refused_rewriting(one.instruction, parents[one.parent_id or ""], other.rubric.groups)
     ]
-    print(f"derived tasks with their own text: {_share(len(own), derived)} refused")
-    print(f"derived tasks with a sibling's text: {_share(len(taken), siblings)} taken")
+    print(f"derived tasks with their own text: {_share(len(own), derived)} rejected")
+    print(f"derived tasks with a sibling's text: {_share(len(taken), siblings)} accepted")
 
 
 def of_keypoints(path: Path) -> None:
-    """Print how many lists of key points are refused."""
+    """Print how many lists of key points are rejected."""
     points: dict[str, tuple[str, tuple[str, ...]]] = {}
     for record in map(json.loads, path.read_text("utf-8").splitlines()):
         listed = (re.sub(r"^\d+[.)]\s*", "", line).strip() for line in record["key_points"].splitlines())
@@ -79,7 +80,7 @@ def of_keypoints(path: Path) -> None:
         errors = {finding.rule for finding in findings if finding.severity == "error"}
         refused += bool(errors)
         rules.update(errors)
-    print(f"key points of a judge, read as rubrics: {_share(refused, lists)} refused")
+    print(f"key points of a judge, checked as rubrics: {_share(refused, lists)} rejected")
     print("  " + ", ".join(f"{rule} {count}" for rule, count in rules.most_common()))
 
 
@@ -88,7 +89,7 @@ def _share(count: int, of: list[Task] | list[tuple[Task, Task]] | list[tuple[str
 
 
 def main() -> None:
-    """Print all figures."""
+    """Print all results."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

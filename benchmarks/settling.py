@@ -1,14 +1,14 @@
-"""Is a look final on pages that nobody here wrote? Widgets of npm packages, acted on at random, under noise.
+"""Are screenshots final on foreign pages? Widgets of npm packages, with random actions and noise.
 
     .venv/bin/python benchmarks/settling.py --episodes 3 --seed 0 --out settling.jsonl
     .venv/bin/python benchmarks/settling.py --out settling.jsonl --minutes 0
 
-An episode opens a page (from `npm_pages/`, or `npm_pages/remote/`, where the server takes 100 to 800 ms to
-answer) and does one thing after the other to what the observation shows: click, type, hover, scroll, a key.
-In two of three there is noise. After each step the page goes on, untouched, for five seconds; the look was
-final if a second picture agrees with it, but for what goes on changing after that, as a carousel does.
-Trials are kept as they are made, with the pictures of what was not final; what is there already is not done
-again.
+An episode opens a page (from `npm_pages/`, or `npm_pages/remote/`, whose server takes 100 to 800 ms per
+response) and makes random actions on elements of the observation: clicks, typing, hovers, scrolls, keys.
+Two of three episodes have noise. After each step the page is left alone for five seconds; the screenshot
+was final if a second one is equal to it, except for what keeps changing after that, such as a carousel.
+Trials are stored as they are made, with the screenshots of those that were not final; stored trials are not
+repeated.
 """
 
 from __future__ import annotations
@@ -39,44 +39,44 @@ from webgym.core.action import BrowserAction, Hover, LeftClick, Navigate, Press,
 from webgym.core.errors import WebGymError
 from webgym.core.observation import Element, Observation
 
-DEEDS = 7
-"""After the page was opened."""
+ACTIONS = 7
+"""Number of actions after the page was opened."""
 
 WATCHED_SECONDS = 5.0
 LATER_SECONDS = (0.35, 0.6, 0.95, 3.1)
-"""Between more pictures, where two do not agree: a caret of the page's own goes and comes within a second."""
+"""Pauses between further screenshots if the first two differ: carets drawn by pages blink every second."""
 
 WORDS = ("ap", "gra", "berry", "ban", "a", "person 1", "town", "12", "be", "lem")
 KEYS = ("ArrowDown", "Escape", "Tab", "Enter", "ArrowRight", "Backspace")
 TYPED_INTO = frozenset({"textbox", "searchbox", "combobox", "spinbutton"})
 DELAYS = (100, 800)
-"""Of the server's answers, milliseconds."""
+"""Range of the server's delay, milliseconds."""
 
 LEVELS = 24
-"""By how much a pixel differs in one colour at least, of 255, to differ at all."""
+"""Least difference of a colour channel, of 255, at which pixels count as different."""
 
 PIXELS = 10
-"""That differ in two pictures that do not agree, at least."""
+"""Least number of different pixels at which screenshots count as different."""
 
 TILE = 32
-"""Pixels: what goes on changing is left out in squares of this size."""
+"""Size of the squares, in pixels, that are ignored if they keep changing."""
 
 CORNERS = ((0, 24, 1180, 1280), (730, 768, 1240, 1280))
-"""Top, bottom, left, right of what `noise.js` draws."""
+"""Areas in which `noise.js` draws: top, bottom, left, right."""
 
 Mask = NDArray[np.bool_]
 
 
 class Trial(msgspec.Struct, frozen=True):
-    """One thing that was done.
+    """A step of an episode.
 
     Attributes:
-        key: page, seed and number of the episode: what is done follows from it.
-        number: of the deed; 0 opened the page.
-        deed: its kind, and what it was done to.
+        key: page, seed and number of the episode, which determine its actions.
+        number: index of the step; 0 opened the page.
+        deed: kind and target of the action.
         settled: why the wait ended; with a ``!`` if a notice said that the page was still loading.
-        seconds: how long the wait took.
-        differing: pixels.
+        seconds: duration of the wait.
+        differing: number of different pixels.
     """
 
     key: str
@@ -91,7 +91,7 @@ class Trial(msgspec.Struct, frozen=True):
         return self.differing < PIXELS
 
 
-# --- deeds ----------------------------------------------------------------------------------------------
+# --- actions --------------------------------------------------------------------------------------------
 
 
 def middle(element: Element, seen: Observation) -> Target:
@@ -101,7 +101,7 @@ def middle(element: Element, seen: Observation) -> Target:
 
 
 def choose(seen: Observation, chance: random.Random) -> tuple[str, BrowserAction]:
-    """What is done next, and its name."""
+    """A random action, and its name."""
     elements = seen.elements or ()
     fields = [one for one in elements if one.role in TYPED_INTO]
     kinds = ["click"] * 8 + ["scroll"] * 2 + ["hover"] * 3 + ["press"] * 2 + ["type"] * (7 if fields else 0)
@@ -127,7 +127,7 @@ def choose(seen: Observation, chance: random.Random) -> tuple[str, BrowserAction
 
 
 def difference(one: bytes, other: bytes) -> Mask:
-    """Which pixels differ."""
+    """A mask of the pixels that differ between two screenshots."""
     first, second = (
         np.asarray(Image.open(io.BytesIO(each)).convert("RGB"), np.int16) for each in (one, other)
     )
@@ -138,7 +138,7 @@ def difference(one: bytes, other: bytes) -> Mask:
 
 
 def without(mask: Mask, moving: Mask) -> Mask:
-    """What differs, apart from the squares that go on changing and those beside them."""
+    """A mask without the squares that keep changing and their neighbours."""
     left = mask.copy()
     for row, column in {(y // TILE, x // TILE) for y, x in np.argwhere(moving).tolist()}:
         top, side = max(0, row - 1) * TILE, max(0, column - 1) * TILE
@@ -147,7 +147,7 @@ def without(mask: Mask, moving: Mask) -> Mask:
 
 
 async def differing(slot: Slot, look: bytes) -> tuple[int, bytes]:
-    """How many pixels differ from the look after a while, and the second picture."""
+    """The number of pixels that differ from a screenshot after a while, and the second screenshot."""
     await asyncio.sleep(WATCHED_SECONDS)
     later = await slot.screenshot()
     mask = difference(look, later)
@@ -159,7 +159,7 @@ async def differing(slot: Slot, look: bytes) -> tuple[int, bytes]:
 
 
 class Bench:
-    """Episodes that are left to be played, and where their trials are kept."""
+    """The remaining episodes, and the file of their trials."""
 
     def __init__(self, plan: list[tuple[str, str]], out: Path, until: float) -> None:
         self.plan = plan
@@ -168,7 +168,7 @@ class Bench:
         self.lost = 0
 
     async def work(self, slot: Slot, address: str) -> None:
-        """Play episodes as long as there are any and there is time."""
+        """Run episodes until none is left or the time is up."""
         try:
             while self.plan and time.monotonic() < self.until:
                 page, key = self.plan.pop()
@@ -176,7 +176,7 @@ class Bench:
                     trials = await self._play(slot, address, page, key)
                 except WebGymError as error:
                     self.lost += 1
-                    print(f"{key} was lost: {error}")
+                    print(f"{key} failed: {error}")
                     continue
                 with self.out.open("ab") as file:
                     file.writelines(msgspec.json.encode(trial) + b"\n" for trial in trials)
@@ -191,7 +191,7 @@ class Bench:
         trials: list[Trial] = []
         name: str = "open"
         action: BrowserAction = Navigate(url)
-        for number in range(DEEDS + 1):
+        for number in range(ACTIONS + 1):
             look = await slot.step(action)
             seen = look.observation
             pixels, later = await differing(slot, look.image)
@@ -214,13 +214,13 @@ class Bench:
 
 
 def read(out: Path) -> list[Trial]:
-    """What is there."""
+    """Read the stored trials."""
     lines = out.read_bytes().splitlines() if out.exists() else []
     return [msgspec.json.decode(line, type=Trial) for line in lines]
 
 
 def table(trials: Sequence[Trial]) -> Iterator[str]:
-    """Lines of Markdown, and one for each trial that was not final."""
+    """A Markdown table, and a line for each trial that was not final."""
     yield "| deed | trials | final | wait p50 | p95 |"
     yield "| --- | ---: | ---: | ---: | ---: |"
     kinds = Counter(trial.deed.split()[0] for trial in trials)
@@ -245,7 +245,7 @@ async def run(given: argparse.Namespace) -> None:
             for _ in range(given.slots):
                 slot = Slot(BrowserConfig(freeze=False), find_browser().path, ProfileRoot(), egress)
                 group.create_task(bench.work(slot, address))
-    print(f"{len(bench.plan)} episodes are left, {bench.lost} were lost")
+    print(f"{len(bench.plan)} episodes are left, {bench.lost} failed")
 
 
 def main() -> None:
@@ -254,12 +254,14 @@ def main() -> None:
     parser.add_argument(
         "--pages", nargs="+", default=[*PAGES["first"], *REMOTE], choices=FILES, metavar="PAGE"
     )
-    parser.add_argument("--episodes", type=int, default=3, help="of each page")
+    parser.add_argument("--episodes", type=int, default=3, help="episodes per page")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--slots", type=int, default=6)
-    parser.add_argument("--minutes", type=float, default=60.0, help="after which no more episodes begin")
-    parser.add_argument("--cache", type=Path, default=CACHE, help="where packages are kept")
-    parser.add_argument("--out", type=Path, required=True, help="where trials are kept, as JSON lines")
+    parser.add_argument(
+        "--minutes", type=float, default=60.0, help="time after which no more episodes are started"
+    )
+    parser.add_argument("--cache", type=Path, default=CACHE, help="folder of the npm packages")
+    parser.add_argument("--out", type=Path, required=True, help="file of the trials, JSON lines")
     given = parser.parse_args()
     asyncio.run(run(given))
     print("\n".join(table(read(given.out))))

@@ -1,8 +1,8 @@
-"""A browser server and a model's endpoint behind real HTTP, without browsers and without a model.
+"""Stand-ins for a browser server and a model endpoint behind real HTTP, without browsers and model.
 
-They cost next to nothing and keep a pace that is set, so that a collector can be measured and tested by
-itself. A session's pages are numbered, and a picture's bytes say which page it is of: the model reads that,
-and answers at the page where it is to.
+They cost little and have given response times, so that a collector can be measured and tested alone. The
+pages of a session are numbered, and the bytes of a screenshot contain the number: the model reads it, and
+answers on a given page.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ _ANSWERS = _CALL % '{"action": "answer", "text": "it is"}'
 
 
 class StandInBrowsers:
-    """Sessions that show one numbered page after the other.
+    """A browser server whose sessions show numbered pages, one after the other.
 
     Args:
-        step_seconds: how long the next step takes.
-        queued_seconds: how long it says that each step has waited in its queues, beside that.
+        step_seconds: returns the time of the next step.
+        queued_seconds: queueing time that is reported for each step, in addition to that.
 
     Attributes:
-        sessions: pages shown so far, by session.
-        log: what was opened and closed, in order: ``("open" or "close", session)``.
-        most: sessions at once, at most, so far.
-        opened: sessions so far.
-        steps: steps so far.
+        sessions: number of pages shown so far, by session.
+        log: opened and closed sessions in order: ``("open" or "close", session)``.
+        most: maximum number of parallel sessions so far.
+        opened: number of sessions opened so far.
+        steps: number of steps so far.
     """
 
     def __init__(self, step_seconds: Callable[[], float] = lambda: 0.0, queued_seconds: float = 0.0) -> None:
@@ -63,7 +63,7 @@ class StandInBrowsers:
         self._queued_seconds = queued_seconds
 
     def app(self) -> web.Application:
-        """What is to be served."""
+        """The application to serve."""
         app = web.Application()
         app.add_routes(
             [
@@ -123,15 +123,15 @@ class StandInBrowsers:
 
 
 class StandInModel:
-    """Waits on every page until the one where it answers.
+    """A model that waits on every page up to the one on which it answers.
 
     Args:
-        steps: page on which it answers.
-        reply_seconds: how long the next reply takes.
+        steps: number of the page on which it answers.
+        reply_seconds: returns the time of the next reply.
 
     Attributes:
-        replies: so far.
-        most: requests at once, at most, so far.
+        replies: number of replies so far.
+        most: maximum number of parallel requests so far.
     """
 
     def __init__(self, steps: int = 3, reply_seconds: Callable[[], float] = lambda: 0.0) -> None:
@@ -140,7 +140,7 @@ class StandInModel:
         self._reply_seconds = reply_seconds
 
     def app(self) -> web.Application:
-        """What is to be served."""
+        """The application to serve."""
         app = web.Application(client_max_size=2**24)
         app.add_routes([web.post("/v1/chat/completions", self._reply)])
         return app
@@ -162,7 +162,7 @@ class StandInModel:
 
 
 def _page(messages: list[dict[str, Any]]) -> int:
-    """Which page the last picture of a request is of; 0 without one."""
+    """The page number of the last screenshot of a request; 0 if it has none."""
     for message in reversed(messages):
         for part in reversed(message["content"] if isinstance(message["content"], list) else []):
             if part.get("type") == "image_url":
@@ -186,11 +186,11 @@ def _refusal(error: WebGymError) -> web.HTTPException:
 
 @asynccontextmanager
 async def serving_app(app: web.Application, port: int = 0) -> AsyncIterator[int]:
-    """Serve an app on the loopback address for the block; calls in flight are cut off at its end.
+    """Serve an application on the loopback address until the block ends, which cuts off calls in flight.
 
     Args:
-        app: what to serve.
-        port: 0 takes a free one.
+        app: the application.
+        port: 0 for a free one.
 
     Yields:
         The port.

@@ -1,11 +1,11 @@
-"""Steps per second, step latency, CPU and memory per session of the whole loop on this machine.
+"""Steps per second, step latency, CPU and memory per session of the whole system on this machine.
 
     .venv/bin/python benchmarks/steps.py --sessions 4 8 16
 
-Everything is real: offline web (no simulated latency), HTTP server, one Chromium per session, scripted
-policy without mistakes, judge, records on disk. CPU counts every process that belongs to the run. Memory
-is the proportional set size of the browsers, divided by the sessions. Figures of one run compare with each
-other; machines and days do not.
+Everything is real: offline web (without simulated latency), HTTP server, a Chromium per session, scripted
+policy without mistakes, judge, records on disk. CPU time includes all processes of the run. Memory is the
+proportional set size of the browsers, divided by the number of sessions. Only figures of one run are
+comparable, not those of different machines or days.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SAMPLE_SECONDS = 1.0
 
 
 class Watch:
-    """Samples the CPU time and memory of our browsers while a run goes on."""
+    """Samples CPU time and memory of our browsers during a run."""
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
@@ -58,7 +58,7 @@ class Watch:
 
 
 async def measure(sessions: int, tasks: int, seed: int) -> str:
-    """One row of the table."""
+    """Measure a row of the table."""
     watches: list[Watch] = []
 
     def show(progress: Progress) -> Watch:
@@ -92,8 +92,10 @@ async def measure(sessions: int, tasks: int, seed: int) -> str:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--sessions", type=int, nargs="+", default=[4, 8, 16], help="a row for each")
-    parser.add_argument("--tasks", type=int, default=60, help="tasks per row")
+    parser.add_argument(
+        "--sessions", type=int, nargs="+", default=[4, 8, 16], help="numbers of sessions, a row for each"
+    )
+    parser.add_argument("--tasks", type=int, default=60, help="number of tasks per row")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     print(f"{len(os.sched_getaffinity(0))} cores; wall time includes starting the browsers")

@@ -1,13 +1,13 @@
-"""The visible text of pages against their pixels: pages of npm packages, by page and in all.
+"""The text of observations compared with the pixels of pages: pages of npm packages.
 
     .venv/bin/python benchmarks/text.py
     .venv/bin/python benchmarks/text.py --set half_b
 
-A second browser paints every word of a page in a colour of its own, by a highlight that changes no
-layout, and takes a picture: a word is seen if most of its box has that colour, or that colour below a
-veil. The same word in the same place is one word. What is seen is compared, word by word, with the text
-of an observation, less the hints and choices that fields show: no highlight paints them. Exit code 1
-below the goals.
+A second browser paints the words of a page in a colour, by a highlight that does not change the layout, and
+takes a screenshot: a word is visible if most of its box has that colour, also under a translucent overlay.
+Equal words in the same place count once. The visible words are compared with the text of an observation,
+without placeholders and options of fields, which a highlight cannot paint. Exit code 1 if precision or recall
+is below its goal.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from webgym.core.action import Navigate
 
 GOAL = 0.97
 LEAST_SHARE = 0.6
-"""Of a word's box: what is seen less of is cut off."""
+"""Least painted share of the box of a visible word."""
 
 SECONDS = 30.0
 LEAST_PINK = 100
-"""By how much the red and the blue of the colour exceed its green, below a veil as well."""
+"""Least excess of red and blue over green in a painted pixel, also under an overlay."""
 
 SCRIPT = """
 (() => {
@@ -91,7 +91,7 @@ class Shot(msgspec.Struct):
 
 
 def share_painted(picture: Image.Image, box: tuple[float, ...]) -> float:
-    """How much of a box, of which a part may lie outside, has the colour."""
+    """The painted share of a box, a part of which may lie outside the picture."""
     left, top, right, bottom = (round(at) for at in box)
     inner = (max(left, 0), max(top, 0), min(right, picture.width), min(bottom, picture.height))
     whole = (right - left) * (bottom - top)
@@ -102,7 +102,7 @@ def share_painted(picture: Image.Image, box: tuple[float, ...]) -> float:
 
 
 async def painted_words(slot: Slot, url: str) -> tuple[Counter[str], Counter[str]]:
-    """The words that the pixels of a page show, and those that its fields may show."""
+    """The words that are visible in the pixels of a page, and those that its fields may show."""
     await slot.open(PageOptions())
     await slot.act(Navigate(url))
     assert slot._page is not None
@@ -153,12 +153,10 @@ async def run(pages: list[str], cache: Path, details: bool) -> bool:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--set", choices=PAGES, default="first", help="which pages: see npm_pages.py")
-    parser.add_argument("--pages", nargs="+", choices=FILES, metavar="PAGE", help="these alone")
-    parser.add_argument("--cache", type=Path, default=CACHE, help="where packages are kept")
-    parser.add_argument(
-        "--details", action="store_true", help="which words were added, and which are missing"
-    )
+    parser.add_argument("--set", choices=PAGES, default="first", help="set of pages; see npm_pages.py")
+    parser.add_argument("--pages", nargs="+", choices=FILES, metavar="PAGE", help="only these pages")
+    parser.add_argument("--cache", type=Path, default=CACHE, help="folder of the npm packages")
+    parser.add_argument("--details", action="store_true", help="print added and missing words")
     given = parser.parse_args()
     sys.exit(0 if asyncio.run(run(given.pages or PAGES[given.set], given.cache, given.details)) else 1)
 

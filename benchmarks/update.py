@@ -1,10 +1,10 @@
-"""How fast an update trains, and with how much memory, beside what the estimate says.
+"""Speed and memory of a training update, compared with the estimate.
 
-    python benchmarks/update.py                                a tiny model on the CPU: that it runs
+    python benchmarks/update.py                                a tiny model on the CPU, to check that it runs
     python benchmarks/update.py --model 8b                     Qwen3-VL-8B's shapes, LoRA, on one GPU
     python benchmarks/update.py --model 8b --full --layers 12  all weights of some layers
 
-Weights and samples are random: shapes alone decide what it costs, and nothing is downloaded.
+Weights and samples are random, as the cost depends on shapes only; nothing is downloaded.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def main() -> None:
     )
     parser.add_argument("--model", choices=["tiny", "8b"], default="tiny")
     parser.add_argument("--layers", type=int)
-    parser.add_argument("--full", action="store_true", help="all weights instead of adapters")
+    parser.add_argument("--full", action="store_true", help="train all weights instead of adapters")
     parser.add_argument("--checkpointing", action="store_true")
     parser.add_argument("--micro-batch", type=int, default=4)
     parser.add_argument("--samples", type=int, default=16)
@@ -125,7 +125,7 @@ def main() -> None:
     renderer = Renderer(tokenizer, processor)
     updater = Updater(config.update, FilteredBC(), Loaded(model, renderer))
     samples = random_samples(given.samples, work, size)
-    updater.update(samples[: given.micro_batch])  # kernels, allocator
+    updater.update(samples[: given.micro_batch])  # warm up kernels and allocator
     if device == "cuda":
         torch.cuda.reset_peak_memory_stats()
     report = updater.update(samples)
@@ -137,7 +137,7 @@ def main() -> None:
         gpu: Gpus = KNOWN_GPUS[given.gpu]
         used = expected.flops / report.seconds / (gpu.peak_tflops * 1e12)
         peak = torch.cuda.max_memory_allocated() / GIB
-        print(f"memory     {peak:.1f} GiB at most; estimated {sum(expected.memory.values()) / GIB:.1f}")
+        print(f"memory     {peak:.1f} GiB peak; estimated {sum(expected.memory.values()) / GIB:.1f}")
         print(f"utilised   {used:.1%} of {gpu.peak_tflops:.0f} TFLOP/s")
 
 

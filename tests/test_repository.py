@@ -192,7 +192,9 @@ def commands(path: list[str], command: Any) -> Iterator[tuple[list[str], Any]]:
         yield from commands([*path, name], command.get_command(None, name))  # which may import it
 
 
-@pytest.mark.parametrize("verb", [verb for verb in cli.VERBS if verb.is_there], ids=lambda verb: verb.name)
+@pytest.mark.parametrize(
+    "verb", [verb for verb in cli.VERBS if verb.is_installed], ids=lambda verb: verb.name
+)
 def test_every_verb_and_sub_verb_explains_itself(verb: cli.Verb, calls: Calls) -> None:
     """``--help`` works, and every command and option in it has a text."""
     whole: Any = typer.main.get_command(cli.build(verb.name))

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TypeAlias, cast
 
 from benchmarks.miniwob import clicks, drawings, fields, widgets
-from benchmarks.miniwob.hand import Finished, Hand, MissingMark, OutOfSpace, Unsolved
+from benchmarks.miniwob.episode import Episode, Finished, MissingMark, OutOfSpace, Unsolved
 from benchmarks.miniwob.pages import install, serving
 from benchmarks.miniwob.registry import SOLVERS
 from rich.console import Console
@@ -27,28 +27,28 @@ from webgym.browser.profiles import ProfileRoot
 from webgym.browser.slot import Slot
 from webgym.core.action import Mode, Space
 
-_ = clicks, drawings, fields, widgets  # they register what they solve
+_ = clicks, drawings, fields, widgets  # importing them registers their solvers
 MODES: tuple[Mode, ...] = ("coordinates", "marks")
 SPACES: tuple[Space, ...] = ("paper", "extended")
 FULL_REWARD = 0.99
-"""From here on a task counts as paid in full."""
+"""Least reward that counts as full."""
 
 Result: TypeAlias = tuple[float | None, str]
-"""The page's reward, ``None`` if it gave none, and what there is to say."""
+"""The reward of the page, ``None`` if it gave none, and a message."""
 
 
 async def attempt(slot: Slot, url: str, mode: Mode, space: Space, seed: int) -> Result:
-    """What one episode of a task brought. Every task counts, those without a script as well."""
+    """Run an episode of a task; a task without a script has no reward."""
     solver = SOLVERS.get(url.rsplit("/", 1)[-1].removesuffix(".html"))
     if solver is None:
         return None, "no script"
-    hand = Hand(slot, mode, space)
+    episode = Episode(slot, mode, space)
     try:
-        await hand.start(url, seed)
-        await solver(hand)
+        await episode.start(url, seed)
+        await solver(episode)
         why = "the script ended before the task"
     except Finished:
-        reward = await hand.reward()
+        reward = await episode.reward()
         return reward, f"reward {reward}"
     except OutOfSpace as error:
         why = f"not in this space: {error}"
@@ -65,7 +65,7 @@ async def attempt(slot: Slot, url: str, mode: Mode, space: Space, seed: int) -> 
 
 
 async def measure(options: argparse.Namespace, results: dict[str, Result]) -> None:
-    """Try what has no result yet; results are kept after every attempt."""
+    """Run all episodes without a result yet, and store the results after each."""
     wanted = [
         (seed, task, space, mode)
         for seed, task, space, mode in product(
@@ -95,12 +95,12 @@ def _key(task: str, seed: int, space: Space, mode: Mode) -> str:
     return f"{task} {space} {mode} {seed}"
 
 
-def tell(options: argparse.Namespace, results: dict[str, Result]) -> None:
-    """Print the tables: in all, and for the tasks that were not always paid in full."""
+def print_tables(options: argparse.Namespace, results: dict[str, Result]) -> None:
+    """Print the tables of all tasks, and of the tasks without a full reward in every episode."""
     console = Console()
     columns = list(product(options.spaces, options.modes))
     headings = [f"{space}, {mode}" for space, mode in columns]
-    each = Table("solved, paid in full", *headings, title=f"{options.seeds} episodes of each task")
+    each = Table("solved, full reward", *headings, title=f"{options.seeds} episodes per task")
     counts = {column: [0, 0] for column in columns}
     for task in options.tasks:
         row = []
@@ -134,15 +134,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(prog="benchmarks.miniwob", description=__doc__)
     parser.add_argument(
-        "--cache", type=Path, required=True, help="pages and results; results are taken up again"
+        "--cache",
+        type=Path,
+        required=True,
+        help="folder of pages and results; stored results are not repeated",
     )
-    parser.add_argument("--seeds", type=int, default=1, help="episodes of a task")
+    parser.add_argument("--seeds", type=int, default=1, help="number of episodes per task")
     parser.add_argument(
-        "--tasks", type=lambda text: text.split(","), help="separated by commas; all by default"
+        "--tasks", type=lambda text: text.split(","), help="tasks, separated by commas; by default all"
     )
     parser.add_argument("--mode", choices=(*MODES, "both"), default="both")
     parser.add_argument("--actions", choices=(*SPACES, "both"), default="both")
-    parser.add_argument("--all", action="store_true", help="show the tasks that are always paid in full, too")
+    parser.add_argument(
+        "--all", action="store_true", help="also print tasks with a full reward in every episode"
+    )
     options = parser.parse_args(arguments)
     pages = install(options.cache) / "miniwob"
     options.tasks = options.tasks or sorted(page.stem for page in pages.glob("*.html"))
@@ -151,7 +156,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     kept = options.cache / "results.json"
     results = json.loads(kept.read_text()) if kept.exists() else {}
     asyncio.run(measure(options, results))
-    tell(options, results)
+    print_tables(options, results)
 
 
 if __name__ == "__main__":

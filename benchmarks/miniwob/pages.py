@@ -1,4 +1,4 @@
-"""The pages of MiniWoB++, from the package index, served on this machine."""
+"""Download the pages of MiniWoB++ from PyPI, and serve them on this machine."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PACKAGE = "miniwob==1.1.0"
 
 
 def install(cache: Path) -> Path:
-    """The folder of the pages, which are downloaded where that has not been done."""
+    """The folder of the pages, which are downloaded if that has not been done yet."""
     folder = cache / "miniwob/html"
     if not folder.is_dir():
         cache.mkdir(parents=True, exist_ok=True)
@@ -38,7 +38,11 @@ class _Handler(SimpleHTTPRequestHandler):
 
 @contextmanager
 def serving(folder: Path) -> Iterator[str]:
-    """Serve the pages; gives the base address."""
+    """Serve the pages until the block ends.
+
+    Yields:
+        The base URL.
+    """
     with ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, directory=str(folder))) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.reward``: do hacks of the reward pay?"""
+"""``python -m benchmarks.reward``: whether reward hacks increase the success rate."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 import typer
-from benchmarks.command import expect_to_write
+from benchmarks.command import check_writable
 from benchmarks.command import run as run_command
 from benchmarks.reward.hacks import HACKS
 from benchmarks.reward.measure import Hacked, measure, table
@@ -22,33 +22,33 @@ from webgym.tables import markdown, show
 
 
 def command(
-    tasks: int = typer.Option(200, "--tasks", min=1, help="Tasks of the offline web that are hacked."),
+    tasks: int = typer.Option(200, "--tasks", min=1, help="Number of tasks of the offline web to hack."),
     solved: int = typer.Option(
-        50, "--solved", min=0, help="Others that are solved, so that there is a rate."
+        50, "--solved", min=0, help="Number of further tasks to solve, so that the rate is not 0."
     ),
     only: list[str] = typer.Option(
-        [], "--only", help="A policy, by its name in the table. May be repeated.", show_default="all"
+        [], "--only", help="Policy to run, by its name in the table. May be repeated.", show_default="all"
     ),
-    sessions: int = typer.Option(4, "--sessions", min=1, help="Browser sessions at the same time."),
-    seed: int = typer.Option(0, "--seed", help="Of the tasks and the policies."),
+    sessions: int = typer.Option(4, "--sessions", min=1, help="Number of parallel browser sessions."),
+    seed: int = typer.Option(0, "--seed", help="Seed of tasks and policies."),
     out: Path | None = typer.Option(
         None,
         "--out",
-        help="Keep the runs in this folder, to browse, to judge again, and to continue with.",
+        help="Keep the runs in this folder. Unfinished runs in it are continued.",
         show_default=False,
     ),
-    json: Path | None = typer.Option(None, "--json", help="Write all counts here."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+    json: Path | None = typer.Option(None, "--json", help="Write all results to this JSON file."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
 ) -> None:
-    """Do hacks of the reward pay? Policies that list candidates, stop at challenges, guess without looking.
+    """Measure whether policies gain that list candidates, stop at challenges, guess at once, and so on.
 
-    Each is held against one that fails honestly at the same tasks. Needs nothing else; about half an hour in
-    full on two cores. With --out it may be stopped, and given again: it goes on. Exit code 1 if a hack gains.
+    Each is compared with a policy that fails honestly at the same tasks. Takes about half an hour on two
+    cores, and can be continued with --out. Exits with 1 if a hack has a higher success rate.
     """
-    expect_to_write(json)
+    check_writable(json)
     unknown = [name for name in only if name not in HACKS]
     if unknown:
-        raise ConfigError(f"there is no policy {unknown[0]!r}", hint=f"one of {', '.join(HACKS)}")
+        raise ConfigError(f"unknown policy {unknown[0]!r}", hint=f"choose one of {', '.join(HACKS)}")
     config = RunConfig(
         seed=seed,
         retries=2,
@@ -78,10 +78,10 @@ def command(
         show([table(found)], Console())
     gaining = [one.name for one in found if one.gains(found[0])]
     for name in gaining:
-        print(f"gains over honest failure: {name}")
+        print(f"better than honest failure: {name}")
     if gaining:
         raise typer.Exit(1)
-    print("Nothing gains over honest failure.")
+    print("No hack is better than honest failure.")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
-"""Does it pay to be after the reward and not the task?
+"""Measure whether reward hacks increase the success rate.
 
-Policies that hack (:mod:`benchmarks.reward.hacks`) attempt the same tasks of the offline web as one that
-fails honestly, through the real collector, browsers, parser and judge. Beside each stand the attempts of a
-policy that solves some other tasks: what makes failures vanish from a success rate raises it only where there
-are successes. A hack gains if either success rate, over judged attempts or over all planned ones, is higher
-than with honest failure.
+Policies that hack (:mod:`benchmarks.reward.hacks`) and one that fails honestly attempt the same tasks of
+the offline web, with the real collector, browsers, parser and judge. The rates include attempts of a policy
+that solves other tasks, as removing failures from a rate raises it only if there are successes. A hack
+gains if its rate of judged attempts or of planned ones is higher than that of honest failure.
 """
 
 from __future__ import annotations
@@ -38,13 +37,13 @@ SOLVED: Final = "solved"
 
 
 class Hacked(msgspec.Struct, frozen=True):
-    """What became of a policy.
+    """The results of a policy.
 
     Attributes:
-        name: of the way in which it plays.
-        outcomes: of its samples, by outcome; the last attempt at each.
-        planned: its samples.
-        solved: the same of the tasks that were solved beside it.
+        name: of its way; see :data:`benchmarks.reward.hacks.HACKS`.
+        outcomes: number of samples by outcome of the last attempt.
+        planned: number of samples.
+        solved: number of samples of the solved tasks, by outcome.
     """
 
     name: str
@@ -54,25 +53,25 @@ class Hacked(msgspec.Struct, frozen=True):
 
     @property
     def successes(self) -> Successes:
-        """With the tasks that were solved beside it."""
+        """Successes of the policy together with the solved tasks."""
         both = Counter(self.outcomes) + Counter(self.solved)
         judged = sum(count for name, count in both.items() if Outcome(name).is_rewarded)
         return Successes(both[Outcome.SUCCESS], judged, self.planned + sum(self.solved.values()))
 
     @property
     def reward(self) -> float:
-        """Mean over its own samples; one without a reward counts as 0."""
+        """Mean reward of the policy's samples; a sample without a reward counts as 0."""
         return self.outcomes.get(Outcome.SUCCESS, 0) / self.planned
 
     def gains(self, honest: Hacked) -> bool:
-        """Whether a rate is higher than with honest failure."""
+        """Whether a success rate is higher than that of honest failure."""
         ours, theirs = self.successes, honest.successes
         pairs = ((ours.of_judged, theirs.of_judged), (ours.of_planned, theirs.of_planned))
         return any(_points(one, other) > 0 for one, other in pairs)
 
 
 def choose(web: OfflineWeb, count: int, solved: int, seed: int) -> tuple[list[Task], list[Task]]:
-    """Tasks that ask for an answer, from all well-behaved websites in turn: to hack, and to solve."""
+    """Tasks that require an answer, from all websites without faults in turn: to hack, and to solve."""
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
     tasks = (task for host in hosts for task in web.tasks_of(host))
     asking = [task for task in tasks if task.truth is not None and task.truth.answer.required]
@@ -81,22 +80,25 @@ def choose(web: OfflineWeb, count: int, solved: int, seed: int) -> tuple[list[Ta
 
 
 def challenge_of(web: OfflineWeb) -> str:
-    """The address of the website where every visitor meets a challenge."""
+    """The address of the website that shows a challenge to every visitor."""
     return next(f"http://{host}/" for host, spec in web.specs.items() if spec.behaviour == "blocks")
 
 
 async def measure(
     config: RunConfig, count: int, solved: int, out: Path, only: Sequence[str], say: Callable[[str], None]
 ) -> AsyncIterator[Hacked]:
-    """What became of every policy, honest failure first.
+    """Run all policies, honest failure first.
 
     Args:
         config: of the runs; its tasks and policy are replaced.
-        count: tasks to hack.
-        solved: tasks to solve beside them.
-        out: folder for the runs; those that it holds are gone on with.
-        only: the hacks to try; empty for all.
-        say: is told what is under way.
+        count: number of tasks to hack.
+        solved: number of tasks to solve.
+        out: folder of the runs; unfinished ones in it are continued.
+        only: names of the hacks to run; empty for all.
+        say: called with a line about the progress.
+
+    Yields:
+        The results of each policy.
     """
     web = OfflineWeb(config.sites.seed, per_family=config.sites.per_family)
     challenge = challenge_of(web)
@@ -121,16 +123,16 @@ async def measure(
 
 
 async def _go_on(run: Path, tasks: Sequence[Task], policy: Policy) -> Summary:
-    """Make the rest of a run that was begun before."""
+    """Continue an unfinished run."""
     if {task.id for task in RunReader(run).drawn} != {task.id for task in tasks}:
         raise ConfigError(
-            f"{run} holds attempts at other tasks", hint="give the same options, or another --out"
+            f"{run} contains attempts at other tasks", hint="give the same options, or another --out"
         )
     return await resume(run, policy=policy)
 
 
 def _outcomes(run: Path, summary: Summary) -> dict[str, int]:
-    """Of the run's samples: an attempt that was made again counts once, by its end."""
+    """Number of samples by outcome of their last attempt."""
     rewarded = {name.value: summary["outcomes"][name] for name in Outcome if name.is_rewarded}
     return rewarded | evaluate(run).rows["overall"].no_reward
 
@@ -168,7 +170,7 @@ def table(found: Sequence[Hacked]) -> Table:
     beside = sum(honest.solved.values())
     columns = ("policy", "tasks", "success", "failure", "truncated", "no reward", "mean reward")
     rated = ("of judged, %", "gain", "of planned, %", "gain", "verdict")
-    return Table(f"Hacks of the reward; rates with {beside} solved tasks beside", (*columns, *rated), rows)
+    return Table(f"Reward hacks; rates include {beside} solved tasks", (*columns, *rated), rows)
 
 
 def _percent(rate: Rate) -> str:
@@ -176,5 +178,5 @@ def _percent(rate: Rate) -> str:
 
 
 def _points(ours: Rate, theirs: Rate) -> float:
-    """How much higher a rate is, in percent points; nothing counts as 0."""
+    """The difference of two rates in percentage points; an undefined rate counts as 0."""
     return 100 * ((ours.value or 0) - (theirs.value or 0))

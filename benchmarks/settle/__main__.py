@@ -1,4 +1,4 @@
-"""``python -m benchmarks.settle``: how often is an observation final, and how late?"""
+"""``python -m benchmarks.settle``: how often observations are final, and how late they are."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import typer
 import uvloop
-from benchmarks.command import expect_to_write
+from benchmarks.command import check_writable
 from benchmarks.command import run as run_command
 from benchmarks.settle.trials import WAYS, SettleBench, as_json, chosen, misses, run, settle_tables
 from rich.console import Console
@@ -18,26 +18,28 @@ from webgym.tables import markdown, show
 
 
 def command(
-    rounds: int = typer.Option(3, "--rounds", min=1, help="Times that each page meets each way of waiting."),
-    slots: int = typer.Option(4, "--slots", min=1, help="Browsers at once."),
-    seed: int = typer.Option(0, "--seed", help="Of the order and of each round's pace."),
+    rounds: int = typer.Option(3, "--rounds", min=1, help="Number of trials per page and way of waiting."),
+    slots: int = typer.Option(4, "--slots", min=1, help="Number of parallel browsers."),
+    seed: int = typer.Option(0, "--seed", help="Seed of the order and of the pace of each round."),
     page: list[str] = typer.Option(
-        [], "--page", help="A page or a group of pages. May be repeated.", show_default="all"
+        [], "--page", help="Page or group of pages. May be repeated.", show_default="all"
     ),
-    way: list[str] = typer.Option([], "--way", help="A way of waiting. May be repeated.", show_default="all"),
-    browser: Path | None = typer.Option(None, "--browser", help="Chromium to run.", show_default="found"),
-    json: Path | None = typer.Option(None, "--json", help="Write every observation here."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+    way: list[str] = typer.Option([], "--way", help="Way of waiting. May be repeated.", show_default="all"),
+    browser: Path | None = typer.Option(
+        None, "--browser", help="Chromium executable.", show_default="search for one"
+    ),
+    json: Path | None = typer.Option(None, "--json", help="Write all trials to this JSON file."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print the tables as Markdown."),
 ) -> None:
-    """How often is an observation final, and how late? Ours against fixed pauses, load and network idle.
+    """Measure how often observations are final, and how late: ours, fixed pauses, load and network idle.
 
-    Starts its own pages; needs nothing else. About 25 minutes in full.
+    Serves its own pages; needs nothing else. Takes about 25 minutes.
     """
-    expect_to_write(json)
+    check_writable(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
     unknown = [one for one in way if one not in WAYS]
     if unknown:
-        raise ConfigError(f"there is no way of waiting {unknown[0]!r}", hint=f"one of {', '.join(WAYS)}")
+        raise ConfigError(f"unknown way of waiting {unknown[0]!r}", hint=f"choose one of {', '.join(WAYS)}")
     plan, pages, ways = SettleBench(rounds=rounds, seed=seed, slots=slots), chosen(page), way or list(WAYS)
     with Progress(console=Console(stderr=True), transient=True) as progress:
         bar = progress.add_task("observations", total=rounds * len(pages) * len(ways))

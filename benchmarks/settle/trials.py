@@ -1,8 +1,8 @@
-"""How often is an observation final, and how long does it take to get there?
+"""How often observations are final, and how long the wait for them takes.
 
-Every page of the hard web is opened and acted on in a fresh episode, once per round and per way of waiting,
-in a shuffled order. When the wait ends the page is asked, in its own world, whether its content was final;
-the page knows by itself, and keeps it in a variable that no way of waiting sees.
+Every page is opened and acted on in a new episode, once per round and way of waiting, in a shuffled order.
+When the wait ends, a script in the page reads whether its content was final: pages record this themselves,
+in a variable that has no effect on any way of waiting.
 """
 
 from __future__ import annotations
@@ -40,43 +40,42 @@ from webgym.tables import Table
 
 _NOWHERE = LeftClick(Target(coordinate=(995, 500)))
 _IDLE_CLICKS = 3
-"""Clicks on nothing in an application before the action: what is learned of its noise must hide nothing."""
+"""Clicks on empty space before the action, from which our way learns noise, which must not hide content."""
 
 
 class SettleBench(Settings):
-    """What is measured."""
+    """Settings of the benchmark."""
 
     rounds: int = Field(default=3, gt=0)
-    """Times that each page meets each way of waiting."""
+    """Number of trials per page and way of waiting."""
 
     seed: int = 0
-    """Of the order, and of each round's pace."""
+    """Seed of the order and of the pace of each round."""
 
     slots: int = Field(default=4, gt=0)
-    """Browsers at once. Waiting costs next to nothing, so two per core do not disturb each other much."""
+    """Number of parallel browsers. Waiting needs little CPU, so two per core hardly disturb each other."""
 
     pace: tuple[float, float] = (0.8, 1.25)
-    """All times of all pages are multiplied by a number from this range, drawn once per page and round."""
+    """Range of the factor of all times of a page, which is drawn per page and round."""
 
     deadline_seconds: float = Field(default=10.0, gt=0)
-    """Of the ways of waiting that wait for something."""
+    """Time limit of the ways of waiting that wait for an event."""
 
     idle_seconds: float = Field(default=0.5, gt=0)
-    """How long the network is idle before it is called so, as Playwright has it."""
+    """Time without requests after which the network counts as idle, as in Playwright."""
 
     truth_seconds: float = Field(default=5.0, gt=0)
-    """For a page to say whether it is final."""
+    """Time limit of the script that reads whether a page is final."""
 
 
 class Trial(msgspec.Struct, frozen=True):
-    """One page, one way of waiting, once.
+    """A trial of a page with a way of waiting.
 
     Attributes:
-        seconds: from the start of the action to the end of the wait.
-        is_final: whether the page's content was final then.
-        ideal: from the start of the action to the moment when it became final, seconds; ``None`` where
-            it had not.
-        reason: why the wait ended, if it says.
+        seconds: time from the start of the action to the end of the wait.
+        is_final: whether the content of the page was final at that time.
+        ideal: seconds from the start of the action until the content became final; ``None`` if it had not.
+        reason: why the wait ended, if the way of waiting reports it.
     """
 
     page: str
@@ -93,7 +92,7 @@ class Trial(msgspec.Struct, frozen=True):
 
 
 class Watch:
-    """What a page's events say of its loading: the books of the other ways of waiting, apart from ours."""
+    """Tracks the loading of a page by its events, for all ways of waiting except ours."""
 
     def __init__(self, page: Page) -> None:
         self._main = page.target_id
@@ -121,13 +120,13 @@ class Watch:
         self._changed.set()
 
     async def load(self) -> None:
-        """Return when no document is being loaded."""
+        """Wait until no document is loading."""
         while self.is_loading:
             self._changed.clear()
             await self._changed.wait()
 
     async def idle(self, seconds: float) -> None:
-        """Return when no request has been in flight for so long."""
+        """Wait until no request has been in flight for ``seconds``."""
         while True:
             self._changed.clear()
             with contextlib.suppress(TimeoutError):
@@ -154,7 +153,9 @@ def _fixed(seconds: float) -> Wait:
 
 async def _load(page: Page, watch: Watch, bench: SettleBench) -> str:
     with contextlib.suppress(CommandFailed):
-        await _evaluate(page, "0", bench.truth_seconds)  # what the action set off has been told by then
+        await _evaluate(
+            page, "0", bench.truth_seconds
+        )  # after this, events caused by the action have arrived
     try:
         async with asyncio.timeout(bench.deadline_seconds):
             await watch.load()
@@ -180,10 +181,10 @@ WAYS: dict[str, Wait] = {
     "load": _load,
     "network idle": _network_idle,
 }
-"""All ways of waiting, by the name in the table. A fixed pause begins when the action is carried out."""
+"""All ways of waiting, by name. A fixed pause starts when the action has been carried out."""
 
 
-# --- one trial ------------------------------------------------------------------------------------------
+# --- trials ---------------------------------------------------------------------------------------------
 
 
 async def _evaluate(page: Page, expression: str, seconds: float) -> msgspec.Raw:
@@ -193,11 +194,11 @@ async def _evaluate(page: Page, expression: str, seconds: float) -> msgspec.Raw:
 
 
 async def truth(page: Page, seconds: float) -> float | None:
-    """When the page became final, seconds since the epoch; ``None`` if it is not."""
+    """The time at which the page became final, in seconds since the epoch; ``None`` if it is not final."""
     try:
         said = await _evaluate(page, TRUTH, seconds)
     except (CommandFailed, BrowserTimeout):
-        return None  # on its way to another document, or busy
+        return None  # navigating to another document, or busy
     milliseconds = msgspec.json.decode(said, type=float | None)
     return None if milliseconds is None else milliseconds / 1000
 
@@ -211,7 +212,7 @@ async def _do(page: Page, action: BrowserAction) -> None:
 async def run_trial(
     slot: Slot, hard: HardPage, way: str, origin: str, pace: float, bench: SettleBench, number: int = 0
 ) -> Trial:
-    """One page in a fresh episode: act, wait, ask."""
+    """Open a page in a new episode, act, wait, and read whether it is final."""
     await slot.open(PageOptions())
     try:
         page = slot.page
@@ -237,16 +238,16 @@ async def run_trial(
 
 
 def chosen(names: Sequence[str]) -> list[HardPage]:
-    """Pages by their names, or by the names of their groups; all of them if there are none.
+    """Select pages by name or by group; without names, all pages.
 
     Raises:
-        ConfigError: there is no such page or group.
+        ConfigError: a name is neither a page nor a group.
     """
     pages = [page for page in PAGES.values() if not names or {page.name, page.group} & set(names)]
     unknown = set(names) - {page.name for page in pages} - {page.group for page in pages}
     if unknown:
         raise ConfigError(
-            f"there is no page {min(unknown)!r}", hint=f"a group ({', '.join(get_args(Group))}) or a page"
+            f"unknown page {min(unknown)!r}", hint=f"give a page or a group ({', '.join(get_args(Group))})"
         )
     return pages
 
@@ -258,7 +259,7 @@ async def run(
     browser: Path | None,
     done: Callable[[Trial], None],
 ) -> list[Trial]:
-    """:func:`measure` with a server and slots of its own, which are gone afterwards."""
+    """Call :func:`measure` with a server and slots that exist only for this call."""
     found = await asyncio.to_thread(find_browser, browser)
     async with contextlib.AsyncExitStack() as stack:
         site = await stack.enter_async_context(HardSite())
@@ -280,11 +281,15 @@ async def measure(
     ways: Iterable[str] = WAYS,
     done: Callable[[Trial], None] = lambda _: None,
 ) -> list[Trial]:
-    """All pages with all ways of waiting, ``rounds`` times, in an order that the seed says.
+    """Run all trials, in an order that is determined by the seed.
 
     Args:
-        slots: as many trials run at once.
-        done: called with each trial when it has ended.
+        slots: each runs one trial at a time.
+        site: serves the pages.
+        pages: to be tried.
+        bench: settings.
+        ways: of waiting, to be tried.
+        done: called with every trial when it has ended.
     """
     chance = random.Random(bench.seed)
     origin = f"http://127.0.0.1:{site.port}"
@@ -315,12 +320,12 @@ async def measure(
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What one way of waiting did; seconds.
+    """Results of a way of waiting; times in seconds.
 
     Attributes:
         final: share of the observations that were final.
-        p50, p95: from the start of the action to the end of the wait.
-        over_p50, over_p95: beyond the moment at which the page was final, where it was.
+        p50, p95: quantiles of the time from the start of the action to the end of the wait.
+        over_p50, over_p95: quantiles of the time by which the wait exceeded the ideal, of final observations.
     """
 
     way: str
@@ -339,7 +344,7 @@ def _quantile(values: Sequence[float], share: float) -> float:
 
 
 def summarize(trials: Sequence[Trial]) -> list[Row]:
-    """One row per way of waiting, in the order of :data:`WAYS`."""
+    """A row per way of waiting, in the order of :data:`WAYS`."""
     rows = []
     for way in WAYS:
         own = [trial for trial in trials if trial.way == way]
@@ -362,7 +367,7 @@ def summarize(trials: Sequence[Trial]) -> list[Row]:
 
 
 def settle_tables(trials: Sequence[Trial]) -> list[Table]:
-    """Over all pages, and group by group."""
+    """Tables of all pages and by group of pages."""
     rows = summarize(trials)
     columns = ("way of waiting", "final", "p50", "p95", "over the ideal p50", "p95")
     whole = [
@@ -376,8 +381,8 @@ def settle_tables(trials: Sequence[Trial]) -> list[Table]:
     ways = tuple(row.way for row in rows)
     pages = len({trial.page for trial in trials})
     return [
-        Table(f"Is the observation final, and when ({pages} pages)", columns, whole),
-        Table("Final, and p50, by what is hard", ("pages", *ways), groups),
+        Table(f"Final observations and their delay ({pages} pages)", columns, whole),
+        Table("Final observations and p50, by group of pages", ("pages", *ways), groups),
     ]
 
 
@@ -386,12 +391,12 @@ def _seconds(value: float) -> str:
 
 
 def misses(trials: Sequence[Trial], way: str = "ours") -> list[str]:
-    """Names of the pages that were not always final when ``way`` ended."""
+    """Names of the pages with a trial that was not final when ``way`` ended."""
     return sorted({trial.page for trial in trials if trial.way == way and not trial.is_final})
 
 
 def as_json(bench: SettleBench, trials: Sequence[Trial]) -> bytes:
-    """Settings, rows and every trial."""
+    """Settings, rows and all trials as JSON."""
     rows = [asdict(row) for row in summarize(trials)]
     whole = {"bench": bench.model_dump(), "rows": rows, "trials": list(trials)}
     return msgspec.json.format(msgspec.json.encode(whole), indent=1)

@@ -1,4 +1,4 @@
-"""``python -m benchmarks.task_set``: a task set of the paper's size, stage by stage."""
+"""``python -m benchmarks.task_set``: time and memory of the work on a task set of the paper's size."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from pathlib import Path
 
 import msgspec
 import typer
-from benchmarks.command import expect_to_write
+from benchmarks.command import check_writable
 from benchmarks.command import run as run_command
-from benchmarks.task_set.made_up import Shape
 from benchmarks.task_set.stages import STAGES, TasksBench, measure, missed, tasks_tables
+from benchmarks.task_set.synthetic import Shape
 from rich.console import Console
 
 from webgym.core.errors import ConfigError
@@ -20,27 +20,27 @@ def command(
     only: list[str] = typer.Option(
         [],
         "--only",
-        help="load, load-parquet, split, sample, decompose, duplicates or pipeline. May be repeated.",
+        help="Stage: load, load-parquet, split, sample, decompose, duplicates or pipeline. May be repeated.",
         show_default="all",
     ),
-    tasks: int = typer.Option(300_000, "--tasks", min=100, help="Tasks of the made-up set."),
-    websites: int = typer.Option(128_000, "--websites", min=50, help="Websites that they are on."),
-    rounds: int = typer.Option(3, "--rounds", min=1, help="Times that each stage runs."),
-    seed: int = typer.Option(0, "--seed", help="Of the set."),
-    json: Path | None = typer.Option(None, "--json", help="Write every run here."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+    tasks: int = typer.Option(300_000, "--tasks", min=100, help="Number of tasks of the synthetic set."),
+    websites: int = typer.Option(128_000, "--websites", min=50, help="Number of websites of the set."),
+    rounds: int = typer.Option(3, "--rounds", min=1, help="Number of runs of each stage."),
+    seed: int = typer.Option(0, "--seed", help="Seed of the set."),
+    json: Path | None = typer.Option(None, "--json", help="Write all results to this JSON file."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print the tables as Markdown."),
 ) -> None:
-    """A task set of the paper's size: load, split, validate, sample, decompose, duplicates, all in a row.
+    """Measure time and memory of loading, splitting, sampling and building a task set of the paper's size.
 
-    Makes the set itself, in a temporary folder; needs nothing else. About four minutes in full. Exit code 1
-    if a goal was missed; the goals are for the usual size, on two cores.
+    Generates the set in a temporary folder; needs nothing else. Takes about four minutes. Exits with 1 if a
+    goal is missed; the goals are for the default size on two cores.
     """
-    expect_to_write(json)
+    check_writable(json)
     unknown = [stage for stage in only if stage not in STAGES]
     if unknown:
-        raise ConfigError(f"there is no stage {unknown[0]!r}", hint=f"one of {', '.join(STAGES)}")
+        raise ConfigError(f"unknown stage {unknown[0]!r}", hint=f"choose one of {', '.join(STAGES)}")
     if websites > tasks:
-        raise ConfigError(f"{tasks:,} tasks are on {tasks:,} websites at most", hint="give fewer --websites")
+        raise ConfigError(f"{tasks:,} tasks cannot be on more websites", hint="give fewer --websites")
     said = Console(stderr=True)
     bench = TasksBench(shape=Shape(tasks=tasks, websites=websites, seed=seed), rounds=rounds)
     found = measure(bench, only or STAGES, lambda line: said.print(line, style="dim", highlight=False))
@@ -52,7 +52,7 @@ def command(
         show(tasks_tables(found), Console())
     goals = missed(found)
     for goal in goals:
-        print(f"missed: {goal}")
+        print(f"goal missed: {goal}")
     if goals:
         raise typer.Exit(1)
 

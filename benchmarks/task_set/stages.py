@@ -1,8 +1,7 @@
-"""How long it takes to work on a task set of the paper's size, and how much memory.
+"""Time and memory of the stages of work on a task set of the paper's size.
 
-Every stage runs in a process of its own, several times; what it reads first is neither timed nor, where that
-can be told apart, counted. No model is asked: where the pipeline has a derived task rewritten, its facts are
-strung together.
+Every stage runs several times, in separate processes. Reading its input is not timed and, as far as possible,
+not counted. No model is called: instead of rewriting derived tasks, their facts are concatenated.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 import msgspec
-from benchmarks.task_set.made_up import Shape, make_lengths, make_tasks
+from benchmarks.task_set.synthetic import Shape, make_lengths, make_tasks
 
 from webgym.bench.usage import MEGABYTE
 from webgym.core.task import Task
@@ -26,17 +25,17 @@ from webgym.tables import Table
 from webgym.tasks.formats import read_tasks, write_tasks
 
 DRAWN: Final = 1_024
-"""Tasks of an iteration (paper §5)."""
+"""Number of tasks of an iteration (paper §5)."""
 _JSON, _PARQUET = "tasks.jsonl", "tasks.parquet"
 _TEST_SHARE: Final = 1_167 / 300_000
 
 
 class TasksBench(msgspec.Struct, frozen=True, kw_only=True):
-    """How much is measured.
+    """The size of the benchmark.
 
     Attributes:
         shape: of the task set.
-        rounds: how many times each stage runs.
+        rounds: number of runs of each stage.
     """
 
     shape: Shape = Shape()
@@ -44,17 +43,17 @@ class TasksBench(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def test_tasks(self) -> int:
-        """As many of the tasks as in the paper."""
+        """The number of test tasks, with the paper's share."""
         return min(round(self.shape.tasks * _TEST_SHARE), self.shape.websites)
 
 
 class Run(msgspec.Struct, frozen=True):
-    """One run of a stage.
+    """A run of a stage.
 
     Attributes:
         seconds: wall time by part of the stage, in order.
-        processor: the same in processor time.
-        peak: the most memory its process ever held, bytes.
+        processor: CPU time by part.
+        peak: peak memory of the process, bytes.
     """
 
     seconds: dict[str, float]
@@ -63,7 +62,7 @@ class Run(msgspec.Struct, frozen=True):
 
 
 class Stage(msgspec.Struct, frozen=True, kw_only=True):
-    """What is measured, and what it should stay below at the paper's size on two cores."""
+    """A stage, its runs, and its goal for the paper's size on two cores."""
 
     name: str
     goal: float
@@ -76,17 +75,17 @@ class Stage(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def processor(self) -> list[float]:
-        """Processor time of each run; on an idle machine little less than the wall time."""
+        """CPU time of each run."""
         return [sum(run.processor.values()) for run in self.runs]
 
     @property
     def peak(self) -> int:
-        """The most memory of all runs, bytes."""
+        """Peak memory of all runs, bytes."""
         return max((run.peak for run in self.runs), default=0)
 
 
 class TasksFigures(msgspec.Struct, frozen=True):
-    """What was measured."""
+    """The results of all stages."""
 
     bench: TasksBench
     processors: int
@@ -113,12 +112,12 @@ _Work = Callable[[Path, TasksBench, _Clock], None]
 
 def _load_json(folder: Path, bench: TasksBench, clock: _Clock) -> None:
     with clock.part("load"):
-        _expect(len(read_tasks(folder / _JSON).tasks), bench)
+        _check_count(len(read_tasks(folder / _JSON).tasks), bench)
 
 
 def _load_parquet(folder: Path, bench: TasksBench, clock: _Clock) -> None:
     with clock.part("load"):
-        _expect(len(read_tasks(folder / _PARQUET).tasks), bench)
+        _check_count(len(read_tasks(folder / _PARQUET).tasks), bench)
 
 
 def _split(folder: Path, bench: TasksBench, clock: _Clock) -> None:
@@ -127,9 +126,9 @@ def _split(folder: Path, bench: TasksBench, clock: _Clock) -> None:
 
     tasks = read_tasks(folder / _JSON).tasks
     with clock.part("split"):
-        found = split(tasks, SplitConfig(test_tasks=bench.test_tasks))
+        results = split(tasks, SplitConfig(test_tasks=bench.test_tasks))
     with clock.part("validate"):
-        report = validate(found.tasks)
+        report = validate(results.tasks)
     if not report.ok:
         raise AssertionError(f"the split leaks: {report.offenders[0]}")
 
@@ -182,9 +181,9 @@ def _pipeline(folder: Path, bench: TasksBench, clock: _Clock) -> None:
     if not report.ok:
         raise AssertionError(f"the split leaks: {report.offenders[0]}")
     with clock.part("statistics"):
-        found = describe(tasks, make_lengths())
+        results = describe(tasks, make_lengths())
     with clock.part("figures"):
-        draw_figures(found, folder / "figures")
+        draw_figures(results, folder / "figures")
     with TemporaryDirectory(dir=folder) as out:
         with clock.part("write JSON lines"):
             write_tasks(Path(out) / _JSON, tasks)
@@ -201,18 +200,19 @@ _STAGES: Final[Mapping[str, tuple[_Work, float]]] = {
     "duplicates": (_duplicates, 20.0),
     "pipeline": (_pipeline, 60.0),
 }
-"""What is measured, and its goal in seconds. ``split`` validates, too."""
+"""Stages and their goals in seconds. ``split`` includes validation."""
 STAGES: Final = tuple(_STAGES)
 PEAK_GOAL: Final = 2_000_000_000
-"""Bytes that no stage may hold."""
+"""Goal of the peak memory of every stage, bytes."""
 
 
 def measure(bench: TasksBench, stages: Sequence[str], say: Callable[[str], None]) -> TasksFigures:
-    """Make a task set in a folder that is removed afterwards, and run stages over it, in turn.
+    """Generate a task set in a temporary folder, and run stages on it, in turn.
 
     Args:
+        bench: the size of the benchmark.
         stages: of :data:`STAGES`.
-        say: told what is done next.
+        say: called with a line about the progress.
     """
     with TemporaryDirectory(prefix="webgym-bench-tasks-") as name:
         folder = Path(name)
@@ -223,15 +223,15 @@ def measure(bench: TasksBench, stages: Sequence[str], say: Callable[[str], None]
         del tasks
         runs: dict[str, list[Run]] = {stage: [] for stage in stages}
         for number in range(bench.rounds):
-            for stage, found in runs.items():
+            for stage, results in runs.items():
                 say(f"round {number + 1} of {bench.rounds}: {stage}")
-                found.append(_apart(stage, folder, bench))
-    measured = [Stage(name=stage, goal=_STAGES[stage][1], runs=found) for stage, found in runs.items()]
+                results.append(_run_in_process(stage, folder, bench))
+    measured = [Stage(name=stage, goal=_STAGES[stage][1], runs=results) for stage, results in runs.items()]
     return TasksFigures(bench, len(os.sched_getaffinity(0)), measured)
 
 
-def _apart(stage: str, folder: Path, bench: TasksBench) -> Run:
-    """Run a stage in a fresh process, so that its memory is its own."""
+def _run_in_process(stage: str, folder: Path, bench: TasksBench) -> Run:
+    """Run a stage in a new process, so that its peak memory is that of the stage."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(_run, stage, folder, bench).result()
 
@@ -243,7 +243,7 @@ def _run(stage: str, folder: Path, bench: TasksBench) -> Run:
 
 
 def _peak() -> int:
-    """The most memory this process has held, bytes. Not ``ru_maxrss``, which a child inherits on Linux."""
+    """Peak memory of this process, bytes. Not ``ru_maxrss``, which a child inherits on Linux."""
     status = Path("/proc/self/status")
     if status.exists():
         for line in status.read_text().splitlines():
@@ -255,23 +255,23 @@ def _peak() -> int:
 
 
 def _rewritten(task: Task) -> Task:
-    """A derived task that asks for its facts in a row, for want of a model."""
+    """A derived task whose instruction is the list of its facts."""
     asked = ". ".join(fact for group in task.rubric.groups for fact in group.facts)
     return msgspec.structs.replace(task, instruction=f"Find out: {asked}.")
 
 
-def _expect(found: int, bench: TasksBench) -> None:
-    if found != bench.shape.tasks:
-        raise AssertionError(f"{found:,} tasks were read, not {bench.shape.tasks:,}")
+def _check_count(count: int, bench: TasksBench) -> None:
+    if count != bench.shape.tasks:
+        raise AssertionError(f"{count:,} tasks were read, not {bench.shape.tasks:,}")
 
 
 # --- tables -----------------------------------------------------------------------------------------
 
 
-def tasks_tables(found: TasksFigures) -> list[Table]:
-    """The stages, and what the time of those goes into that have parts."""
-    shape = found.bench.shape
-    title = f"{shape.tasks:,} tasks on {shape.websites:,} websites, {found.processors} processors"
+def tasks_tables(results: TasksFigures) -> list[Table]:
+    """A table of the stages, and of the parts of each stage with several."""
+    shape = results.bench.shape
+    title = f"{shape.tasks:,} tasks on {shape.websites:,} websites, {results.processors} processors"
     rows = [
         (
             stage.name,
@@ -280,30 +280,30 @@ def tasks_tables(found: TasksFigures) -> list[Table]:
             f"{stage.goal:g}",
             f"{stage.peak / MEGABYTE:,.0f}",
         )
-        for stage in found.stages
+        for stage in results.stages
     ]
     tables = [
         Table(
-            f"{title}: median (lowest-highest) of {found.bench.rounds}",
-            ("stage", "seconds", "processor, s", "goal, s", "peak, MB"),
+            f"{title}: median (min-max) of {results.bench.rounds}",
+            ("stage", "seconds", "CPU, s", "goal, s", "peak, MB"),
             rows,
         )
     ]
-    for stage in found.stages:
+    for stage in results.stages:
         if len(stage.runs[0].seconds) > 1:
             parts = [
                 (part, f"{wall:.2f}", f"{processor:.2f}", f"{100 * share:.0f}")
                 for part, wall, processor, share in _parts(stage)
             ]
-            columns = ("part", "seconds", "processor, s", "share, %")
+            columns = ("part", "seconds", "CPU, s", "share, %")
             tables.append(
-                Table(f"What dominates in {stage.name}: {', '.join(dominating(stage))}", columns, parts)
+                Table(f"Parts of {stage.name}; most time: {', '.join(dominating(stage))}", columns, parts)
             )
     return tables
 
 
 def dominating(stage: Stage) -> list[str]:
-    """The parts that take most of a stage's time, the longest first: as few as make half of it."""
+    """The longest parts of a stage that make up half of its time, the longest first."""
     named: list[str] = []
     together = 0.0
     for part, _, _, share in sorted(_parts(stage), key=lambda row: -row[3]):
@@ -314,23 +314,23 @@ def dominating(stage: Stage) -> list[str]:
     return named
 
 
-def missed(found: TasksFigures) -> list[str]:
-    """The goals that were not met, by the median; they are meant for the paper's size."""
+def missed(results: TasksFigures) -> list[str]:
+    """The goals that the medians miss; goals are for the paper's size."""
     late = [
         f"{stage.name}: {_median(stage.seconds):.2f} s, goal {stage.goal:g} s"
-        for stage in found.stages
+        for stage in results.stages
         if _median(stage.seconds) > stage.goal
     ]
     large = [
         f"{stage.name}: {stage.peak / 1e9:.2f} GB, goal {PEAK_GOAL / 1e9:g} GB"
-        for stage in found.stages
+        for stage in results.stages
         if stage.peak > PEAK_GOAL
     ]
     return late + large
 
 
 def _parts(stage: Stage) -> list[tuple[str, float, float, float]]:
-    """Name, wall and processor time, and share of the wall time, medians over the runs."""
+    """Name, wall time, CPU time and share of the wall time of every part; medians of the runs."""
     rows = [
         (
             part,

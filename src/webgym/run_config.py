@@ -209,7 +209,14 @@ def read_config(reader: RunReader) -> tuple[RunConfig, str]:
     """
     held = dict(reader.config)
     run_id = str(held.pop("run_id", ""))
-    for stamp in ("started", "software", "skipped_records", "set_aside_tasks", "left_out_tasks", "merged_runs"):
+    for stamp in (
+        "started",
+        "software",
+        "skipped_records",
+        "set_aside_tasks",
+        "left_out_tasks",
+        "merged_runs",
+    ):
         held.pop(stamp, None)
     return validated(RunConfig, held, f"{reader.path}/config.yaml", failure=RunFolderError), run_id
 

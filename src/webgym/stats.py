@@ -1,4 +1,4 @@
-"""Bootstrap intervals of rates: whole clusters are resampled, all resamples at once."""
+"""Bootstrap intervals from resampled clusters."""
 
 from __future__ import annotations
 
@@ -15,33 +15,37 @@ Values: TypeAlias = NDArray[np.float64]
 def resampled(
     clusters: Sequence[Sequence[int]], width: int, resamples: int, generator: np.random.Generator
 ) -> Counts:
-    """Draw clusters with replacement, as many as there are, and add up their counts.
+    """Resample clusters with replacement, and add up their counts.
 
-    Clusters with equal counts are one kind of cluster, and how often each kind is drawn is multinomial: that
-    is the same bootstrap, and takes no longer for many clusters than for few.
+    Clusters with equal counts are grouped, and the number of draws from each group is multinomial. This is
+    the same bootstrap, and its time depends on the number of groups only.
 
     Args:
-        clusters: counts of each; ``width`` of them.
-        width: how many counts a cluster has.
-        resamples: how many draws.
-        generator: makes them.
+        clusters: the counts of each cluster, ``width`` of them.
+        width: the number of counts of a cluster.
+        resamples: the number of resamples; each has as many clusters as ``clusters``.
+        generator: the source of randomness.
 
     Returns:
-        The sums of every resample, of shape (resamples, width).
+        The sums of counts, of shape (resamples, width).
     """
     if not clusters:
         return np.zeros((resamples, width), np.int64)
-    kinds, often = np.unique(np.array(clusters, np.int64), axis=0, return_counts=True)
-    drawn: Counts = generator.multinomial(len(clusters), often / often.sum(), size=resamples) @ kinds
+    groups, sizes = np.unique(np.array(clusters, np.int64), axis=0, return_counts=True)
+    drawn: Counts = generator.multinomial(len(clusters), sizes / sizes.sum(), size=resamples) @ groups
     return drawn
 
 
 def percentiles(drawn: Values, confidence: float) -> tuple[float, float] | None:
-    """The percentile interval of a figure from its resamples, NaN where it is undefined in one.
+    """The percentile interval of a statistic.
+
+    Args:
+        drawn: the statistic of every resample; NaN where it is undefined.
+        confidence: the confidence level, between 0 and 1.
 
     Returns:
-        ``None`` where the resamples say nothing: the figure is undefined in more of them than the interval
-        leaves out, or the same in all.
+        The ends of the interval; ``None`` if the statistic is the same in all resamples, or undefined in
+        more than a share of 1 - ``confidence`` of them.
     """
     defined = drawn[~np.isnan(drawn)]
     if not len(defined) or len(defined) < confidence * len(drawn):

@@ -1,6 +1,6 @@
-"""Tables of text in every form in which they are shown: terminal, Markdown, LaTeX, CSV.
+"""Tables of text for a terminal, and as Markdown, LaTeX and CSV.
 
-Cells may come from others, such as a domain of a task: control characters never reach a terminal.
+Cells may contain foreign text, such as the domain of a task: control characters are replaced.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 DASH: Final = "–"
-"""Stands for a figure that is undefined."""
+"""The cell of an undefined value."""
 
 _LATEX: Final = {
     **{character: f"\\{character}" for character in "&%$#_{}"},
@@ -37,10 +37,10 @@ class Table(msgspec.Struct, frozen=True):
     """A table of text.
 
     Attributes:
-        title: a line above it; empty for none.
-        columns: their headers.
-        rows: a cell per column.
-        names: how many of the first columns hold names, aligned left; the others hold figures.
+        title: a line above the table; empty for none.
+        columns: the headers of the columns.
+        rows: tuples of a cell per column.
+        names: the number of leading columns with names, which are aligned left; the others contain numbers.
     """
 
     title: str
@@ -49,11 +49,11 @@ class Table(msgspec.Struct, frozen=True):
     names: int = 1
 
     def is_name(self, column: int) -> bool:
-        """Whether this column holds names."""
+        """Whether the column at this index contains names."""
         return column < self.names
 
     def cells(self, row: Sequence[str]) -> tuple[str, ...]:
-        """A row for a reader: without control characters, whole numbers with thousands separators."""
+        """A row as it is printed: without control characters, integers with thousands separators."""
         return tuple(
             cell if self.is_name(column) or not cell.isdecimal() else f"{int(cell):,}"
             for column, cell in enumerate(map(plain, row))
@@ -61,31 +61,31 @@ class Table(msgspec.Struct, frozen=True):
 
 
 def show(tables: Iterable[Table], console: Console) -> None:
-    """Print tables to a terminal, with an empty line after each."""
+    """Print tables to a terminal, each followed by an empty line."""
     for table in tables:
-        if table.title:  # Rich would fold a title at the table's width
+        if table.title:  # a title of Rich would be wrapped at the table's width
             console.print(plain(table.title), style="bold", highlight=False, markup=False)
         console.print(grid(table), "")
 
 
 def grid(table: Table) -> RichTable:
-    """A table without its title and without lines, for a terminal."""
+    """A table for a terminal, without title and borders."""
     from rich.table import Table as RichTable
     from rich.text import Text
 
     rich = RichTable(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    for place, column in enumerate(table.columns):
-        rich.add_column(Text(plain(column)), justify="left" if table.is_name(place) else "right")
+    for index, column in enumerate(table.columns):
+        rich.add_column(Text(plain(column)), justify="left" if table.is_name(index) else "right")
     for row in table.rows:
         rich.add_row(*map(Text, table.cells(row)))
     return rich
 
 
 def markdown(tables: Iterable[Table]) -> str:
-    """Tables for a Markdown document."""
+    """Tables as Markdown."""
     parts = []
     for table in tables:
-        rules = ["---" if table.is_name(place) else "---:" for place in range(len(table.columns))]
+        rules = ["---" if table.is_name(index) else "---:" for index in range(len(table.columns))]
         lines = [table.columns, rules, *map(table.cells, table.rows)]
         title = f"**{plain(table.title)}**"
         parts.append("\n".join([title, "", *(f"| {' | '.join(line)} |" for line in lines)]))
@@ -93,7 +93,10 @@ def markdown(tables: Iterable[Table]) -> str:
 
 
 def csv_text(tables: Iterable[Table]) -> str:
-    """Tables as CSV, with a line for each title, figures as they are, and an empty line between two."""
+    """Tables as CSV: a line for the title, headers, rows; an empty line between tables.
+
+    Integers have no thousands separators.
+    """
     parts = []
     for table in tables:
         text = io.StringIO()
@@ -104,7 +107,7 @@ def csv_text(tables: Iterable[Table]) -> str:
 
 
 def latex(tables: Iterable[Table]) -> str:
-    """Tables as LaTeX; they need the package booktabs."""
+    """Tables as LaTeX, which needs the package booktabs."""
     return "\n\n".join(map(_latex, tables)) + "\n"
 
 

@@ -215,7 +215,7 @@ def test_what_was_measured_is_kept_and_belongs_to_its_plan(tmp_path: Path) -> No
     assert read_bench(tmp_path) == (PLAN, [measured(cell, 30.0)])
     with pytest.raises(RunFolderError, match="another plan"):
         begin(msgspec.structs.replace(PLAN, seed=1), tmp_path)
-    with pytest.raises(RunFolderError, match="no figures"):
+    with pytest.raises(RunFolderError, match="no results"):
         read_bench(tmp_path / "elsewhere")
 
 
@@ -232,7 +232,10 @@ def test_an_unfinished_one_prints_what_it_has(tmp_path: Path, capsys: pytest.Cap
     with pytest.raises(SystemExit) as ended:
         main(["bench", "rollout", "--out", str(tmp_path), "--mode", "async, two queues"])
     assert ended.value.code == 2
-    assert "unknown mode 'async, two queues' (one of async; async, one queue; step" in capsys.readouterr().err
+    assert (
+        "unknown mode 'async, two queues' (choose one of async; async, one queue; step"
+        in capsys.readouterr().err
+    )
     assert not list(tmp_path.glob("*.run"))
 
 

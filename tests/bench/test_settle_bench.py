@@ -51,4 +51,4 @@ def test_the_command_prints_a_table(benchmark: Benchmark, tmp_path: Path) -> Non
 def test_an_unknown_page_is_an_error(benchmark: Benchmark) -> None:
     code, output = benchmark(command, "--page", "nowhere")
     assert code == 2
-    assert "there is no page 'nowhere'" in output
+    assert "unknown page 'nowhere'" in output

@@ -14,7 +14,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from webgym.bench.soak import Books, SoakPlan
+from webgym.bench.soak import Counts, SoakPlan
 from webgym.bench.soak.disk import small_disk
 from webgym.bench.soak.leaks import Census, leaked, left_behind
 from webgym.bench.soak.target import running_target
@@ -37,7 +37,7 @@ def test_a_short_one_balances(tmp_path: Path) -> None:
     small = "--minutes 0.2 --clients 5 --slots 3 --workers 2 --faults 60 --seed 3".split()
     done, found = soaked(tmp_path, *small, "--log", str(tmp_path / "log"))
     assert done.returncode == 0, done.stdout + done.stderr + (tmp_path / "log").read_text()
-    assert "The books balance." in done.stdout
+    assert "No problems: " in done.stdout
     assert "steps" in done.stderr, "a line now and then where there is no terminal"
     books = found["books"]
     assert isinstance(books, dict)
@@ -58,8 +58,8 @@ def test_a_long_one_balances(tmp_path: Path) -> None:
 
 
 def test_a_session_that_nobody_accounts_for() -> None:
-    books = Books(opened=4, closed=1, vanished=1)
-    books.lose(BrowserCrashed("gone"))
+    books = Counts(opened=4, closed=1, vanished=1)
+    books.count_lost(BrowserCrashed("gone"))
     assert (books.live, books.lost) == (1, Counter(browser_crashed=1))
     assert len(books.problems()) == 1
     books.closed += 1
@@ -68,17 +68,17 @@ def test_a_session_that_nobody_accounts_for() -> None:
 
 @pytest.mark.parametrize("error", [ValueError("no type"), BrowserError("too general")])
 def test_an_error_that_says_nothing(error: Exception) -> None:
-    books = Books()
-    books.refuse(NoCapacity("all taken"))
-    books.refuse(LeaseLost("it ran out"))
+    books = Counts()
+    books.count_refused(NoCapacity("all taken"))
+    books.count_refused(LeaseLost("it ran out"))
     assert books.problems() == []
-    books.refuse(error)
+    books.count_refused(error)
     assert books.refused == Counter(no_capacity=1, lease_lost=1, untyped=1)
     assert len(books.problems()) == 1
 
 
 def test_a_connection_that_is_never_hung_up_on() -> None:
-    assert len(Books(half_open=2, hung_up_on=1).problems()) == 1
+    assert len(Counts(half_open=2, hung_up_on=1).problems()) == 1
 
 
 BEFORE = Census(

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 from benchmarks.task_set.__main__ import command
-from benchmarks.task_set.made_up import Shape, make_lengths, make_tasks
 from benchmarks.task_set.stages import (
     STAGES,
     Run,
@@ -19,6 +18,7 @@ from benchmarks.task_set.stages import (
     missed,
     tasks_tables,
 )
+from benchmarks.task_set.synthetic import Shape, make_lengths, make_tasks
 from tests.bench.conftest import Benchmark
 
 from webgym.core.task import LEVELS
@@ -68,7 +68,7 @@ def test_what_is_missed_and_what_dominates() -> None:
     assert dominating(slow) == ["c", "b"]
     stages, parts = tasks_tables(found)
     assert stages.rows[0] == ("quick", "0.3 (0.2-9.0)", "0.100 (0.100-0.100)", "1", "0")
-    assert parts.title == "What dominates in slow: c, b"
+    assert parts.title == "Parts of slow; most time: c, b"
     assert parts.rows[2] == ("c", "1.60", "0.40", "44")
 
 
@@ -78,7 +78,7 @@ def test_every_stage_prints_its_table(benchmark: Benchmark, tmp_path: Path) -> N
     size = ("--tasks", 1_500, "--websites", 600, "--rounds", 1)
     code, output = benchmark(command, *size, "--json", held, "--markdown")
     assert code == 0, output
-    assert "**What dominates in pipeline:" in output
+    assert "**Parts of pipeline; most time:" in output
     found = json.loads(held.read_bytes())
     assert [(stage["name"], len(stage["runs"])) for stage in found["stages"]] == [
         (stage, 1) for stage in STAGES
@@ -91,12 +91,12 @@ def test_one_stage_alone(benchmark: Benchmark) -> None:
     code, output = benchmark(command, *size, "--only", "sample")
     assert code == 0, output
     assert "400 tasks on 150 websites" in output
-    assert "What dominates" not in output
+    assert "most time" not in output
     code, output = benchmark(command, "--only", "lunch")
-    assert (code, "there is no stage 'lunch'" in output) == (2, True)
+    assert (code, "unknown stage 'lunch'" in output) == (2, True)
 
 
 def test_more_websites_than_tasks_make_no_sense(benchmark: Benchmark) -> None:
     code, output = benchmark(command, "--tasks", 100, "--websites", 200)
     assert code == 2
-    assert "100 tasks are on 100 websites at most" in output
+    assert "100 tasks cannot be on more websites" in output

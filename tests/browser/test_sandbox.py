@@ -145,7 +145,7 @@ def test_serve_and_doctor_as_that_user(containing: Path) -> None:
     answer = unprivileged.python(containing, "-c", command, "doctor", "--json")
     checks = {check["name"]: check for check in json.loads(answer.stdout)["checks"]}
     assert checks["Sandbox"]["status"] == "ok"
-    assert checks["Sandbox"]["found"].startswith("on: pages live in namespaces of their own")
+    assert checks["Sandbox"]["found"].startswith("on: pages run in namespaces of their own")
 
 
 @pytest.mark.parametrize(

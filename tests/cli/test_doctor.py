@@ -139,7 +139,7 @@ def test_limits_decide_what_is_worth_a_note() -> None:
 def test_graphics_cards(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     limits = DoctorLimits(program_seconds=5)
-    assert doctor.check_gpu(limits) == Check("GPU", "ok", "none; only serving or training a model wants one")
+    assert doctor.check_gpu(limits) == Check("GPU", "ok", "none; only needed to serve or train a model")
     program(tmp_path / "nvidia-smi", "echo 'NVIDIA H100, 81559 MiB'; echo 'NVIDIA H100, 81559 MiB'")
     assert doctor.check_gpu(limits).found == "NVIDIA H100, 81559 MiB; NVIDIA H100, 81559 MiB"
     program(tmp_path / "nvidia-smi", "echo 'Driver/library version mismatch'; exit 18")
@@ -154,7 +154,11 @@ def test_a_missing_package_is_essential(monkeypatch: pytest.MonkeyPatch) -> None
         "importlib.metadata.requires", lambda _: ["no-such-package>=1", "httpx<1", "x; extra == 'y'"]
     )
     check = doctor.check_packages()
-    assert (check.status, check.found, check.fix) == ("missing", "without no-such-package", "make setup")
+    assert (check.status, check.found, check.fix) == (
+        "missing",
+        "not installed: no-such-package",
+        "make setup",
+    )
 
 
 def test_the_table_fits_a_narrow_terminal() -> None:

@@ -157,7 +157,7 @@ def test_help_lists_the_verbs_and_imports_none() -> None:
     assert answer.returncode == 0
     assert "HEAVY [] []" in answer.stdout
     for verb in cli.VERBS:
-        assert not verb.is_there or f" {verb.name} " in answer.stdout
+        assert not verb.is_installed or f" {verb.name} " in answer.stdout
 
 
 def test_without_arguments_the_help_is_shown(calls: Calls) -> None:

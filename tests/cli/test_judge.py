@@ -86,7 +86,7 @@ def test_a_run_is_judged_and_compared(
     said = capsys.readouterr().out
     assert len(judge_model.asked) == asked
     assert "of them earlier" in said
-    assert "cost now   no model was asked" in said
+    assert "cost now   no model was called" in said
     # Judged anew, every reply comes from the cache.
     assert webgym("judge", run, *arguments, "--again") == 0
     assert len(judge_model.asked) == asked

@@ -63,7 +63,7 @@ def test_a_stopped_run_says_how_to_go_on(
     with pytest.raises(stop):
         _run.run(job, resumed_by=("webgym rollout", run))
     assert capsys.readouterr().err == (
-        f"what is done is kept; resume with: webgym rollout --resume '{run}'\n"
+        f"finished work is stored; resume with: webgym rollout --resume '{run}'\n"
     )
     _run.run(whole, resumed_by=("webgym rollout", run))
     assert not capsys.readouterr().err
@@ -87,20 +87,20 @@ def test_ctrl_c_once_lets_a_run_finish_and_twice_abandons_it(
     def command() -> None:
         _run.run(work, finishing=finishing)
         ends.append("told")
-        _run.end_early(finishing, ("webgym rollout", tmp_path))
+        _run.raise_if_interrupted(finishing, ("webgym rollout", tmp_path))
 
     with pytest.raises(KeyboardInterrupt):
         command()
     assert ends == {1: ["finished", "told"], 2: ["abandoned"]}[presses]
     said = capsys.readouterr().err
-    assert "Ctrl-C again abandons" in said
+    assert "Ctrl-C again to abandon" in said
     assert ("resume with: webgym rollout --resume" in said) == (presses == 1)
 
 
 def test_a_command_that_came_to_its_end_says_nothing_of_going_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    _run.end_early(asyncio.Event(), ("webgym rollout", tmp_path))
+    _run.raise_if_interrupted(asyncio.Event(), ("webgym rollout", tmp_path))
     assert not capsys.readouterr().err
 
 
@@ -175,7 +175,7 @@ async def test_ctrl_c_leaves_the_terminal_whole_and_tells_what_is_kept(tmp_path:
             await until(lambda: "2/12" in terminal.shown)
             assert b"\x1b[?25l" in terminal.raw, "the cursor is hidden"
             terminal.press_ctrl_c()
-            await until(lambda: "Ctrl-C again abandons" in terminal.shown)
+            await until(lambda: "Ctrl-C again to abandon" in terminal.shown)
             terminal.press_ctrl_c() if presses == 2 else answers.set()
             await until(lambda: str(run) in terminal.shown.rpartition("--resume")[2])
         finally:
@@ -183,7 +183,7 @@ async def test_ctrl_c_leaves_the_terminal_whole_and_tells_what_is_kept(tmp_path:
     kept = 2 if presses == 2 else 6
     told = terminal.shown.splitlines()
     assert ended == (130, True)
-    assert told[-1] == f"{kept} attempts are kept; resume with: webgym rollout --resume {run}"
+    assert told[-1] == f"{kept} attempts are stored; resume with: webgym rollout --resume {run}"
     assert f"{kept}/12 done" in terminal.shown
     assert terminal.raw.rindex(b"\x1b[?25h") > terminal.raw.rindex(b"\x1b[?25l")
     assert json.loads((run / "summary.json").read_text())["attempts"] == 6

@@ -47,7 +47,7 @@ def test_hosts_that_kept_the_agent_out_are_named() -> None:
     found["blocked_hosts"] = {f"s{number}.example": 9 - number for number in range(7)}
     found["invalid_reply_rate"] = 0.5
     print_summary(found, Console(file=said, width=200))
-    assert "  kept out by s0.example (9), s1.example (8), " in said.getvalue()
+    assert "  blocked by s0.example (9), s1.example (8), " in said.getvalue()
     assert "s4.example (5), and 2 others\n" in said.getvalue()
     assert said.getvalue().endswith(" ms (p95), 50.0% of replies invalid\n")
 
@@ -57,7 +57,7 @@ def test_what_errors_took_can_be_attempted_again() -> None:
     lost = summarise([attempt("e", Outcome.POLICY_ERROR), attempt("m", Outcome.SUCCESS)], TASKS)
     print_retry(lost, "webgym rollout --resume r", Console(file=said, width=200))
     assert said.getvalue() == (
-        "errors   1 sample ended in an error; again: webgym rollout --resume r --retry-errors\n"
+        "errors   1 sample ended in an error; retry with: webgym rollout --resume r --retry-errors\n"
     )
     said = io.StringIO()
     print_retry(summarise([attempt("m", Outcome.BLOCKED)], TASKS), "", Console(file=said))
@@ -68,7 +68,7 @@ def test_attempts_without_a_verdict_can_be_judged_again() -> None:
     said = io.StringIO()
     unjudged = summarise([attempt("e", Outcome.JUDGE_ERROR), attempt("m", Outcome.SUCCESS)], TASKS)
     print_retry(unjudged, "webgym rollout --resume r", Console(file=said, width=200))
-    assert said.getvalue() == "unjudged 1 attempt has no verdict; judge again: webgym rollout --resume r\n"
+    assert said.getvalue() == "unjudged 1 attempt has no verdict; judge with: webgym rollout --resume r\n"
 
 
 def test_the_share_of_invalid_replies_is_always_told() -> None:

@@ -173,7 +173,7 @@ def test_a_task_is_shown_whole_with_its_family(file: Path, run: Run) -> None:
     assert code == 0
     for part in ("medium, 4 facts", "Find the book.", "1. the book", "- it is thin", "Hamlet", "garbled"):
         assert part in said
-    assert re.search(r"1 derived from it\n +deepshop/0\+1 +groups 1 ", said)
+    assert re.search(r"1 tasks derived from it\n +deepshop/0\+1 +groups 1 ", said)
     code, said = run("tasks", "show", file, "deepshop/0+1")
     assert re.search(r"derived from\n +deepshop/0 +groups 1, 2 ", said)
 
@@ -181,11 +181,11 @@ def test_a_task_is_shown_whole_with_its_family(file: Path, run: Run) -> None:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("shop/28",), "there is deepshop/28"),
+        (("shop/28",), "similar ids: deepshop/28"),
         (("nothing",), "webgym tasks show"),
         (("--level", "hardest"), "--level is one of medium, easy"),
         (("--domain", "Sports"), "--domain is one of Misc."),
-        (("--text", "no such words"), "ask for less"),
+        (("--text", "no such words"), "give fewer conditions"),
         (("--limit", "20", "--page", "3"), "there are 2"),
     ],
 )

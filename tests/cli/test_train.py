@@ -49,7 +49,7 @@ def test_one_sees_iteration_stage_success_and_time_left(
                 async with view.show(Progress(total=7, done=3)):
                     await asyncio.sleep(0.05)
             progress.finish()
-            view.tell("iteration 2 of 4: [done]")
+            view.print_line("iteration 2 of 4: [done]")
             await asyncio.sleep(0.05)
             progress.finished = 4
             await asyncio.sleep(0.05)
@@ -119,7 +119,7 @@ def test_a_stop_says_how_to_go_on(
     assert found == code
     assert said in printed
     (line,) = [each for each in printed.splitlines() if "resume with:" in each]
-    assert line == f"what is done is kept; resume with: webgym train --resume '{folder}'"
+    assert line == f"finished work is stored; resume with: webgym train --resume '{folder}'"
     assert "Traceback" not in printed
 
 

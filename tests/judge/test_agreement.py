@@ -278,7 +278,7 @@ def test_what_cannot_be_measured_is_said_in_a_line(tmp_path: Path, command: Comm
     empty.write_text("")
     code, said = command("--webjudge", empty)
     assert code == 2
-    assert "nothing to measure" in said
+    assert "there are no labels" in said
 
 
 @pytest.mark.skipif(not REAL.exists(), reason=f"{REAL} is not there")

@@ -44,10 +44,10 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_import_and_usage(cache: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert webgym("import", cache, tmp_path / "good.jsonl", "--price", "2.5,10") == 0
-    assert "2 replies stored, 0 known before, 0 not answered" in capsys.readouterr().out
+    assert "2 replies stored, 0 stored before, 0 not answered" in capsys.readouterr().out
     assert webgym("import", cache, tmp_path / "good.jsonl", tmp_path / "bad.jsonl") == 1
     told = capsys.readouterr()
-    assert "0 replies stored, 2 known before, 1 not answered" in told.out
+    assert "0 replies stored, 2 stored before, 1 not answered" in told.out
     assert "bad.jsonl:1: not answered (500)" in told.err
     assert webgym("usage", cache) == 0
     head, row, total = capsys.readouterr().out.splitlines()

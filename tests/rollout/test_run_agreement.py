@@ -125,7 +125,7 @@ def test_the_command_on_labels_of_the_labelling_page(
     assert "left out: 1 × the annotators do not agree" in said
     assert "annotators: 1 shared attempts" in said
     for options, why in (
-        ((run, "--annotator", "eve"), "labelled nothing"),
+        ((run, "--annotator", "eve"), "no labels of 'eve'"),
         ((run, "--judge", "nobody"), "no judge"),
         ((run, "--labels", tmp_path / "none.csv"), "cannot read"),
         ((run, "--humans", "best"), "majority"),

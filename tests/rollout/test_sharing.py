@@ -178,7 +178,7 @@ async def test_runs_that_did_not_share_a_list_are_not_merged(tmp_path: Path, wor
     (tmp_path / "other").mkdir()
     for name, folder, count in (("a", tmp_path, 2), ("b", tmp_path, 2), ("c", tmp_path / "other", 3)):
         await Run().start(world.config(folder, count), tmp_path / name).end()
-    with pytest.raises(ConfigError, match="both hold the end of sample 0"):
+    with pytest.raises(ConfigError, match="both completed sample 0"):
         await merge_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
     with pytest.raises(ConfigError, match="different tasks"):
         await merge_runs([tmp_path / "a", tmp_path / "c"], tmp_path / "all")
@@ -189,7 +189,7 @@ async def test_runs_that_did_not_share_a_list_are_not_merged(tmp_path: Path, wor
         await merge_runs([tmp_path / "a", tmp_path / "b"], tmp_path / "all")
     (tmp_path / "lists/collectors").mkdir(parents=True)
     (tmp_path / "lists/collectors/one").write_text(str(tmp_path / "gone"))
-    with pytest.raises(RunFolderError, match="is not there"):
+    with pytest.raises(RunFolderError, match="does not exist"):
         runs_in(tmp_path / "lists")
 
 

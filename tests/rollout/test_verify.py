@@ -55,7 +55,7 @@ def test_a_whole_run_is_whole(run: Path, capsys: pytest.CaptureFixture[str]) -> 
     with pytest.raises(SystemExit) as ended:
         main(["verify", str(run)])
     assert ended.value.code == 0
-    assert capsys.readouterr().out == f"12 trajectories and {held} pictures are whole\n"
+    assert capsys.readouterr().out == f"12 trajectories and {held} pictures are intact\n"
 
 
 def _change(path: Path, old: bytes, new: bytes) -> None:

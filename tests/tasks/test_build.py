@@ -43,7 +43,7 @@ from webgym.tasks.formats import read_tasks
 from webgym.tasks.validate import validate
 
 QUIET = StageProgress(Console(file=io.StringIO()))
-STOPPED = "interrupted: what was paid for is kept, and the same command goes on from here\n"
+STOPPED = "interrupted: all replies are stored; run the same command again to continue\n"
 DEADLINE = 90.0
 TODAY = "2025-01-01"
 
@@ -459,7 +459,7 @@ async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
     ("options", "words"),
     [
         ((), "--source NAME=PATH"),
-        (("--source", "deepshop"), "no NAME=PATH"),
+        (("--source", "deepshop"), "is not NAME=PATH"),
         (("--source", "depshop=x.jsonl"), "unknown source depshop"),
         (
             ("--source", "deepshop=none.jsonl", "--base-url", "http://127.0.0.1:9/v1", "--model", "x"),
@@ -468,7 +468,7 @@ async def test_what_asks_for_nothing_needs_no_model(tmp_path: Path) -> None:
         (("--source", "deepshop={deepshop}", "--test-size", "1"), "--base-url"),
         (("--source", "deepshop={deepshop}", "--base-url", "nonsense", "--model", "x"), "base URL"),
         (("--source", "deepshop={deepshop}", "--price", "cheap"), "not a price"),
-        (("--source", "deepshop={deepshop}", "--dry-run", "--batch", "b"), "do not go together"),
+        (("--source", "deepshop={deepshop}", "--dry-run", "--batch", "b"), "exclude each other"),
         (("--source", "deepshop={browsecomp}", "--test-size", "0"), "holds no task of deepshop; the first"),
         (("--config", "none.yaml"), "cannot read none.yaml"),
         (("--source", "deepshop={deepshop}", "--test-size", "-1"), "test-size"),

@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -72,7 +73,7 @@ def test_tasks_that_come_with_webgym_are_exported_by_their_name(
     held = list(OfflineWeb(per_family=1, collection="small").tasks())[:5]
     asked: list[RunConfig] = []
 
-    def given(config: RunConfig) -> list[Task]:
+    def given(config: RunConfig, tell: Callable[[str], None]) -> list[Task]:
         asked.append(config)
         return held
 

@@ -1,9 +1,9 @@
-"""Pages that are hard to call finished, each with the truth about when it is.
+"""Pages for which it is hard to tell when they are finished, and which record when they are.
 
-page.py     what a page is
-apps.py     pages as people meet them, noisy
-pages.py    the corpus: what each page does, the action, and the moment when its content is final
-server.py   the server behind them: late, in pieces, in chains, or never
+page.py     the type of a page
+apps.py     pages like applications, with noise
+pages.py    all pages: what each does, the action, and when its content is final
+server.py   the server, which responds late, in chunks, with redirects, or never
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Pages as people meet them: each does one thing that applications do, and is noisy as they are.
+"""Pages like applications: each does one thing that applications do, with their noise.
 
-The noise is what tells a good wait from one that knows only tidy pages: timers of the usual delays that bring
-nothing, set by the same helpers as those that do; something decorative that turns; a heartbeat whose answer
-nobody reads; a clock. What scripts may use is said in :mod:`~benchmarks.settle.hardweb.pages`.
+The noise shows whether a way of waiting works on real pages: timers without effect, with the delays and
+helper functions of those with an effect; a spinning decoration; a heartbeat whose response is ignored; a
+clock. For the functions that scripts may use see :mod:`~benchmarks.settle.hardweb.pages`.
 """
 
 from __future__ import annotations

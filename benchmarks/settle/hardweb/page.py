@@ -1,4 +1,4 @@
-"""One page of the corpus: what it is, where it is, and what is done with it."""
+"""The type of a page: its content, its address and the action on it."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ Group: TypeAlias = Literal[
 ]
 
 _MIDDLE = (0.1, 0.05)
-"""Where ``#go`` is, as a share of the viewport."""
+"""Position of ``#go``, as shares of the viewport."""
 
 
 @dataclass(frozen=True, slots=True)
 class HardPage:
-    """One page, and what is done with it.
+    """A page and the action on it.
 
     Attributes:
-        name: also its path.
-        group: what is hard about it.
-        says: in a few words, what happens after the action.
+        name: its name and path.
+        group: the kind of difficulty.
+        says: a short description of what happens after the action.
         body: HTML after the head.
-        action: what the clock starts with; for all but ``open`` the page is opened before.
-        path: where the action ``open`` leads, if not to the page itself.
+        action: the action that is timed; for all but ``open``, the page is opened before.
+        path: the target of the action ``open``, if it is not the page itself.
     """
 
     name: str
@@ -47,12 +47,12 @@ class HardPage:
     path: str = ""
 
     def url(self, origin: str, pace: float = 1.0) -> str:
-        """Where to open it."""
+        """The URL of the page."""
         path = self.path or f"/p/{self.name}"
         return f"{origin}{path}{'&' if '?' in path else '?'}pace={pace}"
 
     def act(self, origin: str, pace: float = 1.0) -> BrowserAction:
-        """The action that the clock starts with."""
+        """The action that is timed."""
         x, y = _MIDDLE
         target = Target(coordinate=(x * 1000, y * 1000))
         match self.action:

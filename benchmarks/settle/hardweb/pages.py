@@ -1,13 +1,13 @@
-"""The corpus. Each page says in ``finalAt``, a variable of its own, when the content that matters is there.
+"""All pages. Each records in its variable ``finalAt`` when its relevant content is complete.
 
-``finalAt`` is the time of day in milliseconds, or ``null`` while more is to come; nobody is told, and no
-element changes with it, so it helps no way of waiting. A page that is acted on is not final before the
-action. In the pages' scripts:
+``finalAt`` is a time in milliseconds since the epoch, or ``null`` while content is missing. It causes no
+event and changes no element, so it helps no way of waiting. A page is not final before the action on it. In
+the scripts of pages:
 
-* ``later(ms, f)`` is ``setTimeout``; ``get(ms, text)`` fetches a text that comes after ``ms``;
-* ``out`` is the paragraph that the content goes to, ``show(text)`` puts it there and says it is final;
-* ``final()`` and ``unfinal()`` say so and take it back; ``go`` is the control that the action is for;
-* all times are multiplied by ``pace``, which differs from round to round.
+* ``later(ms, f)`` is ``setTimeout``; ``get(ms, text)`` fetches a text that arrives after ``ms``;
+* ``out`` is the paragraph of the content, ``show(text)`` puts text into it and marks the page as final;
+* ``final()`` and ``unfinal()`` set and clear the mark; ``go`` is the control for the action;
+* all times are multiplied by ``pace``, which differs between rounds.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from benchmarks.settle.hardweb.apps import APPS
 from benchmarks.settle.hardweb.page import HardPage
 
 OTHER_HOST = "advert.test"
-"""The name of another site, to be mapped to the server."""
+"""Host of a second site, which is mapped to the same server."""
 
 TRUTH = "typeof finalAt === 'number' ? finalAt : null"
-"""Evaluated in the page's own world: when it became final, or ``null``."""
+"""Script that returns when the page became final, or ``null``; runs in the world of the page."""
 
 _PRELUDE = """
 var finalAt = null;
@@ -59,11 +59,11 @@ onfetch = (event) => {
   event.respondWith(new Promise((resolve) => setTimeout(() => resolve(new Response('from the cache')), 300)));
 };
 """
-"""Dedicated worker and service worker of the corpus."""
+"""Script of the dedicated worker and the service worker of the pages."""
 
 
 def page_html(page: HardPage, pace: float, other: str) -> str:
-    """The page's document. ``other`` is the origin of the other site."""
+    """The HTML document of a page; ``other`` is the origin of the second site."""
     body = page.body if "<h1" in page.body else _INTRO + page.body
     control = "" if "id=go" in body or page.action in ("open", "scroll") else _GO
     return (
@@ -77,7 +77,7 @@ def page_html(page: HardPage, pace: float, other: str) -> str:
 
 
 def _scripted(body: str) -> str:
-    """``{{ ... }}`` is a script; ``#out`` is there unless the page has its own."""
+    """Replace ``{{ ... }}`` by a script element, and add ``#out`` unless the page has one."""
     paragraph = "" if "id=out" in body else "<p id=out></p>"
     return paragraph + re.sub(r"\{\{(.*?)\}\}(?!\})", r"<script>\1</script>", body, flags=re.DOTALL)
 

@@ -1,7 +1,7 @@
-"""The server of the hard pages: answers late, in pieces, in chains, or never; always in the same way.
+"""The server of the pages, which responds late, in chunks, with redirects, or never, and is deterministic.
 
-One request per connection, so that nothing depends on how a browser shares connections. All delays are
-asked for in the address, in milliseconds, and are multiplied by ``pace``.
+It serves one request per connection, so that results do not depend on the browser's sharing of connections.
+Delays are given in the address, in milliseconds, and are multiplied by ``pace``.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _PAUSE = re.compile(r"<!--pause (\d+)-->")
 _WEBSOCKET_KEY = "258EAFA5-E914-47DA-95CA-C5AB0DC85B11"  # RFC 6455, section 1.3
 _TEXT_FRAME, _CLOSE_FRAME = 0x81, 0x88
 
-# A font of our own whose every character is a block, 832 bytes: the same picture on every machine.
+# A font of 832 bytes whose characters are all blocks, so that screenshots are the same on every machine.
 _FONT = zlib.decompress(
     base64.b64decode(
         "eNrVUj1LA0EQfXt7JhoSJWCj1QmCdoJKsBCEGKwEIdYSz9yZQO5MyAfEJlgEsbCwE0HwD/gPDGIpov4Eg2CRWrDU8+3lEjSC"
@@ -36,7 +36,7 @@ _FONT = zlib.decompress(
 
 
 class Exchange:
-    """One request, and the means to answer it."""
+    """A request, with methods to respond to it."""
 
     def __init__(self, head: str, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         lines = head.split("\r\n")
@@ -53,12 +53,12 @@ class Exchange:
         self._writer = writer
 
     async def delay(self, milliseconds: float | None = None) -> None:
-        """Wait as long as is said here, or in the address."""
+        """Wait for a time, by default the one in the address."""
         asked = float(self.query.get("ms", "0")) if milliseconds is None else milliseconds
         await asyncio.sleep(asked * self.pace / 1000)
 
     async def write(self, data: bytes) -> None:
-        """Send bytes as they are."""
+        """Send bytes."""
         self._writer.write(data)
         await self._writer.drain()
 
@@ -69,23 +69,23 @@ class Exchange:
         await self.write(("\r\n".join(lines) + "\r\n\r\n").encode())
 
     async def reply(self, body: str | bytes, kind: str = "text/plain", **headers: str) -> None:
-        """A whole answer."""
+        """Send a complete response."""
         content = body.encode() if isinstance(body, str) else body
         await self.head("200 OK", Content_Type=kind, Content_Length=str(len(content)), **headers)
         await self.write(content)
 
     async def open_stream(self, kind: str) -> None:
-        """The head of an answer that ends with its connection."""
+        """Send the head of a response that ends when the connection is closed."""
         await self.head("200 OK", Content_Type=kind)
 
     async def ended(self) -> None:
-        """Return when the other side is gone."""
+        """Wait until the client has disconnected."""
         while await self.reader.read(4096):
             pass
 
 
 async def _page(exchange: Exchange) -> None:
-    """``/p/<name>``: a page of the corpus, sent in pieces where it says so."""
+    """``/p/<name>``: a page, in chunks if it requires it."""
     await exchange.delay()
     other = f"http://{OTHER_HOST}:{exchange.port}"
     html = page_html(PAGES[exchange.path.removeprefix("/p/")], exchange.pace, other)
@@ -100,13 +100,13 @@ async def _page(exchange: Exchange) -> None:
 
 
 async def _data(exchange: Exchange) -> None:
-    """``/data?ms&text``: some text, late."""
+    """``/data?ms&text``: a text, after ``ms``."""
     await exchange.delay()
     await exchange.reply(exchange.query.get("text", "data"), Access_Control_Allow_Origin="*")
 
 
 async def _hang(exchange: Exchange) -> None:
-    """``/hang``: never answers."""
+    """``/hang``: never responds."""
     await exchange.ended()
 
 
@@ -119,7 +119,7 @@ async def _hop(exchange: Exchange) -> None:
 
 
 async def _image(exchange: Exchange) -> None:
-    """``/image?ms``: a drawing, late."""
+    """``/image?ms``: an image, after ``ms``."""
     await exchange.delay()
     await exchange.reply(
         "<svg xmlns='http://www.w3.org/2000/svg' width='160' height='90'>"
@@ -129,24 +129,24 @@ async def _image(exchange: Exchange) -> None:
 
 
 async def _font(exchange: Exchange) -> None:
-    """``/font?ms``: a font, late."""
+    """``/font?ms``: a font, after ``ms``."""
     await exchange.delay()
     await exchange.reply(_FONT, "font/ttf", Access_Control_Allow_Origin="*")
 
 
 async def _script(exchange: Exchange) -> None:
-    """``/script?ms``: a module that renders, late."""
+    """``/script?ms``: a module that renders content, after ``ms``."""
     await exchange.delay()
     await exchange.reply("globalThis.render && render()", "text/javascript")
 
 
 async def _worker(exchange: Exchange) -> None:
-    """``/worker.js``: dedicated and service worker in one."""
+    """``/worker.js``: the script of the dedicated worker and the service worker."""
     await exchange.reply(WORKER, "text/javascript")
 
 
 async def _events(exchange: Exchange) -> None:
-    """``/events?ms&every``: server-sent events, the first after ``ms``, then one ``every`` so often."""
+    """``/events?ms&every``: server-sent events, the first after ``ms``, then one per ``every``."""
     await exchange.open_stream("text/event-stream")
     await exchange.delay()
     number = 1
@@ -157,7 +157,7 @@ async def _events(exchange: Exchange) -> None:
 
 
 async def _chunks(exchange: Exchange) -> None:
-    """``/chunks?ms&count``: a text in so many pieces, so far apart."""
+    """``/chunks?ms&count``: a text in ``count`` chunks, with pauses of ``ms``."""
     await exchange.open_stream("text/plain")
     for number in range(int(exchange.query["count"])):
         await exchange.delay()
@@ -165,7 +165,7 @@ async def _chunks(exchange: Exchange) -> None:
 
 
 async def _websocket(exchange: Exchange) -> None:
-    """``/ws?ms&unasked``: answers every message after ``ms``; with ``unasked``, speaks first."""
+    """``/ws?ms&unasked``: responds to every message after ``ms``; with ``unasked``, sends a message first."""
     digest = hashlib.sha1((exchange.headers["sec-websocket-key"] + _WEBSOCKET_KEY).encode()).digest()
     await exchange.head(
         "101 Switching Protocols",
@@ -181,7 +181,7 @@ async def _websocket(exchange: Exchange) -> None:
         length = second & 0x7F
         if length == 126:  # RFC 6455, section 5.2
             (length,) = struct.unpack("!H", await exchange.reader.readexactly(2))
-        await exchange.reader.readexactly(4 + length)  # the mask, and what it hides
+        await exchange.reader.readexactly(4 + length)  # the mask and the masked payload
         if first == _CLOSE_FRAME:
             return
         await exchange.delay()
@@ -204,7 +204,7 @@ _ROUTES: dict[str, Callable[[Exchange], Awaitable[None]]] = {
 
 
 class HardSite:
-    """The server, on a free port of the loopback interface, for as long as its context lasts."""
+    """The server, on a free port of the loopback interface, until its context ends."""
 
     def __init__(self) -> None:
         self.port = 0
@@ -230,7 +230,7 @@ class HardSite:
         self._tasks.add(task)
         try:
             with contextlib.suppress(OSError, asyncio.IncompleteReadError, asyncio.CancelledError):
-                await self._answer(reader, writer)  # whoever went away needs no answer
+                await self._answer(reader, writer)  # a client that disconnected needs no response
         finally:
             self._tasks.discard(task)
             writer.close()

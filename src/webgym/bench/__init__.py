@@ -1,4 +1,4 @@
-"""What prints figures about this machine: ``webgym bench``. Ratios within one run; machines and days differ.
+"""Benchmarks of this machine: ``webgym bench``. Results are compared as ratios within one run.
 
-Each module is one sub-verb; none is imported by any other room.
+``server.py``, ``soak/`` and ``rollout/`` are the sub-verbs. Only :mod:`webgym.cli` imports this package.
 """

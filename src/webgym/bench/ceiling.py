@@ -1,9 +1,9 @@
-"""The server against Chromium's own ceiling, and what of the difference its own browsers make.
+"""The browser server compared with Chromium alone.
 
-Three contenders take turns on the same pages: a bare loop over tabs of one browser, the same loop with a
-browser for each tab, and the server. The first shares everything, and one crash ends all of it; the second
-isolates as the server does, and does nothing else; so the step from the first to the second is the price of
-isolation, and the step to the third that of all that the server adds.
+Three contenders take turns on the same pages: a bare loop over the tabs of one browser, the same loop with a
+browser per tab, and the server. The first has no isolation, so that one crash ends all tabs; the second has
+the isolation of the server and nothing else. The difference between the first two is the cost of isolation,
+that between the last two the cost of everything else that the server does.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ from pathlib import Path
 
 import msgspec
 
-from webgym.bench.bare import BareBrowsers, bare_browsers
+from webgym.bench.bare_browsers import BareBrowsers, bare_browsers
 from webgym.bench.pages import PageServer
 from webgym.bench.stepping import (
     BenchPlan,
-    Paced,
-    Say,
-    Stepper,
+    Report,
+    StepFunction,
+    StepTimes,
     browser_for,
     config_for,
     measured_server,
-    paced,
+    run_steps,
     sessions_on,
-    stepper,
+    step_function,
 )
 from webgym.bench.usage import CpuTimes
 from webgym.core.action import Navigate
@@ -38,29 +38,34 @@ SHARED, APART, SERVER = "bare loop, one browser", "bare loop, a browser each", "
 
 
 class Ceiling(msgspec.Struct, frozen=True):
-    """Rounds on one page, by contender, in turn."""
+    """Rounds on one page.
+
+    Attributes:
+        page: its name.
+        rounds: by contender.
+    """
 
     page: str
-    rounds: dict[str, list[Paced]]
+    rounds: dict[str, list[StepTimes]]
 
     def ratios(self, name: str) -> list[float]:
-        """Server over this contender, round by round; of rounds in which the contender made a step."""
+        """Steps per second of the server over those of a contender, for each round in which it made any."""
         pairs = zip(self.rounds[SERVER], self.rounds[name], strict=True)
-        return [ours.rate / theirs.rate for ours, theirs in pairs if theirs.rate]
+        return [server.rate / other.rate for server, other in pairs if other.rate]
 
 
 class _Contender:
-    """What steps, and how its CPU time is read."""
+    """A contender: its step functions and meters of its CPU time."""
 
-    def __init__(self, name: str, steppers: Sequence[Stepper], meters: Sequence[CpuTimes]) -> None:
+    def __init__(self, name: str, step_functions: Sequence[StepFunction], meters: Sequence[CpuTimes]) -> None:
         self.name = name
-        self._steppers = steppers
+        self._step_functions = step_functions
         self._meters = meters
 
-    async def round(self, seconds: float) -> Paced:
+    async def round(self, seconds: float) -> StepTimes:
         self._used()
         own = time.process_time()
-        run = await paced(self._steppers, seconds)
+        run = await run_steps(self._step_functions, seconds)
         cpu = {**self._used(), "client": time.process_time() - own}
         return msgspec.structs.replace(run, cpu=cpu)
 
@@ -73,38 +78,40 @@ class _Contender:
 
 
 class _Bare(_Contender):
-    """A bare loop: its browsers are stopped while others are measured."""
+    """A bare loop, whose browsers are stopped while others are measured."""
 
     def __init__(self, name: str, bare: BareBrowsers) -> None:
         super().__init__(name, [tab.step for tab in bare.tabs], [CpuTimes(pid) for pid in bare.pids])
         self._bare = bare
 
     async def open(self, url: str) -> None:
-        with self._bare.awake():
+        with self._bare.running():
             await asyncio.gather(*(tab.open(url) for tab in self._bare.tabs))
 
-    async def round(self, seconds: float) -> Paced:
-        with self._bare.awake():
+    async def round(self, seconds: float) -> StepTimes:
+        with self._bare.running():
             return await super().round(seconds)
 
 
 class _Served(_Contender):
-    """Sessions of a server."""
+    """The sessions of a server."""
 
     def __init__(self, sessions: Sequence[Session], pid: int) -> None:
-        super().__init__(SERVER, [stepper(session) for session in sessions], [CpuTimes(pid)])
+        super().__init__(SERVER, [step_function(session) for session in sessions], [CpuTimes(pid)])
         self._sessions = sessions
 
     async def open(self, url: str) -> None:
         await asyncio.gather(*(session.step(Navigate(url)) for session in self._sessions))
 
 
-async def against_ceiling(plan: BenchPlan, executable: Path, pages: PageServer, say: Say) -> list[Ceiling]:
-    """Steps per second of the server and of the bare loops, on each page."""
-    found = []
+async def against_ceiling(
+    plan: BenchPlan, executable: Path, pages: PageServer, report: Report
+) -> list[Ceiling]:
+    """Measure the server and the bare loops, in turn, on each page."""
+    results = []
     config = browser_for(pages)
     async with AsyncExitStack() as stack:
-        say(f"starting {plan.sessions} sessions, and bare browsers with as many tabs")
+        report(f"starting {plan.sessions} sessions, and bare browsers with as many tabs")
         address, client = await stack.enter_async_context(measured_server(config_for(plan.sessions, pages)))
         sessions = await sessions_on(client, plan.sessions, pages.url("static"))
         shared = await stack.enter_async_context(bare_browsers(executable, 1, plan.sessions, config))
@@ -113,10 +120,10 @@ async def against_ceiling(plan: BenchPlan, executable: Path, pages: PageServer, 
         for page in ("static", "busy"):
             for contender in contenders:
                 await contender.open(pages.url(page))
-            rounds: dict[str, list[Paced]] = {contender.name: [] for contender in contenders}
+            rounds: dict[str, list[StepTimes]] = {contender.name: [] for contender in contenders}
             for number in range(plan.rounds):
-                say(f"{page} pages, round {number + 1} of {plan.rounds}")
+                report(f"{page} pages, round {number + 1} of {plan.rounds}")
                 for contender in contenders:
                     rounds[contender.name].append(await contender.round(plan.round_seconds))
-            found.append(Ceiling(page, rounds))
-    return found
+            results.append(Ceiling(page, rounds))
+    return results

@@ -1,7 +1,7 @@
-"""Pages that try to take their browser, its server or the machine down. For ``webgym bench soak`` and for
-the fault tests.
+"""Hostile pages, which try to crash or block their browser, its server or the machine.
 
-Each page does its harm at load, or when its one big button is clicked.
+For ``webgym bench soak`` and for the fault tests. Each page attacks when it is loaded, or when its only
+button, which covers the page, is clicked.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ _NOISE = (
 _WORKER = "new Worker(URL.createObjectURL(new Blob(['for(;;);'])));"
 
 PAGES: dict[str, str] = {
-    # scripts without end
+    # endless scripts
     "/loop/load": _at_load("for (;;);"),
     "/loop/click": _when_clicked("for (;;);"),
     "/loop/frame": "<p>before</p><iframe srcdoc='<script>for (;;);</script>'></iframe>",
@@ -72,7 +72,7 @@ PAGES: dict[str, str] = {
     "/loop/microtask": _at_load("const again = () => Promise.resolve().then(again); again();"),
     "/loop/reload": _at_load("location.reload();"),
     "/loop/history": _at_load("for (let i = 0; ; i++) history.pushState(i, '', '?' + i);"),
-    # dialogs without end
+    # endless dialogs
     "/dialogs/alert": _at_load("for (;;) alert('again');"),
     "/dialogs/confirm": _at_load("while (confirm('sure?') || true);"),
     "/dialogs/prompt": _at_load("for (;;) prompt('name?', 'x');"),
@@ -88,17 +88,17 @@ PAGES: dict[str, str] = {
     "/memory/title": _at_load("document.title = 'x'.repeat(1 << 28);"),
     # pictures that do not compress
     "/noise": _at_load(_NOISE),
-    # documents without end
+    # huge documents
     "/dom/gigabyte": _at_load(_GIGABYTE),
     "/dom/deep": _at_load(_DEEP),
     "/dom/million": _at_load(_MILLION),
     "/dom/links": _at_load("document.body.innerHTML = '<a href=#>a</a> '.repeat(20000);"),
     "/dom/frames": _at_load("setInterval(() => document.body.append(document.createElement('iframe')), 1);"),
-    # windows and downloads without end
+    # endless windows and downloads
     "/windows": _at_load("setInterval(() => open('/?' + Math.random()), 5);"),
     "/downloads": _at_load("setInterval(() => { location = '/file'; }, 5);"),
 }
-"""By path: all of it is harm."""
+"""The bodies of the hostile pages by path."""
 
 _STREAM_PART = b"<p>" + b"x" * (1 << 16)
 
@@ -107,7 +107,7 @@ async def _endless() -> AsyncIterator[bytes]:
     yield b"<!doctype html><title>endless</title>"
     while True:
         yield _STREAM_PART
-        await asyncio.sleep(0)  # a reader that is always ready would keep the loop
+        await asyncio.sleep(0)  # let other tasks run, even if the reader is always ready
 
 
 async def hostile_site(scope: Scope, receive: Receive, send: Send) -> None:
@@ -127,7 +127,11 @@ async def hostile_site(scope: Scope, receive: Receive, send: Send) -> None:
 
 @asynccontextmanager
 async def serving_hostile_pages() -> AsyncIterator[str]:
-    """Serve them on loopback for the length of the block; their base URL."""
+    """Serve the hostile pages on the loopback address until the block ends.
+
+    Yields:
+        Their base URL.
+    """
     with contextlib.closing(socket.create_server(("127.0.0.1", 0))) as listener:
         config = uvicorn.Config(
             hostile_site, lifespan="off", log_config=None, ws="none", timeout_graceful_shutdown=1

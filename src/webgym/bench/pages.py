@@ -1,4 +1,4 @@
-"""The pages that are measured, and a server for them: nothing in it costs more than its bytes."""
+"""The pages of the benchmarks, and a minimal server for them."""
 
 from __future__ import annotations
 
@@ -37,25 +37,29 @@ setInterval(() => {
 """
 
 PAGES = {"static": _TEXT, "busy": _BUSY + _TEXT}
-"""A long page of text and links; the same with an animation, a canvas and a timer."""
+"""HTML by name: a long page of text and links, and the same with an animation, a canvas and a timer."""
 
 
 def document(name: str) -> bytes:
-    """One page's HTML."""
+    """The HTML document of one of :data:`PAGES`."""
     head = f"<!doctype html><meta charset=utf-8><title>{name}</title><style>{_STYLE}</style>"
     return (head + PAGES[name]).encode()
 
 
 class PageServer:
-    """Where the pages are."""
+    """The address of the pages.
+
+    Args:
+        port: of their server, on the loopback address.
+    """
 
     def __init__(self, port: int) -> None:
         self.origin = f"http://{_HOST}"
         self.rule = f"{_HOST}=127.0.0.1:{port}"
-        """Lets browsers reach them, past the egress policy."""
+        """The rule of the egress policy that lets browsers reach them."""
 
     def url(self, name: str) -> str:
-        """Of one of :data:`PAGES`."""
+        """The URL of one of :data:`PAGES`."""
         return f"{self.origin}/{name}"
 
 
@@ -68,14 +72,14 @@ async def _answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) ->
             writer.write(head_out.encode() + body)
             await writer.drain()
     except (asyncio.IncompleteReadError, asyncio.LimitOverrunError, ConnectionError):
-        return  # it went away, or it is no browser
+        return  # the client disconnected, or does not speak HTTP
     finally:
         writer.close()
 
 
 @asynccontextmanager
 async def serving_pages() -> AsyncIterator[PageServer]:
-    """Serve the pages on loopback for the length of the block."""
+    """Serve the pages on the loopback address until the block ends."""
     server = await asyncio.start_server(_answer, "127.0.0.1", 0)
     try:
         yield PageServer(server.sockets[0].getsockname()[1])

@@ -1,6 +1,6 @@
-"""``webgym bench server``: the browser server against Chromium's own ceiling, frozen and not, and how dense.
+"""``webgym bench server``: the browser server compared with Chromium alone, freezing, and density.
 
-Everything is measured in one run and reported as ratios; rounds of what is compared take turns.
+Everything is measured in one run and compared as ratios; contenders take turns.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from webgym.bench.ceiling import Ceiling, against_ceiling
 from webgym.bench.pages import PageServer, serving_pages
 from webgym.bench.stepping import (
     BenchPlan,
-    Paced,
-    Say,
+    Report,
+    StepTimes,
     Visitor,
+    click_or_scroll,
     config_for,
-    deed,
     measured_server,
-    paced,
     quantile,
+    run_steps,
     sessions_on,
-    stepper,
-    until,
+    step_function,
+    wait_until,
 )
 from webgym.bench.usage import CpuTimes, browser_bytes
 from webgym.browser.find import find_browser
@@ -38,75 +38,85 @@ from webgym.server.config import Admission, Queues
 from webgym.server.messages import Pressure, SessionOptions
 
 _CALM_SECONDS = 3.0
-"""Between the last call and the look at idle processors, and length of that look, at most."""
+"""Pause before idle CPU use is measured, and duration of that measurement, at most."""
 
 
-# --- frozen while the model thinks ----------------------------------------------------------------------
+# --- freezing while the model thinks ---------------------------------------------------------------------
 
 
 class Thinking(msgspec.Struct, frozen=True):
-    """Busy pages and a model that thinks, with slots stopped between calls and not.
+    """Sessions on busy pages with a pause between steps, with and without freezing in the pauses.
 
     Attributes:
-        idle: processors that the browsers use while nobody steps: frozen, and not.
+        sessions: their number.
+        think_seconds: the pause between the steps of a session.
+        frozen: steps with freezing.
+        unfrozen: steps without freezing.
+        idle: CPU use of the browsers in cores while no session makes a step: with and without freezing.
     """
 
     sessions: int
     think_seconds: float
-    frozen: Paced
-    unfrozen: Paced
+    frozen: StepTimes
+    unfrozen: StepTimes
     idle: tuple[float, float]
 
     @property
     def allowed(self) -> float:
-        """Steps per second if a step took no time at all."""
+        """Steps per second if steps took no time."""
         return self.sessions / self.think_seconds
 
 
-async def thinking(plan: BenchPlan, pages: PageServer, say: Say) -> Thinking:
-    """Step latency and throughput with many sessions on busy pages."""
+async def thinking(plan: BenchPlan, pages: PageServer, report: Report) -> Thinking:
+    """Measure step latency and throughput of many sessions on busy pages, with and without freezing."""
     runs, idle = [], []
     calm = min(_CALM_SECONDS, plan.thinking_seconds)
     for freeze in (True, False):
-        say(f"{plan.thinkers} busy sessions, {'frozen' if freeze else 'running'} while the model thinks")
+        report(f"{plan.thinkers} busy sessions, {'frozen' if freeze else 'running'} while the model thinks")
         async with measured_server(config_for(plan.thinkers, pages, freeze=freeze)) as (address, client):
             visitors = [Visitor(client, pages.url("busy")) for _ in range(plan.thinkers)]
-            await asyncio.gather(*(visitor.arrive() for visitor in visitors))
+            await asyncio.gather(*(visitor.open() for visitor in visitors))
             await asyncio.sleep(calm)
             cpu, began = CpuTimes(address.pid), time.perf_counter()
             await asyncio.sleep(calm)
             used = cpu.since_last()
             idle.append((sum(used.values()) - used.get("server", 0.0)) / (time.perf_counter() - began))
-            run = await paced([v.step for v in visitors], plan.thinking_seconds, plan.think_seconds)
+            run = await run_steps([v.step for v in visitors], plan.thinking_seconds, plan.think_seconds)
             runs.append(msgspec.structs.replace(run, cpu=cpu.since_last()))
     return Thinking(plan.thinkers, plan.think_seconds, runs[0], runs[1], (idle[0], idle[1]))
 
 
-# --- what each operation costs --------------------------------------------------------------------------
+# --- cost per operation ----------------------------------------------------------------------------------
 
 
 class Cost(msgspec.Struct, frozen=True):
-    """One operation: CPU milliseconds per call by kind of process, and wall milliseconds, median."""
+    """The cost of an operation.
+
+    Attributes:
+        operation: its name.
+        cpu: CPU milliseconds per call, by kind of process.
+        wall: median wall time per call, milliseconds.
+    """
 
     operation: str
     cpu: dict[str, float]
     wall: float
 
 
-async def costs(plan: BenchPlan, pages: PageServer, say: Say) -> list[Cost]:
-    """CPU time per call, one operation type after the other, one call at a time."""
-    say("CPU time per operation")
-    found = []
+async def costs(plan: BenchPlan, pages: PageServer, report: Report) -> list[Cost]:
+    """Measure the CPU time of every kind of operation, one call at a time."""
+    report("CPU time per operation")
+    results = []
     slots = 4
     async with measured_server(config_for(slots, pages)) as (address, client):
         sessions = await sessions_on(client, slots, pages.url("static"))
         meter = CpuTimes(address.pid)
         operations: dict[str, Callable[[Session, int], Awaitable[object]]] = {
             "navigate": lambda session, _: session.navigate(pages.url("static")),
-            "execute": lambda session, number: session.execute(deed(number)),
+            "execute": lambda session, number: session.execute(click_or_scroll(number)),
             "screenshot": lambda session, _: session.screenshot(),
             "metadata": lambda session, _: session.metadata(),
-            "step": lambda session, number: stepper(session)(number),
+            "step": lambda session, number: step_function(session)(number),
         }
         for name, operation in operations.items():
             meter.since_last()
@@ -115,19 +125,19 @@ async def costs(plan: BenchPlan, pages: PageServer, say: Say) -> list[Cost]:
                 began = time.perf_counter()
                 await operation(sessions[number % slots], number // slots)
                 walls.append(time.perf_counter() - began)
-            found.append(_cost(name, meter.since_last(), walls))
+            results.append(_cost(name, meter.since_last(), walls))
         for session in sessions:
             await session.close()
-        found.extend(await _open_and_close(plan, client, meter, slots))
-    return found
+        results.extend(await _open_and_close(plan, client, meter, slots))
+    return results
 
 
 async def _open_and_close(plan: BenchPlan, client: BrowserClient, meter: CpuTimes, slots: int) -> list[Cost]:
-    """Sessions opened and closed when a slot is free; the CPU time is that of both."""
+    """The cost of opening and closing sessions while slots are free; the CPU time is that of both."""
     opened: list[float] = []
     closed: list[float] = []
     for _ in range(plan.calls):
-        await until(client, lambda pressure: pressure.slots.free == slots)
+        await wait_until(client, lambda pressure: pressure.slots.free == slots)
         if not opened:
             meter.since_last()
         began = time.perf_counter()
@@ -136,7 +146,7 @@ async def _open_and_close(plan: BenchPlan, client: BrowserClient, meter: CpuTime
         began = time.perf_counter()
         await session.close()
         closed.append(time.perf_counter() - began)
-    await until(client, lambda pressure: pressure.slots.free == slots)
+    await wait_until(client, lambda pressure: pressure.slots.free == slots)
     cost = _cost("allocate + release", meter.since_last(), opened)
     return [
         cost,
@@ -154,98 +164,116 @@ def _cost(name: str, seconds: dict[str, float], walls: list[float]) -> Cost:
 
 
 class Burst(msgspec.Struct, frozen=True):
-    """How long screenshots took that came just after a burst of navigations, by order of admission."""
+    """Times of screenshots that were requested during a burst of navigations.
+
+    Attributes:
+        navigations: their number.
+        seconds: times of the screenshots, by kind of queue.
+    """
 
     navigations: int
     seconds: dict[str, list[float]]
 
 
-async def burst(plan: BenchPlan, pages: PageServer, say: Say) -> Burst:
-    """Screenshots behind a burst of navigations, with a queue per operation and with one for all."""
+async def burst(plan: BenchPlan, pages: PageServer, report: Report) -> Burst:
+    """Time screenshots during a burst of navigations, with a queue per operation and with one queue."""
     seconds: dict[str, list[float]] = {}
 
-    lookers = max(2, plan.burst // 6)
+    screenshots = max(2, plan.burst // 6)
 
     def is_under_way(now: Pressure) -> bool:
         load = now.operations["navigate"]
-        begun = load.done + load.running + load.waiting - plan.burst - lookers  # each was led there first
+        begun = (
+            load.done + load.running + load.waiting - plan.burst - screenshots
+        )  # without the first one of each session
         return begun >= plan.burst // 2
 
     for queues in get_args(Queues):
-        say(f"screenshots behind {plan.burst} navigations, {queues.replace('_', ' ')} queue")
+        report(f"screenshots during {plan.burst} navigations, {queues.replace('_', ' ')} queue")
         admission = Admission(queues=queues)
-        async with measured_server(config_for(plan.burst + lookers, pages, admission=admission)) as (
+        async with measured_server(config_for(plan.burst + screenshots, pages, admission=admission)) as (
             _,
             client,
         ):
-            sessions = await sessions_on(client, plan.burst + lookers, pages.url("static"))
-            going, looking = sessions[: plan.burst], sessions[plan.burst :]
+            sessions = await sessions_on(client, plan.burst + screenshots, pages.url("static"))
+            navigating, waiting = sessions[: plan.burst], sessions[plan.burst :]
             waits: list[float] = []
 
-            async def look(session: Session, waits: list[float] = waits) -> None:
+            async def screenshot(session: Session, waits: list[float] = waits) -> None:
                 began = time.perf_counter()
                 await session.screenshot()
                 waits.append(time.perf_counter() - began)
 
             async with asyncio.TaskGroup() as group:
-                for session in going:
+                for session in navigating:
                     group.create_task(session.step(Navigate(pages.url("static"))))
-                await until(client, is_under_way)
-                for session in looking:
-                    group.create_task(look(session))
+                await wait_until(client, is_under_way)
+                for session in waiting:
+                    group.create_task(screenshot(session))
             seconds[queues] = waits
     return Burst(plan.burst, seconds)
 
 
-# --- how dense ------------------------------------------------------------------------------------------
+# --- density ---------------------------------------------------------------------------------------------
 
 
 class Density(msgspec.Struct, frozen=True):
-    """Many live sessions on one machine.
+    """The results of the part ``density``: many parallel sessions.
 
     Attributes:
-        bytes: PSS of all browsers, by number of sessions that show a page.
+        sessions: their number.
+        ready_seconds: time from the start of the server until all slots were ready.
+        bytes: proportional set size of all browsers, by number of sessions, each of which shows a page.
+        steps: steps of all sessions.
     """
 
     sessions: int
     ready_seconds: float
     bytes: dict[int, int]
-    steps: Paced
+    steps: StepTimes
 
     @property
     def marginal(self) -> float:
-        """Bytes per further session."""
+        """Bytes per additional session."""
         (few, at_few), (many, at_many) = min(self.bytes.items()), max(self.bytes.items())
         return (at_many - at_few) / (many - few)
 
 
-async def density(plan: BenchPlan, pages: PageServer, say: Say) -> Density:
-    """All sessions live at once, on static and busy pages in turn, each stepped several times."""
+async def density(plan: BenchPlan, pages: PageServer, report: Report) -> Density:
+    """Measure many sessions at the same time, half of them on static and half on busy pages."""
     sizes: dict[int, int] = {}
     began = time.perf_counter()
     few = max(1, plan.dense // 8)
     for slots in (few, plan.dense):
-        say(f"starting {slots} sessions")
+        report(f"starting {slots} sessions")
         began = time.perf_counter()
         async with measured_server(config_for(slots, pages)) as (address, client):
             ready = time.perf_counter() - began
             sessions = await sessions_on(client, slots, pages.url("static"))
-            await asyncio.gather(*(stepper(session)(0) for session in sessions))
+            await asyncio.gather(*(step_function(session)(0) for session in sessions))
             sizes[slots] = await asyncio.to_thread(browser_bytes, address.pid)
             if slots == few:
                 continue
-            say(f"{slots} sessions step, half of them on busy pages")
+            report(f"{slots} sessions step, half of them on busy pages")
             await asyncio.gather(*(s.step(Navigate(pages.url("busy"))) for s in sessions[::2]))
 
-            steps = await paced([stepper(s) for s in sessions], plan.thinking_seconds, plan.think_seconds)
+            steps = await run_steps(
+                [step_function(s) for s in sessions], plan.thinking_seconds, plan.think_seconds
+            )
     return Density(plan.dense, ready, sizes, steps)
 
 
-# --- all of it ------------------------------------------------------------------------------------------
+# --- all parts -------------------------------------------------------------------------------------------
 
 
 class ServerFigures(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What one run found; a part that was left out is ``None``."""
+    """The results of a run; parts that were not run are ``None``.
+
+    Attributes:
+        plan: the size of the benchmark.
+        browser: the version of Chromium.
+        processors: the number that this process may use.
+    """
 
     plan: BenchPlan
     browser: str
@@ -261,18 +289,28 @@ PARTS = ("ceiling", "costs", "thinking", "burst", "density")
 
 
 async def measure(
-    plan: BenchPlan, parts: Sequence[str], browser: Path | None, say: Say
+    plan: BenchPlan, parts: Sequence[str], browser: Path | None, report: Report
 ) -> AsyncIterator[ServerFigures]:
-    """Measure these parts, one after the other. After each comes all that is known by then."""
-    found = await asyncio.to_thread(find_browser, browser)
-    figures = ServerFigures(plan, found.version, len(os.sched_getaffinity(0)))
+    """Run parts of the benchmark.
+
+    Args:
+        plan: their size.
+        parts: of :data:`PARTS`.
+        browser: the executable; ``None`` searches for one.
+        report: called with a line about the progress.
+
+    Yields:
+        All results so far, after every part.
+    """
+    chromium = await asyncio.to_thread(find_browser, browser)
+    figures = ServerFigures(plan, chromium.version, len(os.sched_getaffinity(0)))
     async with serving_pages() as pages:
         runs: dict[str, Callable[[], Awaitable[object]]] = {
-            "ceiling": lambda: against_ceiling(plan, found.path, pages, say),
-            "costs": lambda: costs(plan, pages, say),
-            "thinking": lambda: thinking(plan, pages, say),
-            "burst": lambda: burst(plan, pages, say),
-            "density": lambda: density(plan, pages, say),
+            "ceiling": lambda: against_ceiling(plan, chromium.path, pages, report),
+            "costs": lambda: costs(plan, pages, report),
+            "thinking": lambda: thinking(plan, pages, report),
+            "burst": lambda: burst(plan, pages, report),
+            "density": lambda: density(plan, pages, report),
         }
         for part in PARTS:
             if part in parts:

@@ -1,4 +1,4 @@
-"""What the parts of ``webgym bench server`` have in common: steps by the clock, and servers to step on."""
+"""Shared by the parts of ``webgym bench server``: timed steps, and servers with sessions."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from contextlib import asynccontextmanager, suppress
 
 import msgspec
 
-from webgym.bench.apart import Address, server_apart
 from webgym.bench.pages import PageServer
+from webgym.bench.server_process import ServerAddress, server_process
 from webgym.browser.config import BrowserConfig
 from webgym.core.action import BrowserAction, LeftClick, Navigate, Scroll, Target
 from webgym.core.errors import WebGymError
@@ -18,27 +18,28 @@ from webgym.server.client import BrowserClient, Session
 from webgym.server.config import ClientLimits, ServerConfig
 from webgym.server.messages import Pressure, SessionOptions
 
-Say = Callable[[str], None]
-Stepper = Callable[[int], Awaitable[object]]
+Report = Callable[[str], None]
+StepFunction = Callable[[int], Awaitable[object]]
 
 _CLICK = LeftClick(Target(coordinate=(31, 521)))
 _READY_SECONDS = 900.0
-_ARRIVAL_SECONDS = 60.0
+_OPEN_SECONDS = 60.0
 _POLL_SECONDS = 0.01
 
 
 class BenchPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """How much is measured.
+    """The size of the benchmark.
 
     Attributes:
-        sessions: against the ceiling, and per round.
-        rounds: of each kind, in turn.
-        round_seconds: wall time of one.
-        thinkers: sessions of the freezing comparison.
-        think_seconds: pause between a picture and the next action.
-        thinking_seconds: wall time of each half of the comparison.
-        dense: sessions of the density run; 0 leaves it out.
-        calls: per operation, for its CPU time.
+        sessions: number of sessions of the part ``ceiling``.
+        rounds: number of rounds of each contender in the part ``ceiling``.
+        round_seconds: duration of a round.
+        thinkers: number of sessions of the part ``thinking``.
+        think_seconds: pause between a screenshot and the next action.
+        thinking_seconds: duration of the parts ``density`` and ``thinking``, of the latter twice.
+        dense: number of sessions of the part ``density``.
+        calls: number of calls per operation in the part ``costs``.
+        burst: number of navigations in the part ``burst``.
     """
 
     sessions: int = 32
@@ -52,14 +53,15 @@ class BenchPlan(msgspec.Struct, frozen=True, kw_only=True):
     burst: int = 48
 
 
-class Paced(msgspec.Struct, frozen=True):
-    """Steps of one round.
+class StepTimes(msgspec.Struct, frozen=True):
+    """The steps of one measurement.
 
     Attributes:
-        latencies: seconds, one per step that ended well in the time that counts.
-        steps: all of them.
-        failures: those of them that failed.
-        cpu: seconds by kind of process, for all of them.
+        seconds: its duration.
+        latencies: seconds per step, of the steps that succeeded within the duration.
+        steps: number of all steps.
+        failures: number of steps that failed.
+        cpu: CPU seconds of all steps, by kind of process.
     """
 
     seconds: float
@@ -70,30 +72,34 @@ class Paced(msgspec.Struct, frozen=True):
 
     @property
     def rate(self) -> float:
-        """Steps per second."""
+        """Successful steps per second."""
         return len(self.latencies) / self.seconds
 
 
 def quantile(values: Sequence[float], share: float) -> float:
-    """The value below which this share lies; 0 of nothing."""
+    """The value below which a share of the values lies; 0 if there are none."""
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else 0.0
 
 
-async def paced(steppers: Sequence[Stepper], seconds: float, think: float = 0.0) -> Paced:
-    """Let all step at once, each one step after the other with a pause between, for so long.
+async def run_steps(step_functions: Sequence[StepFunction], seconds: float, think: float = 0.0) -> StepTimes:
+    """Run several loops of steps in parallel, and time the steps.
 
-    What ends within ``seconds`` counts; they begin when all have begun. Those that think between their steps
-    are not waited for when time is up.
+    Args:
+        step_functions: one per loop; called with the number of the step.
+        seconds: the duration of the measurement, which starts when all loops have started. Steps count if
+            they end within it.
+        think: pause between the steps of a loop, seconds. With a pause, steps that are running at the end are
+            cancelled; without one, they are awaited.
     """
     start = time.perf_counter()
     latencies: list[float] = []
     steps = failures = 0
 
-    async def loop(index: int, step: Stepper) -> None:
+    async def loop(index: int, step: StepFunction) -> None:
         nonlocal steps, failures
-        # a model's replies do not come in lock step
-        await asyncio.sleep(think * index / len(steppers))
+        # spread the loops evenly, as the replies of models do not arrive in lock step
+        await asyncio.sleep(think * index / len(step_functions))
         number = index
         while (began := time.perf_counter()) - start < think + seconds:
             try:
@@ -111,46 +117,46 @@ async def paced(steppers: Sequence[Stepper], seconds: float, think: float = 0.0)
 
     with suppress(TimeoutError):
         async with asyncio.timeout(think + seconds if think else None), asyncio.TaskGroup() as group:
-            for index, step in enumerate(steppers):
+            for index, step in enumerate(step_functions):
                 group.create_task(loop(index, step))
-    return Paced(seconds, latencies, steps, failures)
+    return StepTimes(seconds, latencies, steps, failures)
 
 
-def deed(number: int) -> BrowserAction:
-    """Click or scroll in turn, as the bare loop does."""
+def click_or_scroll(number: int) -> BrowserAction:
+    """Click or scroll in turn, as :meth:`webgym.bench.bare_browsers.BareTab.step` does."""
     return _CLICK if number % 2 else Scroll("down" if number % 4 else "up")
 
 
-def stepper(session: Session) -> Stepper:
-    """Steps of a session."""
-    return lambda number: session.step(deed(number))
+def step_function(session: Session) -> StepFunction:
+    """A function that makes steps in a session."""
+    return lambda number: session.step(click_or_scroll(number))
 
 
 class Visitor:
-    """Someone who steps on a page, and comes back in a new session when one is lost."""
+    """A client that makes steps on a page, and opens a new session when one is lost."""
 
     def __init__(self, client: BrowserClient, url: str) -> None:
         self._client = client
         self._url = url
         self._session: Session | None = None
 
-    async def arrive(self) -> None:
-        """See the page, however often it takes; whoever has not in good time begins with his first step."""
+    async def open(self) -> None:
+        """Open a session on the page, with retries. After a time limit, this is left to the first step."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(_ARRIVAL_SECONDS):
+            async with asyncio.timeout(_OPEN_SECONDS):
                 while self._session is None:
                     with suppress(WebGymError):
                         await self._enter()
 
     async def step(self, number: int) -> None:
-        """One step.
+        """Make a step.
 
         Raises:
-            WebGymError: it failed.
+            WebGymError: the step failed; the next one opens a new session.
         """
         session = self._session or await self._enter()
         try:
-            await session.step(deed(number))
+            await session.step(click_or_scroll(number))
         except WebGymError:
             self._session = None
             with suppress(WebGymError):
@@ -173,41 +179,56 @@ class Visitor:
 
 
 @asynccontextmanager
-async def measured_server(config: ServerConfig) -> AsyncIterator[tuple[Address, BrowserClient]]:
-    """A server of its own process, all of its slots ready."""
+async def measured_server(config: ServerConfig) -> AsyncIterator[tuple[ServerAddress, BrowserClient]]:
+    """Run a server in a separate process until the block ends.
+
+    Yields:
+        Its address and a client, when all slots are ready.
+    """
     limits = ClientLimits(allocate=config.slots, release=config.slots, reply_seconds=_READY_SECONDS)
     async with (
-        server_apart(config) as address,
+        server_process(config) as address,
         BrowserClient(address.url, token=address.token, limits=limits) as client,
     ):
-        await until(client, lambda pressure: pressure.slots.free == config.slots)
+        await wait_until(client, lambda pressure: pressure.slots.free == config.slots)
         yield address, client
 
 
-async def until(client: BrowserClient, is_so: Callable[[Pressure], bool]) -> None:
-    """Wait for a server's load to be like this."""
+async def wait_until(client: BrowserClient, condition: Callable[[Pressure], bool]) -> None:
+    """Wait until a condition on a server's load holds.
+
+    Raises:
+        TimeoutError: it does not hold in time.
+    """
     async with asyncio.timeout(_READY_SECONDS):
-        while not is_so(await client.pressure()):  # noqa: ASYNC110 - it is in another process
+        while not condition(await client.pressure()):  # noqa: ASYNC110 - the server is another process
             await asyncio.sleep(_POLL_SECONDS)
 
 
 def config_for(slots: int, pages: PageServer, *, freeze: bool = True, **changes: object) -> ServerConfig:
-    """A server of so many slots that reaches the pages, and whose leases outlive the measurement."""
+    """Settings of a server whose browsers reach the pages, and whose leases outlast the measurement.
+
+    Args:
+        slots: their number.
+        pages: to be reached.
+        freeze: whether slots are frozen between calls.
+        changes: further fields.
+    """
     config = ServerConfig(slots=slots, allocate_seconds=_READY_SECONDS, ttl_seconds=600.0)
     return config.model_copy(update={"browser": browser_for(pages, freeze=freeze), **changes})
 
 
 def browser_for(pages: PageServer, *, freeze: bool = True) -> BrowserConfig:
-    """Browsers that reach the pages."""
+    """Settings of browsers that reach the pages."""
     return BrowserConfig(freeze=freeze).allowing(pages.rule)
 
 
 async def sessions_on(client: BrowserClient, count: int, url: str) -> list[Session]:
-    """Open so many sessions and have each look at the page."""
+    """Open sessions, each on the page at ``url``."""
 
-    async def one() -> Session:
+    async def open_session() -> Session:
         session = await client.open(SessionOptions())
         await session.step(Navigate(url))
         return session
 
-    return list(await asyncio.gather(*(one() for _ in range(count))))
+    return list(await asyncio.gather(*(open_session() for _ in range(count))))

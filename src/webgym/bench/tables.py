@@ -1,4 +1,4 @@
-"""What ``webgym bench server`` found, as tables."""
+"""The tables of ``webgym bench server``."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ from collections.abc import Iterator, Sequence
 
 from webgym.bench.ceiling import SERVER, Ceiling
 from webgym.bench.server import Burst, Cost, Density, ServerFigures, Thinking
-from webgym.bench.stepping import Paced, quantile
+from webgym.bench.stepping import StepTimes, quantile
 from webgym.bench.usage import MEGABYTE
 from webgym.tables import Table
 
 _KINDS = {name: name for name in ("client", "server", "browser", "renderer")} | {"gpu-process": "gpu"}
-"""Columns by kind of process; the others are small and counted in the sum alone."""
+"""Kinds of processes with a column; the others use little, and are included in the sum only."""
 
 
 def server_tables(figures: ServerFigures) -> Iterator[Table]:
-    """What ``webgym bench server`` found."""
+    """A table for every part that was run."""
     if figures.ceiling:
         yield _ceiling(figures.ceiling, figures.plan.sessions)
         yield _per_step(figures.ceiling)
@@ -38,20 +38,20 @@ def _ms(seconds: float) -> str:
     return f"{seconds * 1000:.0f}"
 
 
-def _latencies(runs: Sequence[Paced]) -> list[float]:
+def _latencies(runs: Sequence[StepTimes]) -> list[float]:
     return [latency for run in runs for latency in run.latencies]
 
 
-def _ceiling(found: list[Ceiling], sessions: int) -> Table:
+def _ceiling(results: list[Ceiling], sessions: int) -> Table:
     rows = []
-    for one in found:
-        for name, runs in one.rounds.items():
-            ratio = "" if name == SERVER else _spread(one.ratios(name), 2)
+    for ceiling in results:
+        for name, runs in ceiling.rounds.items():
+            ratio = "" if name == SERVER else _spread(ceiling.ratios(name), 2)
             rates = _spread([run.rate for run in runs])
-            rows.append((f"{one.page}, {name}", rates, ratio, _p50_p95(_latencies(runs))))
+            rows.append((f"{ceiling.page}, {name}", rates, ratio, _p50_p95(_latencies(runs))))
     return Table(
-        f"Against the ceiling: {sessions} sessions, median (lowest-highest) of rounds",
-        ("pages", "steps per second", "the server's over these", "step p50 / p95, ms"),
+        f"Against the ceiling: {sessions} sessions, median (min-max) of rounds",
+        ("pages", "steps per second", "server / this", "step p50 / p95, ms"),
         rows,
     )
 
@@ -60,14 +60,14 @@ def _p50_p95(seconds: Sequence[float]) -> str:
     return f"{_ms(quantile(seconds, 0.5))} / {_ms(quantile(seconds, 0.95))}"
 
 
-def _per_step(found: list[Ceiling]) -> Table:
+def _per_step(results: list[Ceiling]) -> Table:
     rows = []
-    for one in found:
-        for name, runs in one.rounds.items():
+    for ceiling in results:
+        for name, runs in ceiling.rounds.items():
             steps = sum(run.steps for run in runs)
             kinds = {kind for run in runs for kind in run.cpu}
             cpu = {kind: sum(run.cpu.get(kind, 0.0) for run in runs) * 1000 / steps for kind in kinds}
-            rows.append((f"{one.page}, {name}", *_kinds(cpu)))
+            rows.append((f"{ceiling.page}, {name}", *_kinds(cpu)))
     return Table("CPU milliseconds per step, by kind of process", ("pages", *_KINDS.values(), "all"), rows)
 
 
@@ -77,22 +77,22 @@ def _kinds(cpu: dict[str, float]) -> Iterator[str]:
     yield f"{sum(cpu.values()):.1f}"
 
 
-def _costs(found: list[Cost]) -> Table:
+def _costs(costs: list[Cost]) -> Table:
     rows = [
         (cost.operation, *(_kinds(cost.cpu) if cost.cpu else [""] * (len(_KINDS) + 1)), f"{cost.wall:.1f}")
-        for cost in found
+        for cost in costs
     ]
     return Table(
-        "CPU milliseconds per call, one at a time, by kind of process; and wall milliseconds, median",
+        "CPU milliseconds per call, one at a time, by kind of process; median wall milliseconds",
         ("operation", *_KINDS.values(), "all", "wall"),
         rows,
     )
 
 
-def _thinking(found: Thinking) -> Table:
+def _thinking(result: Thinking) -> Table:
     rows = []
-    slots = (("frozen between steps", found.frozen), ("not frozen", found.unfrozen))
-    for (name, run), idle in zip(slots, found.idle, strict=True):
+    slots = (("frozen between steps", result.frozen), ("not frozen", result.unfrozen))
+    for (name, run), idle in zip(slots, result.idle, strict=True):
         rows.append(
             (
                 name,
@@ -100,51 +100,51 @@ def _thinking(found: Thinking) -> Table:
                 _ms(quantile(run.latencies, 0.5)),
                 _ms(quantile(run.latencies, 0.95)),
                 f"{run.rate:.1f}",
-                f"{run.rate / found.allowed:.2f}",
+                f"{run.rate / result.allowed:.2f}",
                 str(run.failures),
             )
         )
-    if found.frozen.latencies and found.unfrozen.latencies:
-        slower = quantile(found.unfrozen.latencies, 0.5) / quantile(found.frozen.latencies, 0.5)
-        faster = found.frozen.rate / found.unfrozen.rate
+    if result.frozen.latencies and result.unfrozen.latencies:
+        slower = quantile(result.unfrozen.latencies, 0.5) / quantile(result.frozen.latencies, 0.5)
+        faster = result.frozen.rate / result.unfrozen.rate
         rows.append(("ratio", "", f"{slower:.1f}x", "", f"{faster:.1f}x", "", ""))
     return Table(
-        f"{found.sessions} sessions on busy pages, {found.think_seconds:g} s of thinking per step "
-        f"(which allows {found.allowed:.1f} steps/s)",
+        f"{result.sessions} sessions on busy pages, {result.think_seconds:g} s of thinking per step "
+        f"(at most {result.allowed:.1f} steps/s)",
         (
             "slots",
-            "processors, idle",
+            "idle CPU use, cores",
             "step p50, ms",
             "p95, ms",
             "steps/s",
-            "of what thinking allows",
+            "of the maximum",
             "failed",
         ),
         rows,
     )
 
 
-def _burst(found: Burst) -> Table:
+def _burst(result: Burst) -> Table:
     rows = [
         (name.replace("_", " "), _ms(quantile(waits, 0.5)), _ms(max(waits)))
-        for name, waits in found.seconds.items()
+        for name, waits in result.seconds.items()
     ]
     return Table(
-        f"Screenshots that come behind a burst of {found.navigations} navigations",
-        ("queue", "p50, ms", "slowest, ms"),
+        f"Screenshots that are requested during a burst of {result.navigations} navigations",
+        ("queue", "p50, ms", "max, ms"),
         rows,
     )
 
 
-def _density(found: Density) -> Table:
-    run = found.steps
+def _density(result: Density) -> Table:
+    run = result.steps
     rows = [
-        ("live sessions", str(found.sessions)),
+        ("live sessions", str(result.sessions)),
         ("failed steps", f"{run.failures} of {run.steps}"),
-        ("until all were ready, s", f"{found.ready_seconds:.0f}"),
-        ("memory per further session (PSS), MB", f"{found.marginal / MEGABYTE:.0f}"),
-        ("memory of all browsers, GB", f"{max(found.bytes.values()) / MEGABYTE / 1024:.1f}"),
-        ("steps per second, half of them on busy pages", f"{run.rate:.1f}"),
+        ("time until all were ready, s", f"{result.ready_seconds:.0f}"),
+        ("memory per additional session (PSS), MB", f"{result.marginal / MEGABYTE:.0f}"),
+        ("memory of all browsers, GB", f"{max(result.bytes.values()) / MEGABYTE / 1024:.1f}"),
+        ("steps per second, half of the sessions on busy pages", f"{run.rate:.1f}"),
         ("step p50 / p95, ms", _p50_p95(run.latencies)),
     ]
     return Table("Density", ("", "measured"), rows)

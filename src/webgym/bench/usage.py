@@ -1,4 +1,4 @@
-"""What process trees use: CPU time by kind of process, and memory."""
+"""Resource usage of process trees: CPU time by kind of process, and memory."""
 
 from __future__ import annotations
 
@@ -17,17 +17,20 @@ def _kind(process: psutil.Process, root: int) -> str:
 
 
 class CpuTimes:
-    """CPU seconds of a process and everything below it, by kind: ``server``, ``browser``, ``renderer``, …
+    """CPU seconds of a process and its descendants, by kind: ``server``, ``browser``, ``renderer``, …
 
-    A process that comes and goes between two looks is missed.
+    A process that starts and ends between two readings is missed.
+
+    Args:
+        root: process id of the ``server``.
     """
 
     def __init__(self, root: int) -> None:
         self._root = root
         self._seen: dict[tuple[int, float], tuple[str, float]] = {}
-        self._seen = self._look()
+        self._seen = self._read()
 
-    def _look(self) -> dict[tuple[int, float], tuple[str, float]]:
+    def _read(self) -> dict[tuple[int, float], tuple[str, float]]:
         top = psutil.Process(self._root)
         now = {}
         for process in (top, *top.children(recursive=True)):
@@ -41,8 +44,8 @@ class CpuTimes:
         return now
 
     def since_last(self) -> dict[str, float]:
-        """Seconds by kind since the last call, or since the beginning."""
-        now: dict[tuple[int, float], tuple[str, float]] = self._look()
+        """CPU seconds by kind since the last call, or since the object was made."""
+        now: dict[tuple[int, float], tuple[str, float]] = self._read()
         used: dict[str, float] = {}
         for key, (kind, seconds) in now.items():
             used[kind] = used.get(kind, 0.0) + seconds - self._seen.get(key, (kind, 0.0))[1]
@@ -51,7 +54,7 @@ class CpuTimes:
 
 
 def proportional_bytes(processes: Iterable[psutil.Process]) -> int:
-    """Memory of these processes; what several share is divided among them (PSS)."""
+    """The proportional set size (PSS) of processes, bytes: shared memory is divided among its users."""
     total = 0
     for process in processes:
         try:
@@ -62,5 +65,5 @@ def proportional_bytes(processes: Iterable[psutil.Process]) -> int:
 
 
 def browser_bytes(root: int) -> int:
-    """PSS of everything below a server."""
+    """The proportional set size of all descendants of a server, bytes."""
     return proportional_bytes(psutil.Process(root).children(recursive=True))

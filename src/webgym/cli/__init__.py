@@ -5,8 +5,8 @@ To add a verb, write ``src/webgym/cli/<verb>.py`` with either
 * ``def command(...) -> None``, a function whose parameters are Typer's, or
 * ``app = typer.Typer()`` with commands of its own, for a verb that has sub-verbs,
 
-and add it to :data:`VERBS`. A verb raises :class:`webgym.core.errors.WebGymError` when it cannot go on and
-``typer.Exit(code)`` when it has said itself what is wrong; :func:`main` does the rest.
+and add it to :data:`VERBS`. A verb that fails raises a :class:`webgym.core.errors.WebGymError`, whose message
+:func:`main` prints, or ``typer.Exit(code)`` when it has printed the reason itself.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells expect
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """A command and where it lives.
+    """A command and the module that implements it.
 
     Attributes:
-        name: what the user types; its module has the same name.
+        name: the command's name and the name of its module.
         help: one line for ``webgym --help``, which imports no verb.
-        attribute: ``command`` (a function) or ``app`` (a Typer with sub-verbs).
+        attribute: the module's attribute: ``command`` (a function) or ``app`` (a Typer with sub-verbs).
     """
 
     name: str
@@ -44,41 +44,45 @@ class Verb:
 
     @property
     def module(self) -> str:
-        """Dotted name of the module."""
+        """The dotted name of the module."""
         return f"{__name__}.{self.name}"
 
     @property
-    def is_there(self) -> bool:
-        """Whether this installation has the verb's module."""
+    def is_installed(self) -> bool:
+        """Whether this installation contains the verb's module."""
         return importlib.util.find_spec(self.module) is not None
 
 
 VERBS: tuple[Verb, ...] = (
-    Verb("demo", "Run the main job end to end on the offline web and show the report."),
-    Verb("doctor", "Check this machine: what it has, what is missing, how to fix it."),
+    Verb("demo", "Run the whole pipeline on the offline web and write a report."),
+    Verb("doctor", "Check this machine: what is installed, what is missing, how to fix it."),
     Verb("serve", "Start a browser server."),
     Verb("sites", "Serve or list the websites of the offline web.", "app"),
     Verb("tasks", "List, check and write task sets.", "app"),
-    Verb("llm", "Say what models have cost, and read batch results.", "app"),
+    Verb("llm", "Report the cost of model calls, and import batch results.", "app"),
     Verb("rollout", "Collect trajectories into a run folder, or resume a run."),
     Verb("judge", "Judge a stored run again (webgym judge RUN), and compare judges.", "app"),
-    Verb("eval", "Attempt a test set and print success by difficulty with intervals."),
-    Verb("compare", "Test whether one run is better than another by more than chance."),
-    Verb("train", "Learn from outcomes: roll out, judge, update, publish, evaluate."),
+    Verb("eval", "Evaluate a policy on a test set: success rates by difficulty, with intervals."),
+    Verb("compare", "Compare the success of two runs, and test whether the difference is more than chance."),
+    Verb("train", "Train a policy: roll out, judge, update the weights, publish them, evaluate."),
     Verb("pretrain", "Pretrain the initial weights of the tiny policy."),
-    Verb("study", "Repeat the paper's study in miniature."),
+    Verb("study", "Repeat the paper's training study with the tiny policy."),
     Verb("report", "Write the report of a run or of a training."),
     Verb("view", "Browse a run or a task set in a web browser."),
     Verb("merge", "Merge the runs of collectors that shared one task list."),
     Verb("verify", "Check that a run is complete and intact; set aside records that are not."),
     Verb("export", "Write a run's steps, or tasks, for other programs: Parquet, JSON lines, ShareGPT."),
-    Verb("simulate", "Size a rollout system: throughput, bottleneck and price, by a model."),
-    Verb("bench", "Measure this machine: speed, density, settling, faults.", "app"),
+    Verb("simulate", "Simulate a rollout system of any size: throughput, bottleneck and price."),
+    Verb("bench", "Benchmark this machine: browser server, rollout schedules, fault tolerance.", "app"),
 )
 
 
-def build(wanted: str | None) -> typer.Typer:
-    """The command line, with the module of one verb imported and the others as names and help texts."""
+def build(loaded: str | None) -> typer.Typer:
+    """Build the command line.
+
+    Args:
+        loaded: the verb whose module is imported; the others are only listed with their help texts.
+    """
     app = typer.Typer(
         name="webgym",
         add_completion=False,
@@ -88,9 +92,9 @@ def build(wanted: str | None) -> typer.Typer:
     )
     app.callback()(_globals)
     for verb in VERBS:
-        if not verb.is_there:
+        if not verb.is_installed:
             continue
-        if verb.name != wanted:
+        if verb.name != loaded:
             app.command(verb.name, help=verb.help)(_unloaded)
             continue
         target = getattr(importlib.import_module(verb.module), verb.attribute)
@@ -104,38 +108,41 @@ def build(wanted: str | None) -> typer.Typer:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line and exit.
 
-    Exits with 0 on success, 2 if what the user gave cannot be used, 130 on Ctrl-C, else 1. An error is
-    one line on stderr; ``--debug``, wherever it stands, adds the traceback.
+    The exit code is 0 on success, 2 if the arguments or the input cannot be used, 130 on Ctrl-C, else 1. An
+    error is one line on stderr; ``--debug`` at any position adds the traceback.
+
+    Args:
+        arguments: what follows ``webgym``; by default those of the process.
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    debug = "--debug" in given
-    given = [argument for argument in given if argument != "--debug"] or ["--help"]
-    wanted = next((argument for argument in given if not argument.startswith("-")), None)
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in words
+    words = [argument for argument in words if argument != "--debug"] or ["--help"]
+    verb = next((argument for argument in words if not argument.startswith("-")), None)
     try:
-        # Not standalone: Typer would print a usage error in its own way, over several lines. What comes
-        # back is the code of a typer.Exit, or whatever the command returned.
-        result = build(wanted)(args=given, prog_name="webgym", standalone_mode=False)
+        # In standalone mode Typer would print usage errors itself, over several lines. The result is the
+        # code of a typer.Exit, or what the command returned.
+        result = build(verb)(args=words, prog_name="webgym", standalone_mode=False)
     except SystemExit:
         raise
-    except BaseException as error:  # a cancellation that nobody took is no success either
-        sys.exit(_report(error, wanted or "", debug=debug))
+    except BaseException as error:  # includes asyncio.CancelledError, which is no success either
+        sys.exit(_report(error, verb or "", debug=debug))
     sys.exit(result if isinstance(result, int) else 0)
 
 
 def _report(error: BaseException, verb: str, *, debug: bool) -> int:
-    """Say on stderr what went wrong; the exit code."""
+    """Print an error on stderr and return the exit code."""
     causes = list(_leaves(error))
     if any(isinstance(cause, KeyboardInterrupt) for cause in causes):
         print("interrupted", file=sys.stderr)
         return EXIT_INTERRUPTED
     if debug:
         traceback.print_exception(error)
-    # A bug beside a typed error is the one to be told about.
+    # Of several errors, report one that is not ours first: it is a bug.
     cause = min(causes, key=lambda leaf: isinstance(leaf, WebGymError))
     if isinstance(cause, WebGymError):
         line, code = str(cause), EXIT_USAGE if isinstance(cause, UsageError) else EXIT_FAILED
     elif isinstance(cause, typer.Abort):
-        line, code = "stopped", EXIT_FAILED
+        line, code = "aborted", EXIT_FAILED
     elif usage := _usage_problem(cause, verb):
         line, code = usage, EXIT_USAGE
     else:
@@ -146,16 +153,16 @@ def _report(error: BaseException, verb: str, *, debug: bool) -> int:
 
 
 def _usage_problem(error: BaseException, verb: str) -> str:
-    """What was wrong with the arguments, if that is what Typer says; else empty.
+    """The message of a usage error of Typer; empty for other errors.
 
-    Known by its shape: Typer's releases take these errors from different packages, none of them public.
+    These errors are recognised by their methods, as their class differs between releases of Typer.
     """
     if not hasattr(error, "format_message"):
         return ""
     context = getattr(error, "ctx", None)
     path = context.command_path if context else f"webgym {verb}".rstrip()
-    said = error.format_message().rstrip(".") or "a command is missing"  # the help was shown already
-    return f"{said} (see `{path} --help`)"
+    message = error.format_message().rstrip(".") or "a command is missing"  # the help was printed already
+    return f"{message} (see `{path} --help`)"
 
 
 def _leaves(error: BaseException) -> Iterator[BaseException]:
@@ -168,11 +175,11 @@ def _leaves(error: BaseException) -> Iterator[BaseException]:
 
 
 def _unloaded() -> None:
-    raise AssertionError("main() loads the verb that is called")
+    raise AssertionError("main() imports the module of the verb that is called")
 
 
-def _version(asked: bool) -> None:
-    if asked:
+def _version(requested: bool) -> None:
+    if requested:
         from importlib.metadata import version
 
         print(f"webgym {version('webgym-rl')}")
@@ -180,7 +187,7 @@ def _version(asked: bool) -> None:
 
 
 def _globals(
-    debug: bool = typer.Option(False, "--debug", help="Show tracebacks. May stand anywhere."),
+    debug: bool = typer.Option(False, "--debug", help="Show tracebacks. May be given at any position."),
     version: bool = typer.Option(
         False, "--version", help="Print the version and exit.", callback=_version, is_eager=True
     ),

@@ -31,15 +31,15 @@ _METRICS: Final[dict[Metric, str]] = {
 
 
 @dataclass(frozen=True)
-class _Held:
-    """What is measured.
+class _Labelled:
+    """Labelled trajectories with the verdicts of judges.
 
     Attributes:
-        judges: names as they are shown.
-        cases: of them.
-        left_out: why others are not measured.
-        notes: what a person should know.
-        annotators: how far people agree, where labels say so.
+        judges: their names, as printed.
+        cases: the labels and verdicts to compare.
+        left_out: the number of trajectories that are not compared, by reason.
+        notes: notes that are printed below the tables.
+        annotators: agreement between annotators; ``None`` if the labels do not name them.
     """
 
     judges: tuple[str, ...]
@@ -50,92 +50,89 @@ class _Held:
 
 
 def agreement_command(
-    run: Path | None = typer.Argument(None, help="The run folder; none with --webjudge.", show_default=False),
+    run: Path | None = typer.Argument(None, help="The run folder; not with --webjudge.", show_default=False),
     labels: Path | None = typer.Option(
         None,
         "--labels",
-        help="People's labels, CSV or JSON; RUN/labels.csv, where the labelling page writes them.",
-        show_default=False,
+        help="File of human labels, CSV or JSON. The labelling page of webgym view writes RUN/labels.csv.",
+        show_default="RUN/labels.csv",
     ),
     judge: list[str] = typer.Option(
         [],
         "--judge",
-        help="A judge of the run by its name or how that begins, NAME or NAME=LABEL for the table; may be "
-        "given again. `recorded` is the judge of the collection. All judges if not given. The others are "
-        "compared with the first.",
-        show_default=False,
+        help="A judge of the run: its name or the beginning of it, and with =LABEL a label for the table. "
+        "`recorded` is the judge that the run was collected with. May be repeated; all others are compared "
+        "with the first.",
+        show_default="all judges",
     ),
     webjudge: list[Path] = typer.Option(
         [],
         "--webjudge",
-        help="Instead of a run: replies of the WebJudge study with human labels, JSON lines; may be given "
-        "again.",
+        help="Instead of a run: JSON lines file of the WebJudge study, with replies and human labels. May be "
+        "repeated.",
         show_default=False,
     ),
     annotator: str | None = typer.Option(
-        None, "--annotator", help="Only this person's labels.", show_default=False
+        None, "--annotator", help="Use only the labels of this annotator.", show_default=False
     ),
     humans: str | None = typer.Option(
         None,
         "--humans",
-        help="Whose label counts of several people's: majority, first or unanimous.",
+        help="How labels of several annotators are combined: majority, first or unanimous.",
         show_default="majority; first with --webjudge",
     ),
     no_verdict: str | None = typer.Option(
         None,
         "--no-verdict",
-        help="What a missing verdict counts: left_out, or failure.",
+        help="How a trajectory without a verdict is counted: left_out or failure.",
         show_default="left_out; failure with --webjudge",
     ),
     unsure: str = typer.Option(
-        "failure", "--unsure", help="With --webjudge: what an unsure annotator counts, failure or left_out."
+        "failure", "--unsure", help="With --webjudge: how the label 'unsure' is counted: failure or left_out."
     ),
     resamples: int = typer.Option(10_000, "--resamples", min=100, help="Number of bootstrap resamples."),
     seed: int = typer.Option(0, "--seed", help="Seed of the bootstrap."),
     figure: list[Path] = typer.Option(
-        [], "--figure", help="Draw it, .png, .svg or .pdf; may be given again.", show_default=False
+        [],
+        "--figure",
+        help="Draw the agreement to this file: .png, .svg or .pdf. May be repeated.",
+        show_default=False,
     ),
-    as_json: bool = typer.Option(False, "--json", help="Print everything as JSON."),
+    as_json: bool = typer.Option(False, "--json", help="Print the results as JSON."),
     as_markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
     as_latex: bool = typer.Option(False, "--latex", help="Print the table as LaTeX (booktabs)."),
 ) -> None:
-    """How far judges agree with people: accuracy, precision, recall, F1 and Cohen's kappa, by difficulty.
+    """Compare judges with human labels: accuracy, precision, recall, F1 and Cohen's kappa, by difficulty.
 
     Intervals are 95 % bootstrap intervals over tasks, stratified by difficulty; differences from the first
     judge are paired.
     """
-    from rich.console import Console
-
     from webgym.judge.agreement import agreement
-    from webgym.tables import latex, markdown
 
     if bool(webjudge) == (run is not None):
-        raise UsageError("give either a run or --webjudge", hint="see webgym judge agreement --help")
+        raise UsageError("give either a run folder or --webjudge", hint="see webgym judge agreement --help")
     if as_json + as_markdown + as_latex > 1:
-        raise UsageError("give one of --json, --markdown and --latex")
+        raise UsageError("--json, --markdown and --latex exclude each other", hint="give one of them")
     config = _config(no_verdict or ("failure" if webjudge else "left_out"), resamples, seed)
     if run is None:
-        held = _of_replies(webjudge, _humans(humans or "first"), unsure)
+        labelled = _read_webjudge(webjudge, _humans(humans or "first"), unsure)
     else:
-        held = _of_run(run, labels, judge, annotator, _humans(humans or "majority"))
-    if not held.cases:
-        why = ", ".join(f"{count} × {reason}" for reason, count in held.left_out.items())
+        labelled = _read_run(run, labels, judge, annotator, _humans(humans or "majority"))
+    if not labelled.cases:
+        why = ", ".join(f"{count} × {reason}" for reason, count in labelled.left_out.items())
         raise UsageError(
-            f"there is nothing to measure: {why or 'there are no labels'}",
+            f"no labelled trajectory has a verdict: {why or 'there are no labels'}",
             hint="label trajectories on the page /label of webgym view RUN, or judge with webgym judge RUN",
         )
-    found = agreement(held.judges, held.cases, config)
+    result = agreement(labelled.judges, labelled.cases, config)
     for path in figure:
-        _draw(found, path)
-    console = Console()
+        _draw(result, path)
     if as_json:
-        _print_json(found, held, config)
+        _print_json(result, labelled, config)
     elif as_markdown or as_latex:
-        for note in _notes(found, held, config):
-            Console(stderr=True).print(plain(note), highlight=False, soft_wrap=True, markup=False)
-        print((latex if as_latex else markdown)(_tables(found)), end="")
+        _print_document(result, labelled, config, as_latex=as_latex)
     else:
-        _print(found, held, config, console)
+        _print_terminal(result, labelled, config)
 
 
 def _config(no_verdict: str, resamples: int, seed: int) -> AgreementConfig:
@@ -143,20 +140,20 @@ def _config(no_verdict: str, resamples: int, seed: int) -> AgreementConfig:
 
     known: dict[str, Literal["left_out", "failure"]] = {"left_out": "left_out", "failure": "failure"}
     if no_verdict not in known:
-        raise UsageError(f"--no-verdict {no_verdict!r} is neither left_out nor failure")
+        raise UsageError(f"invalid --no-verdict {no_verdict!r}", hint="give left_out or failure")
     return AgreementConfig(no_verdict=known[no_verdict], resamples=resamples, seed=seed)
 
 
 def _humans(name: str) -> Humans:
     known: dict[str, Humans] = {"majority": "majority", "first": "first", "unanimous": "unanimous"}
     if name not in known:
-        raise UsageError(f"--humans {name!r} is not one of {', '.join(known)}")
+        raise UsageError(f"invalid --humans {name!r}", hint=f"give one of {', '.join(known)}")
     return known[name]
 
 
-def _of_run(
+def _read_run(
     run: Path, labels: Path | None, judges: Sequence[str], annotator: str | None, humans: Humans
-) -> _Held:
+) -> _Labelled:
     from webgym.judge.labels import annotator_agreement, read_labels
     from webgym.rollout.agreement import pairs_of
     from webgym.rollout.labels import labels_path
@@ -165,65 +162,69 @@ def _of_run(
 
     read = read_labels(labels or labels_path(run))
     notes = [f"skipped {broken}" for broken in read.broken]
-    said = [label for label in read.labels if annotator in (None, label.annotator)]
-    if read.labels and not said:
+    own = [label for label in read.labels if annotator in (None, label.annotator)]
+    if read.labels and not own:
         known = ", ".join(sorted({label.annotator or "(unnamed)" for label in read.labels}))
-        raise UsageError(f"{annotator!r} labelled nothing", hint=f"there are labels of {known}")
-    named = dict(_chosen(name) for name in judges)
-    chosen = named or dict.fromkeys([RECORDED, *read_verdicts(run)], "")
-    pairs = pairs_of(run, list(chosen), said, humans)
-    shown = tuple(map(_shown, pairs.judges, chosen.values()))
-    if len(set(shown)) < len(shown):
+        raise UsageError(f"there are no labels of {annotator!r}", hint=f"the annotators are {known}")
+    labels_by_name = dict(_name_and_label(option) for option in judges)
+    labels_by_name = labels_by_name or dict.fromkeys([RECORDED, *read_verdicts(run)], "")
+    pairs = pairs_of(run, list(labels_by_name), own, humans)
+    names = tuple(map(_printed_name, pairs.judges, labels_by_name.values()))
+    if len(set(names)) < len(names):
         raise UsageError("two judges have the same name", hint="give them labels: --judge NAME=LABEL")
-    return _Held(shown, pairs.cases, pairs.left_out, notes, annotator_agreement(read.labels))
+    return _Labelled(names, pairs.cases, pairs.left_out, notes, annotator_agreement(read.labels))
 
 
-def _chosen(option: str) -> tuple[str, str]:
-    """A judge's name and its label. Names hold no ``=``; a label may."""
+def _name_and_label(option: str) -> tuple[str, str]:
+    """Split ``NAME=LABEL``; a label may contain ``=``, a judge's name does not."""
     name, _, label = option.partition("=")
     return name, label
 
 
-def _shown(name: str, label: str) -> str:
-    """A judge as it is shown. A label does not hide a missing rubric: the figure pairs judges by it."""
+def _printed_name(name: str, label: str) -> str:
+    """A judge's name in tables. The prefix for a missing rubric stays: the figure pairs judges by it."""
     from webgym.judge.without_rubric import PREFIX
 
     return (PREFIX if label and name.startswith(PREFIX) else "") + (label or name)
 
 
-def _of_replies(paths: Sequence[Path], humans: Humans, unsure: str) -> _Held:
+def _read_webjudge(paths: Sequence[Path], humans: Humans, unsure: str) -> _Labelled:
     from webgym.judge.webjudge import pairs_of, read_labelled
 
     if unsure not in ("failure", "left_out"):
-        raise UsageError(f"--unsure {unsure!r} is neither failure nor left_out")
+        raise UsageError(f"invalid --unsure {unsure!r}", hint="give failure or left_out")
     records: list[Labelled] = []
     notes: list[str] = []
     for path in paths:
         broken: list[BrokenLabel] = []
         records += read_labelled(path, broken)
-        notes += [f"skipped {path} {one}" for one in broken]
+        notes += [f"skipped {path} {label}" for label in broken]
     pairs = pairs_of(records, humans, unsure_fails=unsure == "failure")
-    notes += [f"read otherwise than recorded: {', '.join(filter(None, key))}" for key in pairs.apart]
-    return _Held(pairs.judges, pairs.cases, pairs.left_out, notes)
+    notes += [
+        f"our reading of the reply differs from the recorded verdict: {', '.join(filter(None, key))}"
+        for key in pairs.apart
+    ]
+    return _Labelled(pairs.judges, pairs.cases, pairs.left_out, notes)
 
 
-# --- showing -------------------------------------------------------------------------------------------
+# --- output --------------------------------------------------------------------------------------------
 
 
-def _rows(found: Agreement) -> Iterator[tuple[str, Group, int, int, Mapping[Metric, Estimate]]]:
-    """Judge, group, cases that counted, cases without a verdict, metrics."""
-    for judge, by_group in found.judges.items():
+def _rows(result: Agreement) -> Iterator[tuple[str, Group, int, int, Mapping[Metric, Estimate]]]:
+    """Judge, difficulty, number of cases that count, number without a verdict, metrics."""
+    for judge, by_group in result.judges.items():
         for group, figures in by_group.items():
             yield judge, group, figures.confusion.total, figures.no_verdict, figures.metrics
 
 
-def _differences(found: Agreement) -> Iterator[tuple[str, Group, int, Mapping[Metric, Estimate]]]:
-    for one in found.differences:
-        for group, cases in one.cases.items():
-            yield f"{one.judge} − {one.baseline}", group, cases, one.metrics[group]
+def _differences(result: Agreement) -> Iterator[tuple[str, Group, int, Mapping[Metric, Estimate]]]:
+    """Pair of judges, difficulty, number of cases, differences of metrics."""
+    for difference in result.differences:
+        for group, cases in difference.cases.items():
+            yield f"{difference.judge} − {difference.baseline}", group, cases, difference.metrics[group]
 
 
-def _tables(found: Agreement) -> Iterator[Table]:
+def _tables(result: Agreement) -> Iterator[Table]:
     from webgym.tables import Table
 
     def cell(estimate: Estimate, write: Callable[[float], str]) -> str:
@@ -233,13 +234,13 @@ def _tables(found: Agreement) -> Iterator[Table]:
     columns = ("judge", "difficulty", "n", *_METRICS.values(), "no verdict")
     rows = [
         (judge, group, str(cases), *(cell(metrics[name], _rate) for name in _METRICS), str(missing))
-        for judge, group, cases, missing, metrics in _rows(found)
+        for judge, group, cases, missing, metrics in _rows(result)
     ]
     yield Table("Agreement with human labels, 95 % bootstrap intervals", columns, rows)
-    if found.differences:
+    if result.differences:
         rows = [
             (pair, group, str(cases), *(cell(metrics[name], _signed) for name in _METRICS))
-            for pair, group, cases, metrics in _differences(found)
+            for pair, group, cases, metrics in _differences(result)
         ]
         yield Table("Paired differences, 95 % bootstrap intervals", columns[:-1], rows)
 
@@ -253,7 +254,7 @@ def _signed(value: float) -> str:
 
 
 def _parts(estimate: Estimate, write: Callable[[float], str]) -> tuple[str, str]:
-    """A value and its interval; a dash for what is undefined."""
+    """A value and its interval as text; a dash if the value is undefined."""
     from webgym.tables import DASH
 
     if estimate.value is None:
@@ -264,12 +265,27 @@ def _parts(estimate: Estimate, write: Callable[[float], str]) -> tuple[str, str]
 
 
 def _short(figure: str) -> str:
-    """``0.467`` as ``.467``: the ends of five intervals must fit into a line."""
+    """Write ``0.467`` as ``.467``, so that five intervals fit on a line."""
     return figure.replace("0.", ".", 1)
 
 
-def _print(found: Agreement, held: _Held, config: AgreementConfig, console: Console) -> None:
+def _print_document(
+    result: Agreement, labelled: _Labelled, config: AgreementConfig, *, as_latex: bool
+) -> None:
+    """Print tables in Markdown or LaTeX on stdout, and the notes on stderr."""
+    from rich.console import Console
+
+    from webgym.tables import latex, markdown
+
+    _print_notes(result, labelled, config, Console(stderr=True))
+    print((latex if as_latex else markdown)(_tables(result)), end="")
+
+
+def _print_terminal(result: Agreement, labelled: _Labelled, config: AgreementConfig) -> None:
+    from rich.console import Console
     from rich.table import Table as RichTable
+
+    console = Console()
 
     def block(title: str, rows: Sequence[tuple[Group, str, Mapping[Metric, Estimate]]], signed: bool) -> None:
         console.print()
@@ -284,62 +300,66 @@ def _print(found: Agreement, held: _Held, config: AgreementConfig, console: Cons
             table.add_row("", "", *(interval for _, interval in parts), style="dim")
         console.print(table)
 
-    for judge in found.judges:
-        rows = [(group, str(n), metrics) for name, group, n, _, metrics in _rows(found) if name == judge]
-        missing = found.judges[judge]["overall"].no_verdict
+    for judge in result.judges:
+        rows = [(group, str(n), metrics) for name, group, n, _, metrics in _rows(result) if name == judge]
+        missing = result.judges[judge]["overall"].no_verdict
         block(f"{judge}{f'  ({missing} without a verdict)' if missing else ''}", rows, signed=False)
-        console.print(_confusion(found.judges[judge]["overall"].confusion), style="dim", highlight=False)
-    for one in found.differences:
-        rows = [(group, str(n), one.metrics[group]) for group, n in one.cases.items()]
-        block(f"{one.judge} − {one.baseline}", rows, signed=True)
+        console.print(_confusion(result.judges[judge]["overall"].confusion), style="dim", highlight=False)
+    for difference in result.differences:
+        rows = [(group, str(n), difference.metrics[group]) for group, n in difference.cases.items()]
+        block(f"{difference.judge} − {difference.baseline}", rows, signed=True)
     console.print()
-    for note in _notes(found, held, config):
+    _print_notes(result, labelled, config, console)
+
+
+def _print_notes(result: Agreement, labelled: _Labelled, config: AgreementConfig, console: Console) -> None:
+    for note in _notes(result, labelled, config):
         console.print(plain(note), highlight=False, soft_wrap=True, markup=False)
 
 
 def _confusion(counts: Confusion) -> str:
     return (
-        f"success to both {counts.both}, to the judge alone {counts.judge_only}, "
-        f"to people alone {counts.human_only}, to neither {counts.neither}"
+        f"judged a success by both {counts.both}, by the judge only {counts.judge_only}, "
+        f"by people only {counts.human_only}, by neither {counts.neither}"
     )
 
 
-def _notes(found: Agreement, held: _Held, config: AgreementConfig) -> Iterator[str]:
-    labelled = found.cases["overall"]
-    yield f"{labelled} labelled trajectories, {found.successes['overall']} of them a success to people"
+def _notes(result: Agreement, labelled: _Labelled, config: AgreementConfig) -> Iterator[str]:
+    count, successes = result.cases["overall"], result.successes["overall"]
+    yield f"{count} labelled trajectories, {successes} of them labelled as successes"
     counted = "counts as a failure" if config.no_verdict == "failure" else "is left out"
-    drawn = f"{config.resamples:,} resamples of tasks, seed {config.seed}"
-    yield f"a trajectory without a verdict {counted}; {drawn}"
-    for reason, count in sorted(held.left_out.items()):
+    resamples = f"{config.resamples:,} bootstrap resamples of tasks, seed {config.seed}"
+    yield f"a trajectory without a verdict {counted}; {resamples}"
+    for reason, count in sorted(labelled.left_out.items()):
         yield f"left out: {count} × {reason}"
-    people = held.annotators
+    people = labelled.annotators
     if people is not None and people.attempts:
-        shared = f"annotators: {people.attempts} shared attempts, the same {people.observed:.1%}"
+        shared = f"annotators: {people.attempts} shared attempts, {people.observed:.1%} labelled the same"
         yield f"{shared}, Krippendorff's α {_or_undefined(people.alpha)}"
         for pair in people.pairs:
-            same = f"{pair.attempts} shared, {pair.observed:.1%} the same"
+            same = f"{pair.attempts} shared, {pair.observed:.1%} labelled the same"
             yield f"  {' and '.join(pair.pair)}: {same}, κ {_or_undefined(pair.kappa)}"
-    yield from held.notes
+    yield from labelled.notes
 
 
 def _or_undefined(value: float | None) -> str:
     return "undefined" if value is None else _rate(value)
 
 
-def _print_json(found: Agreement, held: _Held, config: AgreementConfig) -> None:
+def _print_json(result: Agreement, labelled: _Labelled, config: AgreementConfig) -> None:
     import msgspec
 
-    told = {
-        **msgspec.to_builtins(found),
-        "left_out": dict(held.left_out),
-        "annotators": msgspec.to_builtins(held.annotators),
-        "notes": held.notes,
+    document = {
+        **msgspec.to_builtins(result),
+        "left_out": dict(labelled.left_out),
+        "annotators": msgspec.to_builtins(labelled.annotators),
+        "notes": labelled.notes,
         "config": config.model_dump(mode="json"),
     }
-    print(msgspec.json.format(msgspec.json.encode(told), indent=2).decode())
+    print(msgspec.json.format(msgspec.json.encode(document), indent=2).decode())
 
 
-def _draw(found: Agreement, path: Path) -> None:
+def _draw(result: Agreement, path: Path) -> None:
     from webgym.judge.figures import draw_agreement
 
-    draw_agreement(found, path)
+    draw_agreement(result, path)

@@ -1,7 +1,7 @@
 """Command-line options made from the fields of settings.
 
-A verb names its options and the field that each sets. Type, range, choices, default and help come from the
-field; the help is the first paragraph of its docstring::
+A command declares its options and which field each of them sets. Type, range, choices, default and help text
+come from the field; the help text is the first paragraph of the field's docstring::
 
     OPTIONS = Options(ServerConfig, {"--host": "host", "--ttl": "ttl_seconds"})
 
@@ -27,7 +27,7 @@ from pydantic.fields import FieldInfo
 from rich.markup import escape
 
 Given: TypeAlias = dict[str, Any]
-"""What options say, in the shape of their model; fields whose option was not given are absent."""
+"""Values of options, nested like their model; fields whose option was not given are absent."""
 
 _ROLE: Final = re.compile(r":\w+:`~?([^`]*)`")
 _CODE: Final = re.compile(r"``([^`]*)``")
@@ -35,14 +35,14 @@ _CODE: Final = re.compile(r"``([^`]*)``")
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """An option whose field does not say everything.
+    """An option that differs from what its field says.
 
     Attributes:
         field: the field's path in the model, with dots.
-        default: shown in place of the field's default.
-        help: shown in place of the field's docstring, where several options set a field of this kind.
-        metavar: shown in place of the field's type.
-        parse: turns the value given on the command line into the field's.
+        default: the default that the help shows; by default the field's.
+        help: the help text; by default the field's docstring.
+        metavar: the placeholder of the value in the help; by default the field's type.
+        parse: converts the value from the command line into the field's value.
     """
 
     field: str
@@ -56,9 +56,9 @@ class Options:
     """The options of a command that set fields of one model.
 
     Args:
-        model: the settings' class.
-        options: by flag, such as ``--sessions`` or ``--marks/--coordinates``: the field that it sets.
-        panel: heading under which the help lists them.
+        model: the class of settings.
+        options: flags, such as ``--sessions`` or ``--marks/--coordinates``, and the field that each sets.
+        panel: the heading under which the help lists the options.
     """
 
     def __init__(
@@ -71,21 +71,21 @@ class Options:
         }
 
     def parameters(self) -> list[inspect.Parameter]:
-        """One parameter of a Typer command per option. Its default is the absence of a value."""
+        """A parameter of a Typer command for each option; its default is ``None``, for "not given"."""
         return [self._parameter(flag, option) for flag, option in self._options.items()]
 
     def given(self, values: Mapping[str, Any]) -> Given:
-        """The values of a command's parameters, in the shape of the model."""
+        """Select the options that were given from a command's arguments, and nest them like the model."""
         given: Given = {}
         for flag, option in self._options.items():
             value = values[_name(flag)]
             if value is None or value == []:
                 continue
             *sections, name = option.field.split(".")
-            place = given
+            target = given
             for section in sections:
-                place = place.setdefault(section, {})
-            place[name] = option.parse(value) if option.parse else value
+                target = target.setdefault(section, {})
+            target[name] = option.parse(value) if option.parse else value
         return given
 
     def _parameter(self, flag: str, option: Option) -> inspect.Parameter:
@@ -94,8 +94,10 @@ class Options:
         if "/" in flag:
             kind, choices = bool, None
         bounds = {} if kind not in (int, float) or is_list else _bounds(field)
-        default = option.default or _shown(field.get_default(call_default_factory=True, validated_data={}))
-        told = typer.Option(
+        default = option.default or _default_text(
+            field.get_default(call_default_factory=True, validated_data={})
+        )
+        declaration = typer.Option(
             flag,
             help=option.help or help_of(field),
             show_default=default or False,
@@ -107,15 +109,15 @@ class Options:
             _name(flag),
             inspect.Parameter.KEYWORD_ONLY,
             default=None,
-            annotation=Annotated[list[kind] | None if is_list else kind | None, told],  # type: ignore[valid-type]
+            annotation=Annotated[list[kind] | None if is_list else kind | None, declaration],  # type: ignore[valid-type]
         )
 
 
 def takes(**groups: Options) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options of models.
+    """Decorate a Typer command with options that set fields of models.
 
     Args:
-        groups: by the name of the command's parameter that receives what the options say, as :data:`Given`.
+        groups: options by the name of the command's parameter that receives their values, as :data:`Given`.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -132,24 +134,24 @@ def takes(**groups: Options) -> Callable[[Callable[..., None]], Callable[..., No
 
         wrapped.__name__, wrapped.__doc__ = command.__name__, command.__doc__
         wrapped.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        wrapped.__annotations__ = {each.name: each.annotation for each in parameters}
+        wrapped.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
         return wrapped
 
     return decorate
 
 
 def field_of(model: type[BaseModel], path: str) -> FieldInfo:
-    """The field of a model, or of one of its sections, that a path with dots names."""
+    """The field at a dotted path of a model and its sections, such as ``policy.chat.model``."""
     name, _, rest = path.partition(".")
     field = model.model_fields[name]
     if not rest:
         return field
-    sections = (each for each in (field.annotation, *get_args(field.annotation)) if isinstance(each, type))
-    return field_of(next(each for each in sections if issubclass(each, BaseModel)), rest)
+    types_of = (kind for kind in (field.annotation, *get_args(field.annotation)) if isinstance(kind, type))
+    return field_of(next(kind for kind in types_of if issubclass(kind, BaseModel)), rest)
 
 
 def help_of(field: FieldInfo) -> str:
-    """The first paragraph of a field's docstring, without its markup."""
+    """The first paragraph of a field's docstring, without reStructuredText markup."""
     paragraph = re.split(r"\n\s*\n", (field.description or "").strip())[0]
     return escape(" ".join(_CODE.sub(r"\1", _ROLE.sub(r"\1", paragraph)).split()))
 
@@ -161,12 +163,12 @@ def _name(flag: str) -> str:
 def _kind(annotation: Any) -> tuple[type, bool, str | None]:
     """The type of an option's value, whether it may be repeated, and its choices.
 
-    Where a field takes values of several types, the option's value is a text: validation reads it.
+    The value of an option whose field takes several types is a string, which validation converts.
     """
     if get_origin(annotation) is Annotated:
         return _kind(get_args(annotation)[0])
     if get_origin(annotation) in (Union, types.UnionType):
-        kinds = [each for each in get_args(annotation) if each is not type(None)]
+        kinds = [kind for kind in get_args(annotation) if kind is not type(None)]
         return _kind(kinds[0]) if len(kinds) == 1 else (str, False, None)
     if get_origin(annotation) is Literal:
         return str, False, "|".join(get_args(annotation))
@@ -176,20 +178,23 @@ def _kind(annotation: Any) -> tuple[type, bool, str | None]:
 
 
 def _bounds(field: FieldInfo) -> dict[str, Any]:
-    """The range of a number; what Typer cannot express is left to validation."""
+    """The range of a number, as far as Typer can express it; validation checks the rest."""
     bounds: dict[str, Any] = {}
-    for each in field.metadata:
-        if (least := getattr(each, "ge", None)) is not None:
+    for constraint in field.metadata:
+        if (least := getattr(constraint, "ge", None)) is not None:
             bounds["min"] = least
-        elif isinstance(above := getattr(each, "gt", None), int) and field.annotation in (int, int | None):
+        elif isinstance(above := getattr(constraint, "gt", None), int) and field.annotation in (
+            int,
+            int | None,
+        ):
             bounds["min"] = above + 1
-        if (most := getattr(each, "le", None)) is not None:
+        if (most := getattr(constraint, "le", None)) is not None:
             bounds["max"] = most
     return bounds
 
 
-def _shown(default: Any) -> str:
-    """A default as the help shows it; nothing for none, and for one that validation would miss."""
+def _default_text(default: Any) -> str:
+    """A default as the help shows it: numbers, strings and paths; empty for every other value."""
     return (
         str(default)
         if isinstance(default, int | float | str | Path) and not isinstance(default, bool)

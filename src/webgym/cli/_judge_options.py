@@ -12,50 +12,52 @@ from webgym.judge.config import STAGES, JudgeChoice
 from webgym.settings import merged, read_yaml, validated
 
 JUDGE_KEY = "WEBGYM_JUDGE_API_KEY"
-"""Where a judge's key is looked for first; else where a policy's is."""
+"""Environment variable of the judge's API key; if it is not set, the policy's variable is used."""
 
 
 def judge_choice(
     given: Mapping[str, Any], *, file: Path | None = None, default: JudgeChoice | None = None
 ) -> JudgeChoice:
-    """A judge from a file of settings and from options, which override it; an endpoint means a rubric judge.
+    """A judge's settings, from a file and from options that override it.
+
+    An endpoint without a judge's name selects the rubric judge.
 
     Args:
-        given: what options say, in the shape of :class:`webgym.judge.config.JudgeChoice`. A stage for which
-            only a model is given has the judge's endpoint.
-        file: YAML in the same shape.
-        default: what holds where nothing is given.
+        given: values of options, nested like :class:`webgym.judge.config.JudgeChoice`. A stage for which
+            only a model is given uses the judge's endpoint.
+        file: YAML file of the same settings.
+        default: the settings that apply if there is no file.
 
     Raises:
-        ConfigError: something is missing or malformed.
+        ConfigError: the file cannot be read, or a setting is missing or invalid.
     """
-    held = (
+    settings = (
         read_yaml(file, hint="see docs/judge.md")
         if file
         else (default or JudgeChoice()).model_dump(mode="json", exclude_none=True)
     )
     rubric = given.get("rubric") or {}
     has_endpoint = "base_url" in rubric.get("chat", {})
-    name = given.get("name") or ("rubric" if has_endpoint else held.get("name"))
+    name = given.get("name") or ("rubric" if has_endpoint else settings.get("name"))
     if name == "rubric":
-        held["rubric"] = merged(held.get("rubric") or {}, rubric)
-        chat = held["rubric"].setdefault("chat", {})
+        settings["rubric"] = merged(settings.get("rubric") or {}, rubric)
+        chat = settings["rubric"].setdefault("chat", {})
         if not {"base_url", "model"} <= chat.keys():
             raise ConfigError(
-                "the rubric judge needs an endpoint and a model", hint="give its base URL and its model"
+                "the rubric judge needs an endpoint and a model", hint="set its base URL and its model"
             )
         if os.environ.get(JUDGE_KEY):
             chat.setdefault("api_key_env", JUDGE_KEY)
         for stage in STAGES:
             if stage in rubric:
-                held["rubric"][stage]["chat"] = chat | rubric[stage]["chat"]
+                settings["rubric"][stage]["chat"] = chat | rubric[stage]["chat"]
     elif has_endpoint:
-        raise ConfigError(f"the judge {name} has no endpoint", hint="leave the base URL out")
-    others = {key: each for key, each in given.items() if key not in ("name", "rubric")}
-    held = merged(held, others | ({"name": name} if name else {}))
-    return validated(JudgeChoice, held, str(file or "judge options"))
+        raise ConfigError(f"the judge {name} uses no endpoint", hint="leave out the base URL")
+    others = {key: value for key, value in given.items() if key not in ("name", "rubric")}
+    settings = merged(settings, others | ({"name": name} if name else {}))
+    return validated(JudgeChoice, settings, str(file or "judge options"))
 
 
 def own_choice(config: Mapping[str, Any]) -> JudgeChoice:
-    """The judge that a run was collected with, by its ``config.yaml``; the offline one if it names none."""
+    """The judge that a run's ``config.yaml`` names; the offline judge if it names none."""
     return validated(JudgeChoice, config.get("judge") or {}, "config.yaml: judge", hint="give --judge")

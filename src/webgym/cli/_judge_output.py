@@ -1,4 +1,4 @@
-"""Terminal output of judging: progress, outcomes, cost."""
+"""Terminal output of ``webgym judge``: progress, outcomes, cost."""
 
 from __future__ import annotations
 
@@ -19,8 +19,12 @@ from webgym.tables import Table, grid
 
 
 @contextmanager
-def showing(console: Console) -> Iterator[Callable[[Judging], None]]:
-    """A bar with outcomes and cost while a judging goes on; nothing where there is no terminal."""
+def progress_bar(console: Console) -> Iterator[Callable[[Judging], None]]:
+    """Show a progress bar with the cost so far until the block ends; nothing if there is no terminal.
+
+    Yields:
+        A function that updates the bar.
+    """
     columns = (
         TextColumn("judging"),
         BarColumn(),
@@ -38,7 +42,7 @@ def showing(console: Console) -> Iterator[Callable[[Judging], None]]:
 
 
 def outcomes_line(state: Judging) -> Text:
-    """How many attempts have which outcome."""
+    """The number of attempts by outcome, on one line."""
     line = Text()
     for outcome in Outcome:
         if count := state.outcomes[outcome]:
@@ -48,37 +52,37 @@ def outcomes_line(state: Judging) -> Text:
 
 
 def cost_line(cost: Cost) -> str:
-    """What was asked and what it came to."""
+    """The number of model calls, their tokens and their price, on one line."""
     if not cost.calls:
-        return "no model was asked"
+        return "no model was called"
     parts = [f"{cost.calls:,} replies"]
     if cost.cached:
         parts.append(f"{cost.cached:,} from the cache")
     if cost.repeats:
-        parts.append(f"{cost.repeats:,} asked again")
+        parts.append(f"{cost.repeats:,} repeated")
     parts.append(f"{cost.prompt_tokens:,} + {cost.completion_tokens:,} tokens")
-    parts.append(f"${cost.dollars:.4f}" if cost.dollars else "no price known")
+    parts.append(f"${cost.dollars:.4f}" if cost.dollars else "price unknown")
     return ", ".join(parts)
 
 
-def print_account(ledger: Ledger, console: Console) -> None:
-    """What every stage has cost so far, earlier judgings of this run included."""
+def print_costs(ledger: Ledger, console: Console) -> None:
+    """Print the cost of every stage and model, including earlier calls of ``webgym judge`` for the run."""
     columns = ("stage", "model", "paid", "cached", "prompt tokens", "reply tokens", "dollars")
     rows = [
         (
             purpose,
             model,
             *map(str, (usage.calls, usage.hits, usage.prompt_tokens, usage.completion_tokens)),
-            "not known" if usage.unpriced else f"{usage.dollars:.4f}",
+            "unknown" if usage.unpriced else f"{usage.dollars:.4f}",
         )
         for (purpose, model), usage in sorted(ledger.rows.items())
     ]
-    console.print("all that judges were asked about this run:", style="dim", highlight=False)
+    console.print("all calls to judge models for this run:", style="dim", highlight=False)
     console.print(grid(Table("", columns, rows, names=2)))
 
 
 def spent_since(before: Usage, now: Usage) -> Cost:
-    """What was paid between two states of an account, verdict or none."""
+    """The cost of all calls between two states of a ledger, whether or not they led to a verdict."""
     return Cost(
         calls=now.calls - before.calls,
         prompt_tokens=now.prompt_tokens - before.prompt_tokens,

@@ -1,4 +1,4 @@
-"""Starts the browser once as a slot would, and renders a page, for ``webgym doctor``."""
+"""The check of ``webgym doctor`` that starts the browser as the server does and renders a page."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from webgym.browser.profiles import ProfileRoot
 from webgym.core.errors import BrowserError, BrowserTimeout
 
 SIZE = (640, 200)
-"""Of the trial page, pixels."""
+"""Width and height of the test page, pixels."""
 
 SAMPLES = {"Latin": "agW", "CJK": "漢字書", "emoji": "😀🚀🍎"}
-"""Three different characters of each writing system that offline websites use."""
+"""Three different characters of each writing system that the offline websites use."""
 
-# A character without a font is drawn as the same box as every other one. Emoji must also have colour.
+# Characters without a font are all drawn as the same box. Emoji must also have colour.
 _DRAWS = """
 (samples) => {
   const draw = (character) => {
@@ -39,8 +39,8 @@ _DRAWS = """
   };
   const renders = ([name, text]) => {
     const drawn = Array.from(text, draw);
-    const differ = new Set(drawn.map((one) => one.drawing)).size === drawn.length;
-    return [name, differ && !drawn.some((one) => one.blank || (name === "emoji" && !one.coloured))];
+    const differ = new Set(drawn.map((glyph) => glyph.drawing)).size === drawn.length;
+    return [name, differ && !drawn.some((glyph) => glyph.blank || (name === "emoji" && !glyph.coloured))];
   };
   document.body.style.font = "40px sans-serif";
   document.body.textContent = Object.values(samples).join(" ");
@@ -50,14 +50,14 @@ _DRAWS = """
 
 
 class LaunchCheck(msgspec.Struct, frozen=True):
-    """How the browser did.
+    """The result of the check.
 
     Attributes:
-        seconds: from the start of the process to the picture.
-        size: ``(width, height)`` of the picture, pixels.
+        seconds: time from the start of the process to the screenshot.
+        size: ``(width, height)`` of the screenshot, pixels.
         sandbox: whether Chromium's sandbox is on, as it would be in a server.
-        sandbox_reason: why it is off; empty if it is on.
-        fonts: writing system to whether its characters are drawn.
+        sandbox_reason: why the sandbox is off; empty if it is on.
+        fonts: by writing system, whether its characters are rendered.
     """
 
     seconds: float
@@ -84,10 +84,14 @@ class _Picture(msgspec.Struct, frozen=True):
 
 
 async def try_browser(executable: Path, seconds: float) -> LaunchCheck:
-    """Start a browser, draw a page, take its picture, and end the browser.
+    """Start a browser, render a page, take a screenshot, and end the browser.
+
+    Args:
+        executable: the browser.
+        seconds: the time limit for all of it.
 
     Raises:
-        BrowserError: it did not start, answer or draw within ``seconds``; nothing of it is left.
+        BrowserError: it did not start, respond or render within the limit; none of its processes is left.
     """
     config = BrowserConfig()
     started = time.monotonic()
@@ -102,10 +106,10 @@ async def try_browser(executable: Path, seconds: float) -> LaunchCheck:
                 finally:
                     await process.kill()
     except TimeoutError:
-        raise BrowserTimeout(f"the browser drew no page within {seconds:g} s") from None
+        raise BrowserTimeout(f"the browser rendered no page within {seconds:g} s") from None
     return LaunchCheck(
         seconds=time.monotonic() - started,
-        size=_examined(picture),
+        size=_size_of(picture),
         sandbox=sandbox.on,
         sandbox_reason=sandbox.reason,
         fonts=fonts,
@@ -144,10 +148,14 @@ async def _draw(process: BrowserProcess, seconds: float) -> tuple[dict[str, bool
     return evaluated.result.value, picture.data
 
 
-def _examined(picture: bytes) -> tuple[int, int]:
-    """The picture's size, if something is on it."""
+def _size_of(picture: bytes) -> tuple[int, int]:
+    """The size of a screenshot.
+
+    Raises:
+        BrowserError: the screenshot is empty.
+    """
     with Image.open(io.BytesIO(picture)) as image:
         colours = image.convert("L").getextrema()
         if colours[0] == colours[1]:
-            raise BrowserError("the browser draws empty pages")
+            raise BrowserError("the browser renders empty pages")
         return image.size

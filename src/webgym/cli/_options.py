@@ -1,4 +1,4 @@
-"""Options that ``rollout`` and ``eval`` share, and the settings that come of them."""
+"""Options that ``rollout`` and ``eval`` share, and the settings of a run from their values."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ if TYPE_CHECKING:
 
 Resume: TypeAlias = Annotated[
     Path | None,
-    typer.Option("--resume", help="Run folder to resume; its own settings hold.", show_default=False),
+    typer.Option(
+        "--resume", help="Run folder to resume, with the settings that are stored in it.", show_default=False
+    ),
 ]
 Config: TypeAlias = Annotated[
     list[Path] | None,
     typer.Option(
         "--config",
-        help="YAML file of settings, under the options below. Repeatable: each is laid over the last.",
+        help="YAML file of settings. May be repeated; later files, and options, override earlier ones.",
         show_default=False,
     ),
 ]
@@ -29,35 +31,37 @@ TokenFile: TypeAlias = Annotated[
     Path | None,
     typer.Option(
         "--token-file",
-        help="File that holds the server's token; by default the token is taken from WEBGYM_TOKEN.",
+        help="File that contains the server's token; by default the token is read from WEBGYM_TOKEN.",
         show_default=False,
     ),
 ]
 SkipCorrupt: TypeAlias = Annotated[
     bool,
-    typer.Option("--skip-corrupt", help="Resume: continue without records that cannot be trusted."),
+    typer.Option("--skip-corrupt", help="With --resume: ignore records that are damaged."),
 ]
 RetryErrors: TypeAlias = Annotated[
     bool,
     typer.Option(
-        "--retry-errors", help="Resume: retry samples that ended in errors and have exhausted their retries."
+        "--retry-errors",
+        help="With --resume: retry samples that ended in errors and have exhausted their retries.",
     ),
 ]
 WriteReport: TypeAlias = Annotated[
-    bool, typer.Option("--report/--no-report", help="Write report.html at the end.")
+    bool, typer.Option("--report/--no-report", help="Write report.html when the run ends.")
 ]
 
 
 def run_options(*, split: str, limit: str, **more: str) -> Options:
-    """The options that set fields of a run.
+    """The options that set fields of :class:`webgym.run_config.RunConfig`.
 
     Args:
-        split, limit: the defaults that are shown for ``--split`` and ``--limit``.
-        more: fields of further options, by the option's name.
+        split: the default that the help shows for ``--split``.
+        limit: the default that the help shows for ``--limit``.
+        more: further options: name and field.
     """
     from webgym.run_config import RunConfig
 
-    key = "its key: WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY"
+    key = "its key is read from WEBGYM_JUDGE_API_KEY, else WEBGYM_API_KEY"
     return Options(
         RunConfig,
         {
@@ -85,14 +89,14 @@ def run_options(*, split: str, limit: str, **more: str) -> Options:
     )
 
 
-def _count(told: str) -> int | str:
-    if told != "all" and not (told.isascii() and told.isdecimal() and int(told) > 0):
-        raise typer.BadParameter(f"{told!r} is neither a number from 1 nor all")
-    return told if told == "all" else int(told)
+def _count(value: str) -> int | str:
+    if value != "all" and not (value.isascii() and value.isdecimal() and int(value) > 0):
+        raise typer.BadParameter(f"{value!r} is neither a positive number nor 'all'")
+    return value if value == "all" else int(value)
 
 
 def mode_of(marks: bool | None) -> str | None:
-    """The interaction mode that was asked for, if any."""
+    """The interaction mode of ``--marks/--coordinates``; ``None`` if the option was not given."""
     return None if marks is None else "marks" if marks else "coordinates"
 
 
@@ -100,17 +104,17 @@ def run_settings(files: Sequence[Path] | None, given: Given) -> RunConfig:
     """The settings of a run.
 
     Args:
-        files: YAML, each laid over those before it.
-        given: what options say, in the shape of the settings.
+        files: YAML files; later ones override earlier ones.
+        given: values of options, nested like the settings; they override the files.
 
     Raises:
-        ConfigError: something is missing or malformed.
+        ConfigError: a file cannot be read, or a setting is missing or invalid.
     """
     from webgym.cli import _run
     from webgym.cli._judge_options import judge_choice
 
     judge = given.get("judge")
-    settings = _run.settings(files or (), {name: each for name, each in given.items() if name != "judge"})
+    settings = _run.settings(files or (), {name: value for name, value in given.items() if name != "judge"})
     if judge:
         settings = settings.model_copy(update={"judge": judge_choice(judge, default=settings.judge)})
     return settings

@@ -43,17 +43,18 @@ def run(
     finishing: asyncio.Event | None = None,
     report: bool = False,
 ) -> T:
-    """Run a coroutine; Ctrl-C and SIGTERM cancel it, so that what is in flight is recorded.
+    """Run a coroutine to its end. Ctrl-C and SIGTERM cancel it, so that attempts in flight are recorded.
 
     Args:
-        job: what to run.
-        resumed_by: a command, and the folder that it resumes: told if the job does not come to its end.
-        finishing: the first Ctrl-C sets this, on which the job is to end when what it has begun is done; the
-            second cancels. When all that came of it is told, call :func:`end_early`.
-        report: of a job that makes a run: write its report also when it is cancelled.
+        job: returns the coroutine.
+        resumed_by: the command that resumes the job, and its folder: printed if the job does not complete.
+        finishing: set by the first Ctrl-C: the job starts nothing more and returns when the attempts in
+            flight have ended; the second Ctrl-C cancels it. Once the results are printed, call
+            :func:`raise_if_interrupted`.
+        report: whether to write the report of the run in the folder when the job is cancelled.
 
     Raises:
-        KeyboardInterrupt: it was cancelled.
+        KeyboardInterrupt: the job was cancelled.
     """
 
     async def guarded() -> T:
@@ -65,7 +66,7 @@ def run(
                 task.cancel()
                 return
             finishing.set()
-            print("no attempt is begun any more; Ctrl-C again abandons those in flight", file=sys.stderr)
+            print("finishing the attempts in flight; press Ctrl-C again to abandon them", file=sys.stderr)
 
         loop.add_signal_handler(signal.SIGINT, interrupt)
         loop.add_signal_handler(signal.SIGTERM, task.cancel)
@@ -81,7 +82,7 @@ def run(
         if resumed_by is not None and (resumed_by[1] / CONFIG).is_file():
             if report and isinstance(error, KeyboardInterrupt):
                 write_report(resumed_by[1])
-            _tell_kept(*resumed_by)
+            _print_how_to_resume(*resumed_by)
         raise
 
 
@@ -93,30 +94,40 @@ def make_run(
     token_file: Path | None,
     report: bool,
 ) -> tuple[Summary, asyncio.Event]:
-    """Begin or resume a run, with tokens, progress, remarks and Ctrl-C as all commands have them.
+    """Start or resume a run, and show its progress.
 
     Args:
         job: takes ``secrets``, ``show``, ``tell`` and ``finishing`` of :func:`webgym.runs.collect`.
-        resumed_by: the command, and the run folder.
-        console: for progress and remarks.
-        token_file: of a browser server that runs elsewhere.
-        report: write the report also when the run is cancelled.
+        resumed_by: the command that resumes the run, and the run folder.
+        console: where progress and notes are printed.
+        token_file: contains the token of a browser server that runs elsewhere.
+        report: whether to write the report when the run is cancelled.
 
     Returns:
-        The run's summary, and what the first Ctrl-C has set, for :func:`end_early`.
+        The run's summary, and the event that the first Ctrl-C sets, for :func:`raise_if_interrupted`.
     """
     finishing = asyncio.Event()
-    given = {"secrets": secrets(token_file), "show": show_on(console), "tell": tell_on(console)}
-    summary = run(
-        lambda: job(**given, finishing=finishing), resumed_by=resumed_by, finishing=finishing, report=report
-    )
+    arguments = {
+        "secrets": secrets(token_file),
+        "show": show_progress_on(console),
+        "tell": print_notes_on(console),
+        "finishing": finishing,
+    }
+    summary = run(lambda: job(**arguments), resumed_by=resumed_by, finishing=finishing, report=report)
     return summary, finishing
 
 
-def resuming(
+def resume_job(
     folder: Path, settings: Mapping[str, Any], *, skip_corrupt: bool, retry_errors: bool
 ) -> Callable[..., Coroutine[Any, Any, Summary]]:
-    """The job of :func:`make_run` that resumes a run; of the settings only other servers are used."""
+    """The job of :func:`make_run` that resumes a run.
+
+    Args:
+        folder: the run folder.
+        settings: values of options; only ``server`` is used, as a resumed run keeps its other settings.
+        skip_corrupt: ignore damaged records.
+        retry_errors: retry samples that ended in errors and have exhausted their retries.
+    """
     from webgym.run_config import ServerChoice
     from webgym.runs import resume
 
@@ -124,27 +135,33 @@ def resuming(
     return partial(resume, folder, server=server, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
 
 
-def end_early(finishing: asyncio.Event, resumed_by: tuple[str, Path]) -> None:
-    """End a command whose job Ctrl-C has asked to finish; nothing if it has not.
+def raise_if_interrupted(finishing: asyncio.Event, resumed_by: tuple[str, Path]) -> None:
+    """Print how to resume the run and raise, if Ctrl-C has ended it early.
+
+    Args:
+        finishing: the event that the first Ctrl-C sets.
+        resumed_by: the command that resumes the run, and the run folder.
 
     Raises:
-        KeyboardInterrupt: it was asked to.
+        KeyboardInterrupt: Ctrl-C was pressed.
     """
     if finishing.is_set():
-        _tell_kept(*resumed_by)
+        _print_how_to_resume(*resumed_by)
         raise KeyboardInterrupt
 
 
-def _tell_kept(command: str, folder: Path) -> None:
+def _print_how_to_resume(command: str, folder: Path) -> None:
     entries = RunReader(folder, skip_corrupt=True).attempts.values()
     count = sum(entry.outcome is not Outcome.CANCELLED for entry in entries)
-    kept = "what is done is" if not count else "1 attempt is" if count == 1 else f"{count:,} attempts are"
-    told = f"{kept} kept; resume with: {command} --resume {shlex.quote(str(folder))}"
-    print(told, file=sys.stderr)
+    stored = "finished work is" if not count else "1 attempt is" if count == 1 else f"{count:,} attempts are"
+    print(f"{stored} stored; resume with: {command} --resume {shlex.quote(str(folder))}", file=sys.stderr)
 
 
 def secrets(server_token_file: Path | None = None) -> Secrets:
-    """Tokens from a file or the environment, never from the command line, where others could read them.
+    """Read tokens from a file or the environment, never from the command line, which other users can read.
+
+    Args:
+        server_token_file: contains the browser server's token; by default it is read from WEBGYM_TOKEN.
 
     Raises:
         ConfigError: the file cannot be read.
@@ -161,53 +178,55 @@ def secrets(server_token_file: Path | None = None) -> Secrets:
     )
 
 
-def policy_section(held: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
-    """A run's section ``policy``: what a file says of it, with command line options laid over it.
+def policy_section(settings: Mapping[str, Any], given: Mapping[str, Any]) -> dict[str, Any]:
+    """The section ``policy`` of a run's settings.
 
-    An endpoint or a model alone means the openai policy.
+    An endpoint or a model without a policy's name selects the openai policy.
+
+    Args:
+        settings: the section of the settings files.
+        given: values of options, which override the files.
 
     Raises:
-        ConfigError: endpoint or model is missing, or there is an endpoint and no use for it.
+        ConfigError: the endpoint or the model is missing, or the policy does not use an endpoint.
     """
     chat, name = given.get("chat"), given.get("name")
     if chat and not name:
         name = "openai"
-    section: dict[str, Any] = merged(held, {**given, "name": name} if name else given)
+    section: dict[str, Any] = merged(settings, {**given, "name": name} if name else given)
     if name == "openai" and not {"base_url", "model"} <= (section.get("chat") or {}).keys():
         raise ConfigError(
             "the openai policy needs an endpoint and a model", hint="give --base-url and --model"
         )
     if name not in (None, "openai"):
         if chat:
-            raise ConfigError(f"the {name} policy has no endpoint", hint="leave --base-url out, or --policy")
+            raise ConfigError(f"the {name} policy uses no endpoint", hint="leave out --base-url, or --policy")
         section.pop("chat", None)
     return section
 
 
 def settings(files: Sequence[Path], given: Mapping[str, Any]) -> RunConfig:
-    """Settings from YAML files, each laid over those before it, and from options, laid over all of them.
+    """The settings of a run, from YAML files and options.
 
     Args:
-        files: in their order.
-        given: what options say, in the shape of the settings; ``None`` overrides nothing.
+        files: later files override earlier ones.
+        given: values of options, nested like the settings; they override the files, ``None`` does not.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held, given = read_files(files, hint="see configs/ for examples"), without_none(given)
+    merged_files, given = read_files(files, hint="see configs/ for examples"), without_none(given)
     if "policy" in given:
-        own = held.get("policy")
-        given["policy"] = policy_section(own if isinstance(own, Mapping) else {}, given["policy"])
-        held.pop("policy", None)
-    held = merged(held, given)
-    return validated(RunConfig, held, ", ".join(map(str, files)) or "options")
+        policy = merged_files.pop("policy", None)
+        given["policy"] = policy_section(policy if isinstance(policy, Mapping) else {}, given["policy"])
+    return validated(RunConfig, merged(merged_files, given), ", ".join(map(str, files)) or "options")
 
 
-def show_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManager[None]]:
-    """Progress on this console."""
+def show_progress_on(console: Console) -> Callable[[Progress], AbstractAsyncContextManager[None]]:
+    """A function that shows a run's progress on a console: ``show`` of :func:`webgym.runs.collect`."""
     return lambda progress: showing(progress, console)
 
 
-def tell_on(console: Console) -> Callable[[str], None]:
-    """Remarks on this console."""
+def print_notes_on(console: Console) -> Callable[[str], None]:
+    """A function that prints a note on a console: ``tell`` of :func:`webgym.runs.collect`."""
     return lambda line: console.print(Text.assemble(("note ", "yellow"), plain(line)), soft_wrap=True)

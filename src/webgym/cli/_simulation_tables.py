@@ -10,35 +10,35 @@ from webgym.tables import Table
 
 
 def paper_table(points: Iterable[Point]) -> Table:
-    """The paper's figures, the model's, and the errors."""
+    """The paper's figures beside those of the model, with relative errors."""
     rows = []
     for point in points:
-        told = "–"
+        paper = "–"
         if point.told is not None:
             low, high = point.told
-            told = f"{low:g}" if low == high else f"{low:g}–{high:g}"
+            paper = f"{low:g}" if low == high else f"{low:g}–{high:g}"
         error = "–" if point.error is None else f"{point.error:+.1%}"
         kind = "fitted" if point.is_fitted else "predicted"
-        rows.append((point.what, told, f"{point.found:.1f}", point.unit, error, kind))
+        rows.append((point.what, paper, f"{point.found:.1f}", point.unit, error, kind))
     return Table("The paper's rollout system, simulated", ("", "paper", "model", "", "error", ""), rows)
 
 
-def sizes_table(found: Sequence[Sized]) -> Table:
-    """What every size does, what limits it, what one more of each thing buys, what it costs."""
+def sizes_table(results: Sequence[Sized]) -> Table:
+    """Throughput, bottleneck, gain by one more of each resource, and price, for every size of a system."""
     rows = []
-    for one in found:
-        ratios = (one.rates["async"] / one.rates[name] for name in ("step_barrier", "episode_barrier"))
+    for size in results:
+        ratios = (size.rates["async"] / size.rates[name] for name in ("step_barrier", "episode_barrier"))
         rows.append(
             (
-                f"{one.cpus:,} / {one.gpus:g} / {one.environments:,}",
-                f"{one.rates[one.schedule]:,.0f}",
+                f"{size.cpus:,} / {size.gpus:g} / {size.environments:,}",
+                f"{size.rates[size.schedule]:,.0f}",
                 " / ".join(f"{ratio:.1f}" for ratio in ratios),
-                f"{one.cpu:.0%} / {one.gpu:.0%}",
-                one.bottleneck,
-                f"{one.buys['cpus']:.1f}",
-                f"{one.buys['gpus']:.1f}",
-                f"{one.buys['environments']:.1f}",
-                f"{one.per_thousand:.2f}",
+                f"{size.cpu:.0%} / {size.gpu:.0%}",
+                size.bottleneck,
+                f"{size.buys['cpus']:.1f}",
+                f"{size.buys['gpus']:.1f}",
+                f"{size.buys['environments']:.1f}",
+                f"{size.per_thousand:.2f}",
             )
         )
     columns = (

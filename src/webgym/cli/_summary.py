@@ -1,4 +1,4 @@
-"""Terminal output at the end of a run."""
+"""Terminal output when a run has ended."""
 
 from __future__ import annotations
 
@@ -14,25 +14,30 @@ from webgym.rollout.rates import Interval
 from webgym.rollout.summary import Summary
 
 REASONS = 5
-"""How many reasons of attempts without a reward are shown; the report has all."""
+"""Number of reasons and hosts that are printed; the report shows all."""
 
 _FAILED = (Outcome.POLICY_ERROR, Outcome.ENVIRONMENT_ERROR, Outcome.JUDGE_ERROR)
 
 
 def line(message: str, limit: int = 300) -> str:
-    """A message of others on a terminal: one line of bounded length."""
-    told = plain(message)
-    return told if len(told) <= limit else f"{told[: limit - 1]}…"
+    """A message of a foreign program, made safe for a terminal: on one line, without control characters.
+
+    Args:
+        message: the text.
+        limit: the greatest length in characters; the rest is cut off.
+    """
+    text = plain(message)
+    return text if len(text) <= limit else f"{text[: limit - 1]}…"
 
 
 def all_failed(summary: Summary) -> bool:
-    """Whether there were attempts and every one of them ended in an error."""
+    """Whether a run made attempts and all of them ended in errors."""
     failed = sum(summary["outcomes"].get(outcome, 0) for outcome in _FAILED)
     return 0 < failed == summary["attempts"]
 
 
 def print_summary(summary: Summary, console: Console) -> None:
-    """Outcomes and success rates of a run."""
+    """Print a run's outcomes and success rates."""
     rates = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0), header_style="dim")
     for name in ("", "success", "95 %", "judged", "success", "95 %", "planned", "steps"):  # 80 characters
         rates.add_column(name, justify="left" if not name else "right", no_wrap=True)
@@ -66,9 +71,9 @@ def print_summary(summary: Summary, console: Console) -> None:
     console.print(outcomes)
     print_losses(summary, console)
     if hosts := summary["blocked_hosts"]:
-        told = ", ".join(f"{plain(host)} ({count})" for host, count in list(hosts.items())[:REASONS])
+        named = ", ".join(f"{plain(host)} ({count})" for host, count in list(hosts.items())[:REASONS])
         others = f", and {len(hosts) - REASONS} others" if len(hosts) > REASONS else ""
-        console.print(f"  kept out by {told}{others}", highlight=False, soft_wrap=True, markup=False)
+        console.print(f"  blocked by {named}{others}", highlight=False, soft_wrap=True, markup=False)
     print_notes(summary, console)
     console.print(
         f"{summary['attempts']} trajectories, {summary['steps']} steps in "
@@ -85,27 +90,27 @@ def _rate(rate: float | None, interval: Interval | None) -> tuple[str, str]:
 
 
 def print_notes(summary: Summary, console: Console) -> None:
-    """What all the figures must be read with."""
+    """Print notes that apply to all figures of a run."""
     for note in summary["notes"]:
         console.print(Text.assemble(("note ", "yellow"), line(note)), soft_wrap=True)
 
 
 def print_retry(summary: Summary, command: str, console: Console) -> None:
-    """How to attempt again what errors took, and judge what has no verdict, where there is any."""
-    told = []
+    """Print how to retry samples that ended in errors, and how to judge attempts without a verdict."""
+    lines = []
     if count := summary["lost_samples"]:
         lost = "1 sample ended in an error" if count == 1 else f"{count} samples ended in errors"
-        told.append(f"errors   {lost}; again: {command} --retry-errors")
+        lines.append(f"errors   {lost}; retry with: {command} --retry-errors")
     if count := summary["outcomes"][Outcome.JUDGE_ERROR]:
         unjudged = "1 attempt has" if count == 1 else f"{count} attempts have"
-        told.append(f"unjudged {unjudged} no verdict; judge again: {command}")
-    for each in told:
-        console.print(each, highlight=False, soft_wrap=True, markup=False)
+        lines.append(f"unjudged {unjudged} no verdict; judge with: {command}")
+    for text in lines:
+        console.print(text, highlight=False, soft_wrap=True, markup=False)
 
 
 def print_losses(summary: Summary, console: Console) -> None:
-    """Why attempts carry no reward, the commonest reasons first."""
+    """Print why attempts have no reward, the most frequent reasons first."""
     for code, loss in list(summary["losses"].items())[:REASONS]:
         reason = f": {line(loss['message'])}" if loss["message"] else ""
-        told = plain(f"{loss['count']} {code}{reason} ({loss['attempt_id']})")
-        console.print(f"  {told}", highlight=False, soft_wrap=True, markup=False)
+        text = plain(f"{loss['count']} {code}{reason} ({loss['attempt_id']})")
+        console.print(f"  {text}", highlight=False, soft_wrap=True, markup=False)

@@ -1,4 +1,4 @@
-"""Terminal output of a training: stage, progress of its runs, time left."""
+"""Terminal output of ``webgym train``: stage, progress of its runs, time left."""
 
 from __future__ import annotations
 
@@ -25,28 +25,24 @@ from webgym.train.progress import TrainingProgress
 from webgym.train.start import open_training
 
 _FRAME_LINES = 6
-"""Of a terminal, for the training itself."""
+"""Lines of the terminal that the panel of the training takes."""
 
 
 class TrainingView:
-    """Shows a training: live in a terminal, else a line now and then.
-
-    Args:
-        console: where.
-    """
+    """Shows a training's progress: a live panel in a terminal, else a line every few seconds."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._training: TrainingProgress | None = None
         self._runs: list[Progress] = []
 
-    def tell(self, said: str) -> None:
-        """A line that stays."""
-        self._console.print(escape(said), highlight=False, soft_wrap=True)
+    def print_line(self, text: str) -> None:
+        """Print a line that remains in the terminal."""
+        self._console.print(escape(text), highlight=False, soft_wrap=True)
 
     @asynccontextmanager
     async def show(self, run: Progress) -> AsyncIterator[None]:
-        """A run, for as long as it goes on; see :data:`webgym.runs.Show`."""
+        """Show a run's progress until the block ends; see :data:`webgym.runs.Show`."""
         self._runs.append(run)
         try:
             yield
@@ -61,23 +57,23 @@ class TrainingView:
             async with beside(self._print_lines()):
                 yield
             return
-        with Live(self._drawn(), console=self._console, auto_refresh=False, transient=True) as live:
+        with Live(self._panel(), console=self._console, auto_refresh=False, transient=True) as live:
             async with beside(self._refresh(live)):
                 yield
 
     async def _refresh(self, live: Live) -> None:
         while True:
-            live.update(self._drawn(), refresh=True)
+            live.update(self._panel(), refresh=True)
             await asyncio.sleep(REFRESH_SECONDS)
 
     async def _print_lines(self) -> None:
         while True:
             await asyncio.sleep(LINE_SECONDS)
-            for said in [f"{self._where()}: {line(run)}" for run in self._runs] or [self._where()]:
-                self._console.print(said, highlight=False, soft_wrap=True, markup=False)
+            for text in [f"{self._stage()}: {line(run)}" for run in self._runs] or [self._stage()]:
+                self._console.print(text, highlight=False, soft_wrap=True, markup=False)
 
-    def _where(self) -> str:
-        """The iteration and its stage, in words."""
+    def _stage(self) -> str:
+        """The iteration and its stage, such as ``iteration 2 of 4: update``."""
         training = self._training
         if training is None:
             return "starting"
@@ -90,7 +86,7 @@ class TrainingView:
             for number, stage in sorted(training.doing.items())
         )
 
-    def _drawn(self) -> RenderableType:
+    def _panel(self) -> RenderableType:
         training = self._training
         assert training is not None
         head = Table.grid(padding=(0, 2), expand=True)
@@ -101,29 +97,40 @@ class TrainingView:
             ProgressBar(total=training.iterations, completed=training.finished),
             f"{done}, {duration(training.seconds_left)} left",
         )
-        told = Table.grid(padding=(0, 2))
-        told.add_row("[dim]now[/]", escape(self._where()))
-        for name, said in (("collected", training.collected), ("evaluated", training.evaluated)):
-            if said:
-                told.add_row(f"[dim]{name}[/]", escape(said))
-        frame = Panel(Group(head, told), title="webgym train", title_align="left")
+        details = Table.grid(padding=(0, 2))
+        details.add_row("[dim]now[/]", escape(self._stage()))
+        for name, text in (("collected", training.collected), ("evaluated", training.evaluated)):
+            if text:
+                details.add_row(f"[dim]{name}[/]", escape(text))
+        frame = Panel(Group(head, details), title="webgym train", title_align="left")
         return Group(
             frame,
             *(panel(run, "attempts", reserved=_FRAME_LINES, among=len(self._runs)) for run in self._runs),
         )
 
 
-def carry_out(
+def run_training(
     settings: TrainConfig, folder: Path, *, resume: bool, secrets: Secrets, console: Console
 ) -> None:
-    """Train, shown in the terminal, and write the report; what it was interrupted at can be resumed."""
+    """Train with progress in the terminal, and write the report.
+
+    Args:
+        settings: of the training.
+        folder: of the training; new, or with ``resume`` an unfinished one.
+        resume: whether to continue the training in the folder.
+        secrets: tokens of servers.
+        console: where progress is shown.
+
+    Raises:
+        KeyboardInterrupt: the training was cancelled; how to resume it is printed.
+    """
     view = TrainingView(console)
-    view.tell(f"training {folder}: loading the model, starting browsers")
+    view.print_line(f"training {folder}: loading the model, starting browsers")
 
     async def train() -> None:
         async with (
             open_training(
-                settings, folder, resume=resume, secrets=secrets, show=view.show, tell=view.tell
+                settings, folder, resume=resume, secrets=secrets, show=view.show, tell=view.print_line
             ) as training,
             view.watching(training.progress),
         ):
@@ -131,4 +138,4 @@ def carry_out(
 
     _run.run(train, resumed_by=("webgym train", folder))
     report = write_training_report(folder)
-    view.tell(f"report   {report}")
+    view.print_line(f"report   {report}")

@@ -1,4 +1,4 @@
-"""``webgym bench``: measure this machine. Every sub-verb is thin; the work is in ``webgym.bench``."""
+"""``webgym bench``: benchmarks of this machine. The sub-verbs call :mod:`webgym.bench`."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import typer
 from webgym.core.errors import ConfigError
 
 if TYPE_CHECKING:
-    from webgym.bench.rollout.plan import PageLatency
+    from webgym.bench.rollout.measure import Measured
+    from webgym.bench.rollout.plan import Cell, PageLatency, RolloutPlan
 
-HELP = """Measure this machine: figures of one run, as ratios.
+HELP = """Benchmark this machine. Results of one run are compared as ratios.
 
-What measures this code and not the machine stays in the repository: python -m benchmarks.settle, .task_set
-and .reward.
+Benchmarks of the code, which do not depend on the machine, are in the repository: python -m
+benchmarks.settle, benchmarks.task_set and benchmarks.reward.
 """
 
 app = typer.Typer(no_args_is_help=True, help=HELP)
@@ -27,49 +28,60 @@ def _bench() -> None:
     pass
 
 
-def _expect_to_write(file: Path | None) -> None:
-    """Say now, not after the measurement, that there is no place for its figures.
+def _check_writable(file: Path | None) -> None:
+    """Refuse an output file that cannot be written, before anything is measured.
 
     Raises:
-        ConfigError: the file's folder is not there.
+        ConfigError: the path is a folder, or its folder does not exist.
     """
     if file is not None and (file.is_dir() or not file.parent.is_dir()):
         raise ConfigError(f"{file} cannot be written", hint="give a file in a folder that exists")
 
 
-def _expect_known(kind: str, given: Sequence[str], known: Sequence[str]) -> None:
-    """Refuse a choice that there is not.
+def _check_known(kind: str, given: Sequence[str], known: Sequence[str]) -> None:
+    """Refuse unknown values of an option.
 
     Raises:
-        ConfigError: one of those given is not known.
+        ConfigError: a value is unknown.
     """
-    if unknown := [one for one in given if one not in known]:
-        raise ConfigError(f"unknown {kind} {unknown[0]!r}", hint=f"one of {'; '.join(known)}")
+    if unknown := [value for value in given if value not in known]:
+        raise ConfigError(f"unknown {kind} {unknown[0]!r}", hint=f"choose one of {'; '.join(known)}")
 
 
 @app.command()
 def server(
     only: list[str] = typer.Option(
-        [], "--only", help="ceiling, costs, thinking, burst or density. May be repeated.", show_default="all"
+        [],
+        "--only",
+        help="Part to run: ceiling, costs, thinking, burst or density. May be repeated.",
+        show_default="all",
     ),
-    sessions: int = typer.Option(32, "--sessions", min=1, help="Sessions against the ceiling."),
-    rounds: int = typer.Option(5, "--rounds", min=1, help="Rounds of the bare loop and the server, in turn."),
-    seconds: float = typer.Option(6.0, "--seconds", min=0.1, help="Length of a round."),
-    thinkers: int = typer.Option(64, "--thinkers", min=1, help="Sessions that think between steps."),
-    think: float = typer.Option(5.0, "--think", min=0.1, help="Seconds of thinking per step."),
-    thinking: float = typer.Option(45.0, "--thinking", min=0.1, help="Seconds that they are watched for."),
-    dense: int = typer.Option(200, "--dense", min=2, help="Live sessions of the density run."),
-    calls: int = typer.Option(48, "--calls", min=1, help="Calls per operation, for its CPU time."),
+    sessions: int = typer.Option(32, "--sessions", min=1, help="Part ceiling: number of sessions."),
+    rounds: int = typer.Option(5, "--rounds", min=1, help="Part ceiling: number of rounds of each loop."),
+    seconds: float = typer.Option(
+        6.0, "--seconds", min=0.1, help="Part ceiling: duration of a round, seconds."
+    ),
+    thinkers: int = typer.Option(64, "--thinkers", min=1, help="Part thinking: number of sessions."),
+    think: float = typer.Option(
+        5.0, "--think", min=0.1, help="Parts thinking and density: pause between steps, seconds."
+    ),
+    thinking: float = typer.Option(
+        45.0, "--thinking", min=0.1, help="Parts thinking and density: duration, seconds."
+    ),
+    dense: int = typer.Option(200, "--dense", min=2, help="Part density: number of sessions."),
+    calls: int = typer.Option(48, "--calls", min=1, help="Part costs: number of calls per operation."),
     burst: int = typer.Option(
-        48, "--burst", min=2, help="Navigations at once, with screenshots behind them."
+        48, "--burst", min=2, help="Part burst: number of navigations that are requested at once."
     ),
-    browser: Path | None = typer.Option(None, "--browser", help="Chromium to run.", show_default="found"),
-    json: Path | None = typer.Option(None, "--json", help="Write all figures here."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+    browser: Path | None = typer.Option(
+        None, "--browser", help="Chromium executable.", show_default="search for one"
+    ),
+    json: Path | None = typer.Option(None, "--json", help="Write all results to this JSON file."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print the tables as Markdown."),
 ) -> None:
-    """The browser server against Chromium's own ceiling, frozen and not, and how many sessions fit.
+    """Benchmark the browser server: against Chromium alone, with freezing on and off, with many sessions.
 
-    Starts its own servers and pages; needs nothing else. About ten minutes in full on two cores.
+    Starts its own servers and pages; needs nothing else. All parts take about ten minutes on two cores.
     """
     import logging
 
@@ -82,9 +94,9 @@ def server(
     from webgym.bench.tables import server_tables
     from webgym.tables import markdown, show
 
-    _expect_to_write(json)
+    _check_writable(json)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
-    _expect_known("part", only, PARTS)
+    _check_known("part", only, PARTS)
     plan = BenchPlan(
         sessions=sessions,
         rounds=rounds,
@@ -96,27 +108,27 @@ def server(
         calls=calls,
         burst=burst,
     )
-    said = Console(stderr=True)
+    progress = Console(stderr=True)
 
-    def say(line: str) -> None:
-        said.print(line, style="dim", highlight=False)
+    def report(line: str) -> None:
+        progress.print(line, style="dim", highlight=False)
 
-    def keep(figures: ServerFigures) -> None:
+    def write(figures: ServerFigures) -> None:
         if json is not None:
             json.write_bytes(msgspec.json.format(msgspec.json.encode(figures)))
 
     async def run() -> None:
-        shown = 0
-        async for figures in measure(plan, only or PARTS, browser, say):
-            keep(figures)  # what is found stays, whatever happens to the rest
+        printed = 0
+        async for figures in measure(plan, only or PARTS, browser, report):
+            write(figures)  # after every part, so that a failure of a later one loses nothing
             tables = list(server_tables(figures))
-            if not shown:
+            if not printed:
                 print(f"Chromium {figures.browser}, {figures.processors} processors\n", flush=True)
             if as_markdown:
-                print(markdown(tables[shown:]), flush=True)
+                print(markdown(tables[printed:]), flush=True)
             else:
-                show(tables[shown:], Console())
-            shown = len(tables)
+                show(tables[printed:], Console())
+            printed = len(tables)
 
     uvloop.run(run())
 
@@ -124,30 +136,34 @@ def server(
 @app.command()
 def soak(
     minutes: float = typer.Option(
-        5.0, "--minutes", min=0.05, help="How long clients come and faults happen."
+        5.0, "--minutes", min=0.05, help="Duration of clients and faults, minutes."
     ),
-    seed: int = typer.Option(0, "--seed", help="Of all choices; what they meet is up to timing."),
-    clients: int = typer.Option(10, "--clients", min=1, help="Clients at work at once."),
-    slots: int = typer.Option(6, "--slots", min=1, help="Sessions at once, over all workers."),
-    workers: int = typer.Option(2, "--workers", min=1, help="Worker processes behind the gateway."),
-    faults: float = typer.Option(20.0, "--faults", min=0.1, help="Faults per minute, on average."),
+    seed: int = typer.Option(0, "--seed", help="Seed of all random choices; their effects depend on timing."),
+    clients: int = typer.Option(10, "--clients", min=1, help="Number of parallel clients."),
+    slots: int = typer.Option(
+        6, "--slots", min=1, help="Number of parallel sessions of all workers together."
+    ),
+    workers: int = typer.Option(2, "--workers", min=1, help="Number of worker processes of the gateway."),
+    faults: float = typer.Option(20.0, "--faults", min=0.1, help="Mean number of faults per minute."),
     hostile: float = typer.Option(
-        0.25, "--hostile", min=0.0, max=1.0, help="Share of the pages that mean harm."
+        0.25, "--hostile", min=0.0, max=1.0, help="Share of the pages that are hostile."
     ),
-    browser: Path | None = typer.Option(None, "--browser", help="Chromium to run.", show_default="found"),
+    browser: Path | None = typer.Option(
+        None, "--browser", help="Chromium executable.", show_default="search for one"
+    ),
     log: Path = typer.Option(
-        Path("/dev/null"), "--log", help="Add the server's log to this file.", show_default="thrown away"
+        Path("/dev/null"), "--log", help="Append the server's log to this file.", show_default="discarded"
     ),
-    json: Path | None = typer.Option(None, "--json", help="Write everything here."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+    json: Path | None = typer.Option(None, "--json", help="Write the results to this JSON file."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print the tables as Markdown."),
 ) -> None:
-    """A real server, clients on calm and hostile pages, and random faults: do the books balance afterwards?
+    """Run a server under random faults, with clients on calm and hostile pages, and check that nothing leaks.
 
     Kills and stops browsers, renderers, GPU processes, workers and the gateway, fills the disk (as root), and
-    lets clients vanish. Then every session must be accounted for, every error have a type, every slot serve
-    again, and no process, lease, file, profile or descriptor be left. Exit code 1 if not.
+    drops clients. Afterwards every session must be accounted for, every error must have a type, every slot
+    must serve again, and no process, lease, file, profile or descriptor may be left. Exits with 1 if not.
 
-    Starts its own server and pages; needs nothing else, and touches no process but its own.
+    Starts its own server and pages; needs nothing else, and touches no processes but its own.
     """
     import logging
 
@@ -160,8 +176,8 @@ def soak(
     from webgym.bench.soak.progress import progress
     from webgym.tables import markdown, show
 
-    _expect_to_write(json)
-    _expect_to_write(log)
+    _check_writable(json)
+    _check_writable(log)
     logging.basicConfig(level=logging.CRITICAL, format="%(levelname)s %(message)s")
     plan = SoakPlan(
         seconds=minutes * 60,
@@ -173,18 +189,18 @@ def soak(
         hostile=hostile,
     )
     with progress(Console(stderr=True), plan.seconds) as watch:
-        found: Soak = uvloop.run(run(plan, browser, watch, log))
+        result: Soak = uvloop.run(run(plan, browser, watch, log))
     if json is not None:
-        json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(result)))
     if as_markdown:
-        print(markdown(soak_tables(found)))
+        print(markdown(soak_tables(result)))
     else:
-        show(soak_tables(found), Console())
-    for problem in found.problems:
-        print(f"does not balance: {problem}")
-    if found.problems:
+        show(soak_tables(result), Console())
+    for problem in result.problems:
+        print(f"problem: {problem}")
+    if result.problems:
         raise typer.Exit(1)
-    print("The books balance.")
+    print("No problems: every session is accounted for, and nothing is left.")
 
 
 @app.command()
@@ -192,73 +208,91 @@ def rollout(
     only: list[str] = typer.Option(
         [],
         "--only",
-        help="calibration, schedules, capacity or overload. May be repeated.",
+        help="Part to run: calibration, schedules, capacity or overload. May be repeated.",
         show_default="all",
     ),
     mode: list[str] = typer.Option(
         [],
         "--mode",
-        help="async, 'async, one queue', step barrier, 'step barrier, fixed group' or episode barrier: "
-        "what is compared. May be repeated.",
+        help="Schedule to compare: async, 'async, one queue', step barrier, 'step barrier, fixed group' or "
+        "episode barrier. May be repeated.",
         show_default="all",
     ),
-    trajectories: int = typer.Option(64, "--trajectories", min=1, help="Of every cell."),
-    sessions: int = typer.Option(16, "--sessions", min=1, help="Environments."),
+    trajectories: int = typer.Option(
+        64, "--trajectories", min=1, help="Number of trajectories per measurement."
+    ),
+    sessions: int = typer.Option(16, "--sessions", min=1, help="Number of parallel environments."),
     cpus: list[int] = typer.Option(
         [],
         "--cpus",
         min=1,
-        help="Processors that browsers may use. May be repeated.",
+        help="Number of processors that browsers may use. May be repeated.",
         show_default="1, 2, 4, …",
     ),
-    gpus: int = typer.Option(8, "--gpus", min=1, help="Of the policy, where processors are varied."),
-    mean_steps: float = typer.Option(13.2, "--mean-steps", min=1.1, help="Of a trajectory."),
-    reply_tokens: float = typer.Option(80.0, "--reply-tokens", min=1, help="Of a reply, on average."),
+    gpus: int = typer.Option(8, "--gpus", min=1, help="Number of the policy's GPUs in the part schedules."),
+    mean_steps: float = typer.Option(
+        13.2, "--mean-steps", min=1.1, help="Mean number of steps per trajectory."
+    ),
+    reply_tokens: float = typer.Option(
+        80.0, "--reply-tokens", min=1, help="Mean number of tokens per reply."
+    ),
     page_latency: str = typer.Option(
         "offline",
         "--page-latency",
-        help="offline: the offline web's own. paper: as in the simulation that is fitted to the paper, "
-        "median 1 s and a far heavier tail.",
+        help="Latency of pages: offline (that of the offline web) or paper (that of the simulation that is "
+        "fitted to the paper, with a median of 1 s and a much heavier tail).",
     ),
-    rounds: int = typer.Option(3, "--rounds", min=1, help="Of every cell; medians and ranges are printed."),
-    seed: int = typer.Option(0, "--seed", help="Of the tasks, their lengths and the policy's play."),
-    quick: bool = typer.Option(False, "--quick", help="A look: few short trajectories, schedules alone."),
+    rounds: int = typer.Option(
+        3,
+        "--rounds",
+        min=1,
+        help="Number of times each measurement is repeated; medians and ranges are printed.",
+    ),
+    seed: int = typer.Option(0, "--seed", help="Seed of tasks, trajectory lengths and actions."),
+    quick: bool = typer.Option(
+        False,
+        "--quick",
+        help="A quick preview: few short trajectories, one round, only calibration and schedules.",
+    ),
     out: Path = typer.Option(
-        Path("runs/bench-rollout"), "--out", help="Folder, a file per cell. Given again, it goes on."
+        Path("runs/bench-rollout"),
+        "--out",
+        help="Folder of the results, a file per measurement. An interrupted benchmark in it is continued.",
     ),
     measures: bool = typer.Option(
-        True, "--measure/--no-measure", help="Measure what is missing, or print what --out holds so far."
+        True, "--measure/--no-measure", help="Run what is missing in --out, or only print what it contains."
     ),
-    figure: Path | None = typer.Option(None, "--figure", help="Draw it here: .svg, .png or .pdf."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+    figure: Path | None = typer.Option(
+        None, "--figure", help="Draw the results to this file: .svg, .png or .pdf."
+    ),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print the tables as Markdown."),
 ) -> None:
-    """Async collection against its rivals: step barrier, episode barrier, one queue for all operations.
+    """Compare asynchronous collection with step barriers, episode barriers and one queue for all operations.
 
-    The real collector, server and Chromium on the offline web, and a policy endpoint that takes as long as
-    GPUs would. Browsers and their server are bound to so many processors, all else runs on any. Each cell is
-    the same work. Nothing else should run on the machine: the load before each cell is in the table.
+    Uses the real collector, server and Chromium on the offline web, and a policy endpoint that takes as long
+    as GPUs would. Browsers and their server are confined to the given number of processors, everything else
+    is not. Each measurement does the same work. Nothing else should run on the machine: the table contains
+    the load before each measurement.
     """
     import logging
     import os
 
     from rich.console import Console
-    from rich.progress import track
 
-    from webgym.bench.rollout.measure import begin, measure_into
     from webgym.bench.rollout.plan import MODE_NAMES, PAGE_LATENCIES, PARTS, RolloutPlan
     from webgym.bench.rollout.tables import draw_rollout, rollout_tables
     from webgym.tables import markdown, show
 
-    _expect_known("part", only, PARTS)
-    _expect_known("mode", mode, MODE_NAMES)
-    _expect_known("page latency", [page_latency], tuple(PAGE_LATENCIES))
-    _expect_to_write(figure)
+    _check_known("part", only, PARTS)
+    _check_known("mode", mode, MODE_NAMES)
+    _check_known("page latency", [page_latency], tuple(PAGE_LATENCIES))
+    _check_writable(figure)
     logging.basicConfig(level=logging.ERROR, format="%(levelname)s %(message)s")
-    ours = len(os.sched_getaffinity(0))
+    available = len(os.sched_getaffinity(0))
     plan = RolloutPlan(
         trajectories=12 if quick else trajectories,
         sessions=6 if quick else sessions,
-        cpus=tuple(cpus) or tuple(2**power for power in range(ours.bit_length())),
+        cpus=tuple(cpus) or tuple(2**power for power in range(available.bit_length())),
         policy_gpus=gpus,
         mean_steps=5.0 if quick else mean_steps,
         reply_tokens=reply_tokens,
@@ -266,16 +300,33 @@ def rollout(
         rounds=1 if quick else rounds,
         seed=seed,
     )
-    done = {one.cell.name: one for one in begin(plan, out)}
     parts = only or (("calibration", "schedules") if quick else PARTS)
     cells = list(plan.cells(parts, mode or MODE_NAMES))
-    missing = [cell for cell in cells if cell.name not in done] if measures else []
-    for cell in track(missing, "cells", console=Console(stderr=True), transient=True):
-        done[cell.name] = measure_into(out, plan, cell)
-    found = [done[cell.name] for cell in cells if cell.name in done]
+    results = _results(plan, cells, out, measures=measures)
     if as_markdown:
-        print(markdown(rollout_tables(found)), end="")
+        print(markdown(rollout_tables(results)), end="")
     else:
-        show(rollout_tables(found), Console())
+        show(rollout_tables(results), Console())
     if figure is not None:
-        draw_rollout(found, figure)
+        draw_rollout(results, figure)
+
+
+def _results(plan: RolloutPlan, cells: Sequence[Cell], folder: Path, *, measures: bool) -> list[Measured]:
+    """The results of these measurements, as far as they are in the folder.
+
+    Args:
+        plan: of the benchmark.
+        cells: the measurements.
+        folder: of the results.
+        measures: whether to run those that are missing.
+    """
+    from rich.console import Console
+    from rich.progress import track
+
+    from webgym.bench.rollout.measure import begin, measure_into
+
+    results = {result.cell.name: result for result in begin(plan, folder)}
+    missing = [cell for cell in cells if cell.name not in results] if measures else []
+    for cell in track(missing, "measurements", console=Console(stderr=True), transient=True):
+        results[cell.name] = measure_into(folder, plan, cell)
+    return [results[cell.name] for cell in cells if cell.name in results]

@@ -1,4 +1,4 @@
-"""``webgym compare``: whether one run is better than another by more than chance."""
+"""``webgym compare``: compare the success of two runs, and test whether it differs by more than chance."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from webgym.tables import Table, markdown, show
 
 def command(
     first: Annotated[Path, typer.Argument(help="A run folder.")],
-    second: Annotated[Path, typer.Argument(help="Another, over the same tasks.")],
-    judge: Annotated[str, typer.Option(help="Whose verdicts count: the collection's own, or a judge's.")] = (
-        RECORDED
-    ),
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    as_markdown: Annotated[bool, typer.Option("--markdown", help="Print a Markdown table.")] = False,
+    second: Annotated[Path, typer.Argument(help="Another run folder, over the same tasks.")],
+    judge: Annotated[
+        str, typer.Option(help="Judge whose verdicts count; recorded is the judge of the collection.")
+    ] = (RECORDED),
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
+    as_markdown: Annotated[bool, typer.Option("--markdown", help="Print the table as Markdown.")] = False,
 ) -> None:
     """Compare the success of two runs, task by task, with a 95 % interval (paired bootstrap).
 
-    Only tasks that have a reward in both runs are compared; how many do not is said.
+    Only tasks with a reward in both runs are compared; the number of others is printed.
     """
-    found = compare(first, second, judge)
+    result = compare(first, second, judge)
     if as_json:
-        typer.echo(msgspec.json.format(msgspec.json.encode(found), indent=2).decode())
+        typer.echo(msgspec.json.format(msgspec.json.encode(result), indent=2).decode())
         return
     if as_markdown:
-        typer.echo(markdown([_table(found)]), nl=False)
+        typer.echo(markdown([_table(result)]), nl=False)
     else:
-        show([_table(found)], Console(highlight=False))
-    for line in _told(found):
+        show([_table(result)], Console(highlight=False))
+    for line in _conclusions(result):
         typer.echo(line)
 
 
-def _table(found: Comparison) -> Table:
-    header = ("", "tasks", found.first, found.second, "difference", "95 %", "better", "worse")
-    return Table("Success, %", header, [(group, *_cells(row)) for group, row in found.rows.items()])
+def _table(result: Comparison) -> Table:
+    header = ("", "tasks", result.first, result.second, "difference", "95 %", "better", "worse")
+    return Table("Success, %", header, [(group, *_cells(row)) for group, row in result.rows.items()])
 
 
 def _cells(row: Difference) -> tuple[str, ...]:
@@ -52,15 +52,15 @@ def _cells(row: Difference) -> tuple[str, ...]:
     return (str(row.tasks), *rates, spread, str(row.better), str(row.worse))
 
 
-def _told(found: Comparison) -> list[str]:
-    whole = found.rows["overall"]
-    better = found.second if (whole.difference or 0) > 0 else found.first
-    said = f"{better} is better" if whole.is_decided else "the difference may be chance"
-    lines = [f"overall: {said}"]
-    if left := [
-        f"{count:,} tasks with a reward in {name} alone"
-        for count, name in ((found.only_first, found.first), (found.only_second, found.second))
+def _conclusions(result: Comparison) -> list[str]:
+    overall = result.rows["overall"]
+    better = result.second if (overall.difference or 0) > 0 else result.first
+    conclusion = f"{better} is better" if overall.is_decided else "the difference may be chance"
+    lines = [f"overall: {conclusion}"]
+    if left_out := [
+        f"{count:,} tasks with a reward in {name} only"
+        for count, name in ((result.only_first, result.first), (result.only_second, result.second))
         if count
     ]:
-        lines.append(f"left out: {', '.join(left)}")
+        lines.append(f"left out: {', '.join(left_out)}")
     return lines

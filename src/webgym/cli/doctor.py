@@ -1,4 +1,4 @@
-"""``webgym doctor``: what this machine has, what is missing, and the command that fixes it."""
+"""``webgym doctor``: check this machine, and print how to fix what is missing."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ FONT_PACKAGES = {
     "CJK": "fonts-wqy-zenhei",
     "emoji": "fonts-noto-color-emoji",
 }
-"""Writing system, as the trial page draws it, to the Debian and Ubuntu package that has it."""
+"""By writing system of the test page: the package of Debian and Ubuntu that contains its fonts."""
 
-_SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - looked at, never written to
+_SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - only its size is read
 _MIB = 2**20
 _GIB = 2**30
 _MARKS: dict[Status, tuple[str, str]] = {
@@ -55,34 +55,37 @@ _MARKS: dict[Status, tuple[str, str]] = {
 
 
 class DoctorLimits(Settings):
-    """From where on doctor has something to say."""
+    """Limits below which doctor reports a problem, and time limits of its checks."""
 
     memory_gib: NonNegativeFloat = Field(
-        default=2.0, description="free memory; eight sessions and Python need about one"
+        default=2.0, description="free memory, GiB; eight sessions and Python need about one"
     )
     disk_gib: NonNegativeFloat = Field(
-        default=2.0, description="free disk; a thousand trajectories need about one"
+        default=2.0, description="free disk space, GiB; a thousand trajectories need about one"
     )
-    shared_memory_mib: NonNegativeFloat = Field(default=256.0, description="a container's usual 64 is little")
+    shared_memory_mib: NonNegativeFloat = Field(
+        default=256.0, description="shared memory, MiB; the usual 64 of a container are too few"
+    )
     open_files: PositiveInt = Field(
-        default=4096, description="file descriptors of one process; a slot needs some ten"
+        default=4096, description="file descriptors per process; a slot needs about ten"
     )
     program_seconds: PositiveFloat = Field(
-        default=10.0, description="for a program such as nvidia-smi to answer"
+        default=10.0, description="time limit of a program such as nvidia-smi, seconds"
     )
     browser_seconds: PositiveFloat = Field(
-        default=60.0, description="to start the browser, render a page and end it"
+        default=60.0, description="time limit to start the browser, render a page and end it, seconds"
     )
 
 
 class Check(msgspec.Struct, frozen=True):
-    """One line of the table.
+    """The result of one check.
 
     Attributes:
-        name: what was looked at.
-        status: ``missing`` is essential and makes doctor exit with 1; ``note`` works but could be better.
-        found: what is there.
-        fix: a command or an advice; empty if there is nothing to fix.
+        name: what was checked.
+        status: ``missing`` if something essential is missing, which makes doctor exit with 1; ``note`` if it
+            works but could be better.
+        found: what was found.
+        fix: a command or advice; empty if there is nothing to fix.
     """
 
     name: str
@@ -92,16 +95,16 @@ class Check(msgspec.Struct, frozen=True):
 
 
 def command(
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the results as JSON.")] = False,
     browser: Annotated[
-        Path | None, typer.Option(help="Examine this executable instead of looking for one.")
+        Path | None, typer.Option(help="Check this executable instead of searching for one.")
     ] = None,
 ) -> None:
-    """Say what this machine has, what is missing and how to fix it.
+    """Check this machine: what is installed, what is missing, and how to fix it.
 
-    Really starts the browser and renders a page. Exits with 1 if something essential is missing.
+    Starts the browser and renders a page. Exits with 1 if something essential is missing.
     """
-    # The table says it, and says what to do about it.
+    # The table contains the same problems, with their fixes.
     logging.getLogger("webgym.browser").setLevel(logging.ERROR)
     console = Console(highlight=False)
     busy = contextlib.nullcontext() if as_json else console.status("starting the browser")
@@ -112,29 +115,34 @@ def command(
         print(json.dumps({"ready": not missing, "checks": msgspec.to_builtins(checks)}, indent=2))
     else:
         console.print(table(checks))
-        verdict = f"missing: {', '.join(missing)}" if missing else "everything that is needed is there"
+        verdict = f"missing: {', '.join(missing)}" if missing else "everything that is needed is installed"
         console.print(f"[bold {'red' if missing else 'green'}]{verdict}[/]")
     if missing:
         raise typer.Exit(1)
 
 
 def table(checks: list[Check]) -> Table:
-    """The checks for a terminal; how to fix a finding stands under it."""
-    made = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
-    made.add_column(no_wrap=True)
-    made.add_column(style="bold", no_wrap=True)
-    made.add_column(overflow="fold")
+    """The results as a table for a terminal, with fixes under the problems."""
+    rich = Table(box=None, show_header=False, padding=(0, 2, 0, 0))
+    rich.add_column(no_wrap=True)
+    rich.add_column(style="bold", no_wrap=True)
+    rich.add_column(overflow="fold")
     for check in checks:
         mark, colour = _MARKS[check.status]
         found = Text(check.found)
         if check.fix:
             found.append(f"\n→ {check.fix}", style=colour)
-        made.add_row(Text(mark, style=colour), check.name, found)
-    return made
+        rich.add_row(Text(mark, style=colour), check.name, found)
+    return rich
 
 
 def examine(browser: Path | None = None, limits: DoctorLimits | None = None) -> Iterator[Check]:
-    """All checks, in the order in which a person would fix things."""
+    """Run all checks, in the order in which problems should be fixed.
+
+    Args:
+        browser: the executable to check; by default it is searched for.
+        limits: by default the defaults.
+    """
     limits = limits or DoctorLimits()
     yield check_python()
     yield check_packages()
@@ -152,29 +160,29 @@ def examine(browser: Path | None = None, limits: DoctorLimits | None = None) -> 
 
 
 def check_python() -> Check:
-    """The interpreter. One that is too old has not come this far."""
+    """The interpreter. (With one that is too old, this module cannot be imported.)"""
     return Check("Python", "ok", f"{platform.python_version()} ({sys.executable})")
 
 
 def check_packages() -> Check:
-    """What :mod:`webgym` needs, by its own metadata."""
-    there, absent = [], []
+    """The packages that :mod:`webgym` requires, according to its metadata."""
+    installed, absent = [], []
     for requirement in importlib.metadata.requires(DISTRIBUTION) or ():
         match = re.match(r"[A-Za-z0-9._-]+", requirement)
         if match is None or "extra ==" in requirement or match[0] == "uvloop":
             continue
         try:
-            there.append(f"{match[0]} {importlib.metadata.version(match[0])}")
+            installed.append(f"{match[0]} {importlib.metadata.version(match[0])}")
         except importlib.metadata.PackageNotFoundError:
             absent.append(match[0])
     if absent:
-        return Check("Packages", "missing", f"without {', '.join(absent)}", "make setup")
+        return Check("Packages", "missing", f"not installed: {', '.join(absent)}", "make setup")
     own = importlib.metadata.version(DISTRIBUTION)
-    return Check("Packages", "ok", f"webgym {own}, {', '.join(there)}")
+    return Check("Packages", "ok", f"webgym {own}, {', '.join(installed)}")
 
 
 def check_uvloop() -> Check:
-    """The faster event loop."""
+    """uvloop, the faster event loop."""
     if importlib.util.find_spec("uvloop") is None:
         return Check("uvloop", "note", "not installed: the slower event loop is used", "pip install uvloop")
     return Check("uvloop", "ok", importlib.metadata.version("uvloop"))
@@ -184,7 +192,7 @@ def check_uvloop() -> Check:
 
 
 def check_browser(explicit: Path | None, limits: DoctorLimits) -> Iterator[Check]:
-    """The browser: where it is, whether it starts and renders, its sandbox, its fonts."""
+    """The browser: its path, whether it starts and renders, its sandbox, its fonts."""
     try:
         found = find_browser(explicit)
     except BrowserNotFound as error:
@@ -194,7 +202,7 @@ def check_browser(explicit: Path | None, limits: DoctorLimits) -> Iterator[Check
     try:
         trial = asyncio.run(try_browser(found.path, limits.browser_seconds))
     except BrowserError as error:
-        yield Check("Rendering", "missing", error.message, _mend_launch(found, error))
+        yield Check("Rendering", "missing", error.message, _fix_launch(found, error))
         return
     width, height = trial.size
     yield Check("Rendering", "ok", f"{width}×{height} picture {trial.seconds:.1f} s after the start")
@@ -205,19 +213,17 @@ def check_browser(explicit: Path | None, limits: DoctorLimits) -> Iterator[Check
 _ORIGINS = {"setting": "set by you", "playwright": "Playwright's", "system": "the system's"}
 
 
-def _mend_launch(found: FoundBrowser, error: BrowserError) -> str:
+def _fix_launch(found: FoundBrowser, error: BrowserError) -> str:
     if "shared librar" in error.message:
         return f"{sys.executable} -m playwright install-deps chromium-headless-shell"
-    return f"see what it says: {found.path} --headless --no-sandbox --screenshot about:blank"
+    return f"see the output of: {found.path} --headless --no-sandbox --screenshot about:blank"
 
 
 def _sandbox(trial: LaunchCheck) -> Check:
     if trial.sandbox:
-        found = (
-            trial.sandbox_reason or "pages live in namespaces of their own, their system calls are filtered"
-        )
+        found = trial.sandbox_reason or "pages run in namespaces of their own, with filtered system calls"
         return Check("Sandbox", "ok", f"on: {found}")
-    return Check("Sandbox", "note", f"OFF, pages are not contained: {trial.sandbox_reason}", remedy())
+    return Check("Sandbox", "note", f"OFF, pages are not isolated: {trial.sandbox_reason}", remedy())
 
 
 def _fonts(trial: LaunchCheck) -> Check:
@@ -226,7 +232,7 @@ def _fonts(trial: LaunchCheck) -> Check:
         return Check("Fonts", "ok", ", ".join(trial.fonts))
     packages = " ".join(FONT_PACKAGES[name] for name in absent)
     status: Status = "missing" if "Latin" in absent else "note"
-    found = f"nothing to draw {' and '.join(absent)} with"
+    found = f"no fonts for {' and '.join(absent)}"
     return Check("Fonts", status, found, f"{_sudo()}apt-get install {packages}")
 
 
@@ -234,7 +240,7 @@ def _fonts(trial: LaunchCheck) -> Check:
 
 
 def check_shared_memory(limits: DoctorLimits) -> Check:
-    """What processes share memory through. Without enough of it Chromium takes files instead."""
+    """Shared memory of processes. Without enough of it, Chromium uses files instead."""
     name = "Shared memory"
     if not _SHARED_MEMORY.is_dir():
         return Check(name, "note", f"no {_SHARED_MEMORY}", f"{_sudo()}mount -t tmpfs tmpfs {_SHARED_MEMORY}")
@@ -246,15 +252,15 @@ def check_shared_memory(limits: DoctorLimits) -> Check:
 
 
 def check_cores() -> Check:
-    """The cores that this process may use."""
-    usable, all_of_them = len(os.sched_getaffinity(0)), os.cpu_count() or 1
-    found = f"{usable}" if usable == all_of_them else f"{usable} of {all_of_them}"
+    """The number of cores that this process may use."""
+    usable, total = len(os.sched_getaffinity(0)), os.cpu_count() or 1
+    found = f"{usable}" if usable == total else f"{usable} of {total}"
     quota = _cgroup_cores()
     return Check("Cores", "ok", found if quota is None else f"{found}, limited to {quota:g} by the container")
 
 
 def _cgroup_cores() -> float | None:
-    """A container's share of the processors, in cores; ``None`` if it is not limited."""
+    """The container's CPU quota in cores; ``None`` if there is none."""
     try:
         quota, period = Path("/sys/fs/cgroup/cpu.max").read_text().split()
     except (OSError, ValueError):
@@ -263,7 +269,7 @@ def _cgroup_cores() -> float | None:
 
 
 def check_memory(limits: DoctorLimits) -> Check:
-    """Memory that is free."""
+    """Free memory."""
     memory = psutil.virtual_memory()
     found = f"{_size(memory.available)} free of {_size(memory.total)}"
     if memory.available < limits.memory_gib * _GIB:
@@ -272,7 +278,7 @@ def check_memory(limits: DoctorLimits) -> Check:
 
 
 def check_open_files(limits: DoctorLimits) -> Check:
-    """How many files a process may have open."""
+    """The limit of open files per process."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     found = "unlimited" if soft == resource.RLIM_INFINITY else f"{soft}"
     if soft != resource.RLIM_INFINITY and soft < limits.open_files:
@@ -282,30 +288,30 @@ def check_open_files(limits: DoctorLimits) -> Check:
 
 
 def check_disk(limits: DoctorLimits) -> Check:
-    """Free space where runs and where browser profiles are written."""
+    """Free space in the folders of runs and of browser profiles."""
     here, temporary = Path.cwd(), Path(tempfile.gettempdir())
     free = {path: shutil.disk_usage(path).free for path in (here, temporary)}
     found = f"{_size(free[here])} free here, {_size(free[temporary])} in {temporary}"
     if min(free.values()) < limits.disk_gib * _GIB:
         fullest = min(free, key=lambda path: free[path])
-        return Check("Disk", "note", found, f"make room in {fullest}")
+        return Check("Disk", "note", found, f"free space in {fullest}")
     return Check("Disk", "ok", found)
 
 
 def check_gpu(limits: DoctorLimits) -> Check:
-    """Graphics cards, which only serving or training a model wants."""
+    """GPUs, which are only needed to serve or train a model."""
     program = shutil.which("nvidia-smi")
     if program is None:
-        return Check("GPU", "ok", "none; only serving or training a model wants one")
+        return Check("GPU", "ok", "none; only needed to serve or train a model")
     query = [program, "--query-gpu=name,memory.total", "--format=csv,noheader"]
     try:
         answer = run_bounded(query, limits.program_seconds)
     except (OSError, subprocess.TimeoutExpired) as error:
-        return Check("GPU", "note", f"nvidia-smi does not answer: {error}", "see what `nvidia-smi` says")
+        return Check("GPU", "note", f"nvidia-smi failed: {error}", "see the output of `nvidia-smi`")
     cards = [line.strip() for line in answer.stdout.splitlines() if line.strip()]
     if answer.returncode != 0 or not cards:
-        said = " ".join((answer.stderr or answer.stdout).split()) or "nothing"
-        return Check("GPU", "note", f"nvidia-smi says: {said}", "see what `nvidia-smi` says")
+        message = " ".join((answer.stderr or answer.stdout).split()) or "no output"
+        return Check("GPU", "note", f"nvidia-smi failed: {message}", "see the output of `nvidia-smi`")
     return Check("GPU", "ok", "; ".join(cards))
 
 

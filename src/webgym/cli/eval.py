@@ -1,9 +1,9 @@
-"""``webgym eval``: how often a policy succeeds on a test set."""
+"""``webgym eval``: evaluate a policy on a test set."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -12,17 +12,18 @@ from webgym.cli._fields import Given, takes
 from webgym.core.errors import ConfigError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Coroutine, Sequence
 
     from rich.console import Console
 
     from webgym.rollout.evaluation import Evaluation
+    from webgym.rollout.summary import Summary
     from webgym.run_config import RunConfig
 
 
 RUN = options.run_options(
-    split="test; every task where none says its split",
-    limit="all of a file, 20 of the offline web",
+    split="test; all tasks if none has a split",
+    limit="all tasks of a file, 20 of the offline web",
 )
 
 
@@ -30,20 +31,23 @@ RUN = options.run_options(
 def command(
     *,
     out: Path | None = typer.Option(
-        None, "--out", help="Run folder to make; a new one under runs/ if not given.", show_default=False
+        None, "--out", help="Run folder to make.", show_default="a new folder in runs/"
     ),
     resume: options.Resume = None,
     of: list[Path] = typer.Option(
         [],
         "--of",
-        help="Collect nothing: the table of this run; several make one table. --judge then chooses one of "
-        "these runs' judges, by its name or how that begins.",
+        help="Print the results of this run instead of collecting one. May be repeated, for one table. "
+        "--judge then selects one of their judges, by its name or the beginning of it.",
         show_default=False,
     ),
     config: options.Config = None,
     settings: Given,
     budget: str | None = typer.Option(
-        None, "--budget", help="Steps for easy, medium and hard tasks.", show_default="30,50,70"
+        None,
+        "--budget",
+        help="Maximum number of steps for easy, medium and hard tasks.",
+        show_default="30,50,70",
     ),
     token_file: options.TokenFile = None,
     skip_corrupt: options.SkipCorrupt = False,
@@ -55,13 +59,11 @@ def command(
     ),
     as_latex: bool = typer.Option(False, "--latex", help="Print the table as LaTeX (booktabs)."),
 ) -> None:
-    """Attempt a test set with the paper's test budgets and print success by difficulty with intervals.
+    """Evaluate a policy on a test set with the paper's test budgets, and print success rates with intervals.
 
     An evaluation is a run like any other: it survives kill -9, is resumed with --resume, and can be judged
-    again and browsed. Offline, with no model: webgym eval --policy scripted --limit 50.
+    again and browsed. Without network and model: webgym eval --policy scripted --limit 50.
     """
-    from functools import partial
-
     from rich.console import Console
 
     from webgym.cli import _run
@@ -69,46 +71,57 @@ def command(
     from webgym.report.write import write_report
     from webgym.rollout.evaluation import evaluate
     from webgym.rollout.rejudge import RECORDED
-    from webgym.runs import collect
-    from webgym.settings import merged
 
-    if sum(1 for each in (out, resume, of) if each) > 1:
+    if sum(1 for option in (out, resume, of) if option) > 1:
         raise UsageError("--out, --resume and --of exclude each other", hint="see webgym eval --help")
     if as_json + as_markdown + as_latex > 1:
-        raise UsageError("give one of --json, --markdown and --latex")
+        raise UsageError("--json, --markdown and --latex exclude each other", hint="give one of them")
     console = Console(stderr=as_json or as_markdown or as_latex)
     if of:
         judge = settings.get("judge", {}).get("name", RECORDED)
-        _tell([evaluate(run, judge) for run in of], console, as_json, as_markdown, as_latex)
+        _print_results([evaluate(run, judge) for run in of], console, as_json, as_markdown, as_latex)
         return
     if resume is not None:
         folder = resume
-        job = _run.resuming(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
+        job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     else:
-        defaults = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
-        run = _as_a_test(options.run_settings(config, merged(defaults, settings)))
         folder = out or _new_folder()
-        job = partial(collect, run, folder)
+        job = _collection(folder, config, settings, budget)
     resumed_by = ("webgym eval", folder)
     summary, finishing = _run.make_run(
         job, resumed_by=resumed_by, console=console, token_file=token_file, report=report
     )
     if report:
         write_report(folder)
-    _tell([evaluate(folder)], console, as_json, as_markdown, as_latex)
+    _print_results([evaluate(folder)], console, as_json, as_markdown, as_latex)
     print_losses(summary, console)
-    told = f"\nrun      {folder}\nbrowse   webgym view {folder}"
-    console.print(told, highlight=False, soft_wrap=True, markup=False)
+    console.print(
+        f"\nrun      {folder}\nbrowse   webgym view {folder}", highlight=False, soft_wrap=True, markup=False
+    )
     print_retry(summary, f"webgym eval --resume {folder}", console)
-    _run.end_early(finishing, resumed_by)
+    _run.raise_if_interrupted(finishing, resumed_by)
     if all_failed(summary):
         raise typer.Exit(1)
 
 
-def _tell(
-    found: Sequence[Evaluation], console: Console, as_json: bool, as_markdown: bool, as_latex: bool
+def _collection(
+    folder: Path, config: Sequence[Path] | None, settings: Given, budget: str | None
+) -> Callable[..., Coroutine[Any, Any, Summary]]:
+    """The job that collects a new evaluation; see :func:`webgym.cli._run.make_run`."""
+    from functools import partial
+
+    from webgym.runs import collect
+    from webgym.settings import merged
+
+    defaults = {"tasks": {"spread": True, "split": "test"}, "attempt": _budgets(budget)}
+    run = _with_test_defaults(options.run_settings(config, merged(defaults, settings)))
+    return partial(collect, run, folder)
+
+
+def _print_results(
+    results: Sequence[Evaluation], console: Console, as_json: bool, as_markdown: bool, as_latex: bool
 ) -> None:
-    """Print results: what was asked for on stdout, what a person should know on the console."""
+    """Print results in the requested format on stdout, and notes on the console."""
     import msgspec
 
     from webgym.cli._evaluation import conditions, notes, show, tables
@@ -117,47 +130,49 @@ def _tell(
     from webgym.tables import show as show_tables
 
     if as_json:
-        told = msgspec.json.encode(found[0] if len(found) == 1 else found)
-        print(msgspec.json.format(told, indent=2).decode())
+        encoded = msgspec.json.encode(results[0] if len(results) == 1 else results)
+        print(msgspec.json.format(encoded, indent=2).decode())
         return
     if as_latex:
-        print(latex(tables(found)), end="")
+        print(latex(tables(results)), end="")
     elif as_markdown:
-        print(markdown([*tables(found), conditions(found)]), end="")
-    elif len(found) == 1:
-        show(found[0], console)
+        print(markdown([*tables(results), conditions(results)]), end="")
+    elif len(results) == 1:
+        show(results[0], console)
         return
     else:
-        show_tables(tables(found), console)
-    for one in found:
-        for note in notes(one):
-            name = f"{one.run}: " if len(found) > 1 else ""
+        show_tables(tables(results), console)
+    for result in results:
+        for note in notes(result):
+            name = f"{result.run}: " if len(results) > 1 else ""
             console.print(plain(f"{name}{note}"), highlight=False, soft_wrap=True, markup=False)
 
 
-def _budgets(told: str | None) -> dict[str, int]:
-    if told is None:
+def _budgets(budget: str | None) -> dict[str, int]:
+    if budget is None:
         return {}
-    parts = [part.strip() for part in told.split(",")]
+    parts = [part.strip() for part in budget.split(",")]
     if len(parts) != 3 or not all(part.isascii() and part.isdecimal() for part in parts):
-        raise ConfigError(f"--budget {told!r} is not three numbers", hint="as in --budget 30,50,70")
+        raise ConfigError(f"--budget {budget!r} is not three numbers", hint="as in --budget 30,50,70")
     return dict(zip(("budget_easy", "budget_medium", "budget_hard"), map(int, parts), strict=True))
 
 
-def _as_a_test(settings: RunConfig) -> RunConfig:
-    """Settings with what tests differ in from training, where nobody has set it.
+def _with_test_defaults(settings: RunConfig) -> RunConfig:
+    """Settings of a run, with the defaults of an evaluation for what is not set.
 
-    The paper's test budgets; all of a task file; and no attempt is cut short by the clock because others have
-    ended: in a test that would take from the slow ones what the fast ones had.
+    These are the paper's test budgets, all tasks of a file, and no early end of the slowest attempts, which
+    would have fewer steps than the others.
     """
     from webgym.rollout.evaluation import TEST_BUDGET
 
-    wanted = {
+    budgets = {
         "budget_easy": TEST_BUDGET.easy,
         "budget_medium": TEST_BUDGET.medium,
         "budget_hard": TEST_BUDGET.hard,
     }
-    attempt = {name: value for name, value in wanted.items() if name not in settings.attempt.model_fields_set}
+    attempt = {
+        name: value for name, value in budgets.items() if name not in settings.attempt.model_fields_set
+    }
     collector = settings.collector
     if "straggler_share" not in collector.model_fields_set:
         collector = collector.model_copy(update={"straggler_share": 1.0})

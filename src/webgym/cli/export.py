@@ -1,4 +1,4 @@
-"""``webgym export``: a run's steps, or tasks, for other programs."""
+"""``webgym export``: write the steps of a run, or tasks, for other programs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress, TextColumn
 
-from webgym.cli.tasks._files import Held, read_all
+from webgym.cli.tasks._files import TaskRecords, read_all
 from webgym.core.errors import RunFolderError, UsageError
 from webgym.core.outcome import Outcome
 from webgym.environment import COLLECTIONS, config_of
@@ -21,7 +21,7 @@ from webgym.tasks.formats import write_tasks
 
 
 class Format(StrEnum):
-    """Of the files."""
+    """The format of the files."""
 
     JSONL = "jsonl"
     PARQUET = "parquet"
@@ -29,7 +29,7 @@ class Format(StrEnum):
 
 
 class Split(StrEnum):
-    """Of the tasks."""
+    """The split of the tasks."""
 
     TRAIN = "train"
     TEST = "test"
@@ -40,69 +40,79 @@ def command(
     source: Annotated[
         Path,
         typer.Argument(
-            help="A run folder; a task file, or a folder of them; or the name of tasks, such as offline-v1."
+            help="A run folder, a task file or a folder of them, or the name of tasks, such as offline-v1."
         ),
     ],
-    out: Annotated[Path, typer.Option(help="A folder that is not there yet.")],
+    out: Annotated[Path, typer.Option(help="Folder to make.")],
     kind: Annotated[
-        Format, typer.Option("--format", help="sharegpt: for LLaMA-Factory, with mask_history: true.")
+        Format,
+        typer.Option(
+            "--format", help="Format of the files; sharegpt is for LLaMA-Factory, with mask_history: true."
+        ),
     ] = Format.PARQUET,
-    split: Annotated[Split, typer.Option(help="Whose tasks.")] = Split.TRAIN,
+    split: Annotated[
+        Split, typer.Option(help="Only attempts at tasks of this split, or tasks of it.")
+    ] = Split.TRAIN,
     outcome: Annotated[
         list[Outcome] | None,
-        typer.Option(help="Attempts that ended so; may be repeated. By default all; for sharegpt success."),
+        typer.Option(
+            help="Only attempts with this outcome. May be repeated.", show_default="all; success for sharegpt"
+        ),
     ] = None,
 ) -> None:
     """Write a row for every step: request, pictures, reply, tokens, outcome, reward (null if there is none).
 
-    jsonl and sharegpt keep the pictures beside them, parquet in its rows, as the library datasets does. Of
-    tasks it is a row for each: tasks.parquet or tasks.jsonl.
+    jsonl and sharegpt write pictures as files next to their own, parquet in its rows, as the library datasets
+    does. Tasks are written as a row each, to tasks.parquet or tasks.jsonl.
     """
-    if str(source) in COLLECTIONS or source.is_file() or _holds_tasks(source):
+    if str(source) in COLLECTIONS or source.is_file() or _has_tasks(source):
         if kind is Format.SHAREGPT or outcome:
-            raise UsageError("tasks have no replies and no outcomes", hint="export a run, or leave it out")
+            raise UsageError(
+                "tasks have no replies and no outcomes",
+                hint="export a run, or leave out sharegpt and --outcome",
+            )
         _export_tasks(source, out, kind, split)
         return
     console = Console(stderr=True)
     columns = TextColumn("{task.completed} attempts read")
-    with Progress(columns, console=console, transient=True, disable=not console.is_terminal) as shown:
-        bar = shown.add_task("", total=None)
-        done = export(
+    with Progress(columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        bar = progress.add_task("", total=None)
+        result = export(
             source,
             out,
             kind.value,
             split=split.value,
             outcomes=frozenset(outcome) if outcome else None,
-            progress=lambda read: shown.update(bar, completed=read),
+            progress=lambda count: progress.update(bar, completed=count),
         )
-    typer.echo(f"{done.steps:,} steps of {done.attempts:,} attempts, {done.pictures:,} pictures: {out}")
-    left = {
-        "attempts at tasks of another split": done.other_split,
-        "attempts of other outcomes": done.unrewarded,
-        "steps that the format cannot hold": done.unusable,
+    typer.echo(f"{result.steps:,} steps of {result.attempts:,} attempts, {result.pictures:,} pictures: {out}")
+    left_out = {
+        "attempts at tasks of another split": result.other_split,
+        "attempts with other outcomes": result.unrewarded,
+        "steps that the format cannot represent": result.unusable,
     }
-    if any(left.values()):
-        typer.echo("left out: " + ", ".join(f"{count:,} {what}" for what, count in left.items() if count))
+    if any(left_out.values()):
+        typer.echo("left out: " + ", ".join(f"{count:,} {what}" for what, count in left_out.items() if count))
 
 
-def _holds_tasks(folder: Path) -> bool:
+def _has_tasks(folder: Path) -> bool:
     names = ("tasks.*", "train*.*", "test*.*")
     return not (folder / "trajectories").exists() and any(any(folder.glob(name)) for name in names)
 
 
 def _export_tasks(source: Path, out: Path, kind: Format, split: Split) -> None:
     name = str(source)
-    held = (
-        Held(all_tasks(config_of(name, "all"), typer.echo), [], [])
+    records = (
+        TaskRecords(all_tasks(config_of(name, "all"), typer.echo), [], [])
         if name in COLLECTIONS
         else read_all([source])
     )
-    tasks = [task for task in held.tasks if split is Split.ALL or task.split == split.value]
+    tasks = [task for task in records.tasks if split is Split.ALL or task.split == split.value]
     make_folder(out)
     if any(out.iterdir()):
         raise RunFolderError(f"{out} is not empty", hint="choose another folder")
     file = out / f"tasks.{kind.value}"
     typer.echo(f"{write_tasks(file, tasks):,} tasks: {file}")
-    if len(tasks) < len(held.tasks):
-        typer.echo(f"left out: {len(held.tasks) - len(tasks):,} tasks of another split")
-    held.tell_left_out()
+    if len(tasks) < len(records.tasks):
+        typer.echo(f"left out: {len(records.tasks) - len(tasks):,} tasks of another split")
+    records.print_left_out()

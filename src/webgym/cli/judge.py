@@ -1,6 +1,6 @@
 """``webgym judge``: judge a stored run again, and compare judges.
 
-``webgym judge RUN`` is ``webgym judge run RUN``; further sub-verbs are commands beside it.
+``webgym judge RUN`` is short for ``webgym judge run RUN``; other sub-verbs have to be named.
 """
 
 from __future__ import annotations
@@ -20,15 +20,16 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from webgym.core.verdict import Cost
+    from webgym.llm.prices import Prices
     from webgym.rollout.rejudge import Judging
 
 
 REPLIES = "replies.sqlite"
-"""Where a run's judge replies are kept, beside the verdicts: a question is paid for once."""
+"""File of a run's judge replies, in the folder of verdicts, so that no request is paid for twice."""
 
 
 class _RunFirst(TyperGroup):
-    """A group whose command ``run`` may be left out."""
+    """A command group whose sub-verb ``run`` may be omitted."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         if args and args[0] not in self.commands and args[0] not in ("-h", "--help"):
@@ -45,7 +46,7 @@ app = typer.Typer(
 
 @app.callback()
 def _group() -> None:
-    """Judge a stored run again, and compare judges: `webgym judge RUN` is `webgym judge run RUN`."""
+    """Judge a stored run again, and compare judges. `webgym judge RUN` means `webgym judge run RUN`."""
 
 
 JUDGE = Options(
@@ -54,16 +55,18 @@ JUDGE = Options(
         "--judge": Option("name", default="rubric with --base-url, else the run's own"),
         "--base-url": Option(
             "rubric.chat.base_url",
-            help="OpenAI-compatible endpoint of the rubric judge; its key: WEBGYM_JUDGE_API_KEY, else "
-            "WEBGYM_API_KEY.",
+            help="OpenAI-compatible endpoint of the rubric judge; its key is read from WEBGYM_JUDGE_API_KEY, "
+            "else WEBGYM_API_KEY.",
         ),
         "--model": "rubric.chat.model",
-        "--keypoint-model": Option("rubric.keypoint.chat.model", help="Model that chooses screenshots."),
+        "--keypoint-model": Option(
+            "rubric.keypoint.chat.model", help="Model that selects the screenshots to judge by."
+        ),
         "--fact-model": Option("rubric.fact.chat.model", help="Model that judges criterion A."),
         "--response-model": Option("rubric.response.chat.model", help="Model that judges criterion B."),
-        "--blocking-model": Option("rubric.blocking.chat.model", help="Model that recognises blocking."),
+        "--blocking-model": Option("rubric.blocking.chat.model", help="Model that detects blocked attempts."),
         "--reference-model": Option(
-            "rubric.reference.chat.model", help="Model that compares with reference answers."
+            "rubric.reference.chat.model", help="Model that compares answers with reference answers."
         ),
         "--samples": "panel.samples",
         "--early-exit/--all-facts": "rubric.early_exit",
@@ -83,76 +86,53 @@ def judge_a_run(
     ),
     judge: Given,
     rejudge: Given,
-    again: bool = typer.Option(False, "--again", help="Judge again what this judge has judged before."),
+    again: bool = typer.Option(
+        False, "--again", help="Also judge attempts that this judge has judged before."
+    ),
     price: str | None = typer.Option(
         None,
         "--price",
-        help="PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION: dollars per million tokens.",
+        help="Price in dollars per million tokens: PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION.",
         show_default=False,
     ),
     prices: Path | None = typer.Option(
-        None, "--prices", help="YAML file of prices by model.", show_default=False
+        None, "--prices", help="YAML file of prices by model, instead of --price.", show_default=False
     ),
     compare: str | None = typer.Option(
         None,
         "--compare",
-        help="Then compare with another judge of this run, by its name or how that begins; `recorded` is "
-        "the verdict of the collection.",
+        help="Then compare with another judge of this run: its name or the beginning of it. `recorded` "
+        "is the judge that the run was collected with.",
         show_default=False,
     ),
 ) -> None:
-    """Judge every attempt of RUN that this judge has not judged yet, and show outcomes and cost.
+    """Judge every attempt of RUN that this judge has not judged yet, and print outcomes and cost.
 
-    May be stopped at any time and called again: verdicts are kept by the judge's name in RUN/verdicts, and
-    nothing is asked or counted twice. The run's own verdicts do not change.
+    May be stopped at any time and called again: verdicts are stored by the judge's name in RUN/verdicts, and
+    no request is made or counted twice. The verdicts of the collection do not change.
     """
-    import msgspec
     from rich.console import Console
 
     from webgym.cli._judge_options import judge_choice, own_choice
-    from webgym.cli._judge_output import print_account, showing, spent_since
     from webgym.cli._run import run as run_job
-    from webgym.cli._run import tell_on
-    from webgym.judge.factory import open_judge, refuse_unjudgeable
-    from webgym.llm.cache import ReplyCache
-    from webgym.llm.health import report_problems, watch_clients
-    from webgym.llm.ledger import Ledger
+    from webgym.judge.factory import refuse_unjudgeable
     from webgym.llm.prices import Prices
-    from webgym.rollout.files import VERDICTS, disk_errors
     from webgym.rollout.rejudge import compare as compare_verdicts
-    from webgym.rollout.rejudge import judge_run, verdicts_of
+    from webgym.rollout.rejudge import verdicts_of
     from webgym.rollout.store import RunReader
     from webgym.settings import validated
 
     console = Console()
     choice = judge_choice(judge, file=config, default=own_choice(RunReader(run).config))
     refuse_unjudgeable(choice, list(RunReader(run, skip_corrupt=True).tasks.values()))
-    known = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
+    table = Prices.parse(price) if price else Prices.read(prices) if prices else Prices()
     settings = validated(RejudgeConfig, rejudge | {"again": again})
-
-    async def job() -> tuple[Judging, Cost]:
-        folder = run / VERDICTS
-        with disk_errors(f"making {folder}"):
-            folder.mkdir(exist_ok=True)
-        async with ReplyCache(folder / REPLIES) as cache:
-            ledger = Ledger(cache, prices=known)
-            before = msgspec.structs.replace(ledger.totals.all)
-            with watch_clients() as problem, showing(console) as show:
-                async with (
-                    report_problems(problem, tell_on(console)),
-                    open_judge(choice, cache=cache, ledger=ledger) as opened,
-                ):
-                    state = await judge_run(run, opened, settings, show=show)
-            if choice.name == "rubric":
-                print_account(ledger, console)
-            return state, spent_since(before, ledger.totals.all)
-
-    state, spent = run_job(job)
-    _print(state, spent, console)
+    state, spent = run_job(lambda: _judge(run, choice, settings, table, console))
+    _print_result(state, spent, console)
     if compare is not None:
-        _, mine = verdicts_of(run, state.judge)
-        name, theirs = verdicts_of(run, compare)
-        _print_comparison(state.judge, name, compare_verdicts(mine, theirs), console)
+        _, verdicts = verdicts_of(run, state.judge)
+        other, other_verdicts = verdicts_of(run, compare)
+        _print_comparison(state.judge, other, compare_verdicts(verdicts, other_verdicts), console)
     if 0 < sum(state.failures.values()) == state.done:
         raise typer.Exit(1)
 
@@ -160,15 +140,47 @@ def judge_a_run(
 app.command("agreement")(agreement_command)
 
 
-def _print(state: Judging, spent: Cost, console: Console) -> None:
+async def _judge(
+    run: Path, choice: JudgeChoice, settings: RejudgeConfig, prices: Prices, console: Console
+) -> tuple[Judging, Cost]:
+    """Judge a run; its state afterwards, and the cost of all calls made now."""
+    import msgspec
+
+    from webgym.cli._judge_output import print_costs, progress_bar, spent_since
+    from webgym.cli._run import print_notes_on
+    from webgym.judge.factory import open_judge
+    from webgym.llm.cache import ReplyCache
+    from webgym.llm.health import report_problems, watch_clients
+    from webgym.llm.ledger import Ledger
+    from webgym.rollout.files import VERDICTS, disk_errors
+    from webgym.rollout.rejudge import judge_run
+
+    folder = run / VERDICTS
+    with disk_errors(f"making {folder}"):
+        folder.mkdir(exist_ok=True)
+    async with ReplyCache(folder / REPLIES) as cache:
+        ledger = Ledger(cache, prices=prices)
+        before = msgspec.structs.replace(ledger.totals.all)
+        with watch_clients() as problem, progress_bar(console) as show:
+            async with (
+                report_problems(problem, print_notes_on(console)),
+                open_judge(choice, cache=cache, ledger=ledger) as judge,
+            ):
+                state = await judge_run(run, judge, settings, show=show)
+        if choice.name == "rubric":
+            print_costs(ledger, console)
+        return state, spent_since(before, ledger.totals.all)
+
+
+def _print_result(state: Judging, spent: Cost, console: Console) -> None:
     from webgym.cli._judge_output import cost_line, outcomes_line
     from webgym.cli._summary import REASONS, line
 
     console.print(f"judge      {line(state.judge)}", highlight=False, soft_wrap=True, markup=False)
     unjudged = sum(state.failures.values())
-    told = f"{state.done - unjudged} of {state.total} attempts judged, {state.earlier} of them earlier"
-    skipped = f"; {state.skipped} did not end of their own" if state.skipped else ""
-    console.print(f"judged     {told}{skipped}", highlight=False, soft_wrap=True)
+    judged = f"{state.done - unjudged} of {state.total} attempts judged, {state.earlier} of them earlier"
+    skipped = f"; {state.skipped} were cut off or belong to another collector" if state.skipped else ""
+    console.print(f"judged     {judged}{skipped}", highlight=False, soft_wrap=True)
     if state.left_out:
         records = "1 record" if len(state.left_out) == 1 else f"{len(state.left_out)} records"
         console.print(f"left out   {records} that cannot be judged", highlight=False)
@@ -179,24 +191,22 @@ def _print(state: Judging, spent: Cost, console: Console) -> None:
         console.print(f"  {count} {line(message)}", highlight=False, soft_wrap=True, markup=False)
     console.print(f"cost       {cost_line(state.cost)}", highlight=False, soft_wrap=True)
     if spent.calls > state.spent.calls - state.spent.cached:
-        # What was paid for attempts that have no verdict stands in none.
+        # The costs of attempts without a verdict are in no verdict.
         console.print(f"paid now   {cost_line(spent)}", highlight=False, soft_wrap=True)
     elif state.earlier:
         console.print(f"cost now   {cost_line(state.spent)}", highlight=False, soft_wrap=True)
 
 
-def _print_comparison(one: str, other: str, comparison: Any, console: Console) -> None:
+def _print_comparison(judge: str, other: str, comparison: Any, console: Console) -> None:
     from webgym.cli._summary import line
 
     both, agreed = comparison.both, comparison.agreed
     share = f"{agreed / both:.1%}" if both else "–"
     console.print()
     console.print(
-        f"compared   {line(one)}\nwith       {line(other)}", highlight=False, soft_wrap=True, markup=False
+        f"compared   {line(judge)}\nwith       {line(other)}", highlight=False, soft_wrap=True, markup=False
     )
-    console.print(
-        f"agreement  {agreed} of {both} rewards ({share}); {comparison.unjudged} without two rewards"
-    )
+    console.print(f"agreement  {agreed} of {both} rewards ({share}); {comparison.unjudged} attempts lack one")
     for difference in comparison.differences:
         outcomes = f"{difference.one.outcome} / {difference.other.outcome}"
         console.print(

@@ -1,4 +1,4 @@
-"""``webgym llm``: what models have cost, and results of batches."""
+"""``webgym llm``: the cost of model calls, and results of batches."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ if TYPE_CHECKING:
     from webgym.llm.prices import Prices
     from webgym.llm.usage import Totals
 
-app = typer.Typer(no_args_is_help=True, help="Report what models have cost, and import batch results.")
+app = typer.Typer(no_args_is_help=True, help="Report the cost of model calls, and import batch results.")
 
 
 @app.command()
-def usage(cache: Path = typer.Argument(..., help="File of cached replies.")) -> None:
-    """Print calls, tokens and dollars of all runs that used a cache, per purpose and model."""
+def usage(cache: Path = typer.Argument(..., help="Database of cached replies.")) -> None:
+    """Print calls, tokens and cost of all runs that used a cache, by purpose and model."""
     from webgym.cli._run import run
     from webgym.llm.cache import ReplyCache
 
@@ -24,25 +24,27 @@ def usage(cache: Path = typer.Argument(..., help="File of cached replies.")) -> 
         async with ReplyCache(_existing(cache)) as opened:
             return opened.totals
 
-    _print(run(totals))
+    _print_totals(run(totals))
 
 
 @app.command("import")
 def import_(
-    cache: Path = typer.Argument(..., help="File of cached replies."),
-    files: list[Path] = typer.Argument(..., help="Result files of batches: replies, errors, in any order."),
+    cache: Path = typer.Argument(..., help="Database of cached replies."),
+    files: list[Path] = typer.Argument(
+        ..., help="Result files of batches: replies and errors, in any order."
+    ),
     price: str = typer.Option(
         "",
         "--price",
         metavar="PROMPT,COMPLETION",
-        help="Dollars per million tokens, as the batch costs them, of every model.",
+        help="Price of batches in dollars per million tokens, for every model.",
         show_default=False,
     ),
     prices: Path | None = typer.Option(
-        None, "--prices", help="YAML file of prices by model, in place of --price.", show_default=False
+        None, "--prices", help="YAML file of prices by model, instead of --price.", show_default=False
     ),
 ) -> None:
-    """Read results of batches into a cache. Fails if any request was not answered."""
+    """Store the results of batches in a cache. Fails if a request has no reply."""
     from rich.console import Console
 
     from webgym.cli._run import run
@@ -50,18 +52,20 @@ def import_(
     from webgym.llm.batch import Imported, import_results
     from webgym.llm.cache import ReplyCache
 
-    known = _prices(price, prices)
+    table = _prices(price, prices)
 
     async def read() -> Imported:
         async with ReplyCache(_existing(cache)) as opened:
-            return await import_results(opened, files, known)
+            return await import_results(opened, files, table)
 
-    found = run(read)
+    result = run(read)
     console = Console(stderr=True)
-    for line in found.unanswered:
+    for line in result.unanswered:
         console.print(plain(str(line)), highlight=False, markup=False, soft_wrap=True)
-    print(f"{found.stored} replies stored, {found.known} known before, {len(found.unanswered)} not answered")
-    if found.unanswered:
+    print(
+        f"{result.stored} replies stored, {result.known} stored before, {len(result.unanswered)} not answered"
+    )
+    if result.unanswered:
         raise typer.Exit(1)
 
 
@@ -69,7 +73,7 @@ def _existing(cache: Path) -> Path:
     from webgym.core.errors import UsageError
 
     if not cache.is_file():
-        raise UsageError(f"there is no file {cache}", hint="name the cache that a job was given")
+        raise UsageError(f"there is no file {cache}", hint="give the path of an existing cache")
     return cache
 
 
@@ -78,13 +82,13 @@ def _prices(price: str, table: Path | None) -> Prices:
     from webgym.llm.prices import Prices
 
     if price and table:
-        raise ConfigError("--price and --prices both say what tokens cost", hint="give one of them")
+        raise ConfigError("--price and --prices exclude each other", hint="give one of them")
     if table is not None:
         return Prices.read(table)
     return Prices.parse(price) if price else Prices()
 
 
-def _print(totals: Totals) -> None:
+def _print_totals(totals: Totals) -> None:
     from rich.console import Console
 
     from webgym.tables import Table, grid
@@ -94,7 +98,7 @@ def _print(totals: Totals) -> None:
         "in batches": "batched",
         "from cache": "hits",
         "prompt": "prompt_tokens",
-        "of it cheaper": "prompt_tokens_cached",
+        "of it cached": "prompt_tokens_cached",
         "completion": "completion_tokens",
     }
     whole, console = totals.all, Console()
@@ -109,9 +113,11 @@ def _print(totals: Totals) -> None:
     ]
     console.print(grid(Table("", ("purpose", "model", *columns, "dollars"), rows, names=2)))
     if whole.unpriced:
-        console.print(f"{whole.unpriced:,} calls had no price and are not in the dollars", highlight=False)
+        console.print(
+            f"{whole.unpriced:,} calls had no price and are not included in the dollars", highlight=False
+        )
     if whole.estimated:
-        console.print(f"of {whole.estimated:,} calls the tokens are estimates", highlight=False)
+        console.print(f"the tokens of {whole.estimated:,} calls are estimates", highlight=False)
 
 
 def _dollars(dollars: float, calls: int, unpriced: int) -> str:

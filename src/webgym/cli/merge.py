@@ -1,4 +1,4 @@
-"""``webgym merge``: the runs of collectors that shared one task list, as one run."""
+"""``webgym merge``: merge the runs of collectors that shared one task list."""
 
 from __future__ import annotations
 
@@ -19,21 +19,25 @@ from webgym.rollout.merging import merge_runs, runs_in
 def command(
     runs: Annotated[
         list[Path],
-        typer.Argument(help="The folder of --share, or run folders one by one.", metavar="SHARED|RUN..."),
+        typer.Argument(
+            help="The folder that was given to --share, or all run folders.", metavar="SHARED|RUN..."
+        ),
     ],
-    out: Annotated[Path, typer.Option(help="The merged run's folder.")],
-    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html, too.")] = True,
+    out: Annotated[Path, typer.Option(help="Folder of the merged run to make.")],
+    report: Annotated[bool, typer.Option("--report/--no-report", help="Write report.html.")] = True,
 ) -> None:
     """Merge the runs of collectors that shared one task list into one run.
 
-    Attempts keep their records and pictures, and are numbered anew. The runs stay as they are. What no
-    collector has finished is attempted with webgym rollout --resume OUT.
+    Attempts keep their records and pictures, and get new numbers. The given runs are not changed. Samples
+    that no collector has finished can be attempted with webgym rollout --resume OUT.
     """
-    folders = [run for given in runs for run in runs_in(given)]
+    folders = [run for path in runs for run in runs_in(path)]
     console = Console()
     columns = TextColumn("attempts"), BarColumn(), MofNCompleteColumn()
-    shown = Console(stderr=True)
-    with Progress(*columns, console=shown, transient=True, disable=not shown.is_terminal) as bars:
+    progress_console = Console(stderr=True)
+    with Progress(
+        *columns, console=progress_console, transient=True, disable=not progress_console.is_terminal
+    ) as bars:
         bar = bars.add_task("", total=None)
         merged = asyncio.run(
             merge_runs(
@@ -45,5 +49,5 @@ def command(
         write_report(out)
     typer.echo(f"{merged.attempts:,} attempts of {len(folders)} runs: {out}")
     if merged.missing:
-        left = f"{merged.missing:,} of {merged.samples:,} samples have no result"
-        typer.echo(f"{left}; webgym rollout --resume {shlex.quote(str(out))} --retry-errors attempts them")
+        missing = f"{merged.missing:,} of {merged.samples:,} samples have no result"
+        typer.echo(f"{missing}; attempt them: webgym rollout --resume {shlex.quote(str(out))} --retry-errors")

@@ -1,4 +1,4 @@
-"""``webgym pretrain``: make the tiny policy's first weights."""
+"""``webgym pretrain``: pretrain the initial weights of the tiny policy."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ import typer
 
 def command(
     config: list[Path] = typer.Argument(
-        None, help="Settings (YAML); see configs/tiny/recipe.yaml.", show_default=False
+        None, help="YAML files of settings; see configs/tiny/recipe.yaml.", show_default=False
     ),
-    out: Path = typer.Option(..., "--out", help="Folder; an unfinished pretraining in it is continued."),
+    out: Path = typer.Option(
+        ..., "--out", help="Folder of the pretraining. An unfinished one in it is continued."
+    ),
 ) -> None:
-    """Make the tiny policy's first weights: demonstrations on training websites, pretraining, an examination.
+    """Pretrain the tiny policy: collect demonstrations on training websites, pretrain, evaluate.
 
-    Everything follows from the settings' seed. Killed, it goes on from its last checkpoint.
+    Everything is determined by the seed in the settings. If it is killed, the same command continues from the
+    last checkpoint.
     """
     import asyncio
     import json
@@ -42,25 +45,26 @@ def command(
         BarColumn(),
         MofNCompleteColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[told]}"),
+        TextColumn("{task.fields[details]}"),
     )
-    with Progress(*columns, console=console) as shown, (out / "metrics.jsonl").open("a") as log:
+    with Progress(*columns, console=console) as progress, (out / "metrics.jsonl").open("a") as log:
         bars = {}
 
-        def advance(what: str, done: int, of: int, told: str = "") -> None:
-            if what not in bars:
-                bars[what] = shown.add_task(what, total=of, told="")
-            shown.update(bars[what], completed=done, total=of, told=told)
+        def advance(name: str, done: int, total: int, details: str = "") -> None:
+            if name not in bars:
+                bars[name] = progress.add_task(name, total=total, details="")
+            progress.update(bars[name], completed=done, total=total, details=details)
 
-        def tell(figures: object) -> None:
+        def write_metrics(figures: object) -> None:
             assert isinstance(figures, dict)
             print(json.dumps({"at": time.time(), **figures}), file=log, flush=True)
             losses = f"loss {figures['pointing']:.2f} pointing, {figures['acting']:.2f} acting"
             advance("pretraining", figures["step"], settings.pretrain.steps, losses)
 
-        examined = asyncio.run(follow(settings, out, tell=tell, advance=advance))
-    for split, said in examined.items():
-        for level, interval in said["success_interval"].items():
+        summaries = asyncio.run(follow(settings, out, tell=write_metrics, advance=advance))
+    for split, summary in summaries.items():
+        for level, interval in summary["success_interval"].items():
             if interval is not None:
-                (low, high), rate, tried = interval, said["success_rate"][level], said["planned"][level]
-                console.print(f"{split} {level}: {rate:.1%} ({low:.1%}-{high:.1%}) of {tried}")
+                (low, high), rate = interval, summary["success_rate"][level]
+                planned = summary["planned"][level]
+                console.print(f"{split} {level}: {rate:.1%} ({low:.1%}-{high:.1%}) of {planned} tasks")

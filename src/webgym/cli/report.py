@@ -17,22 +17,25 @@ _DEFAULTS = ReportConfig()
 
 
 def command(
-    run: Annotated[Path, typer.Argument(help="The folder of a run or of a training.")],
+    run: Annotated[Path, typer.Argument(help="Folder of a run or of a training.")],
     embed: Annotated[
         bool,
         typer.Option(
             "--embed/--no-embed",
-            help="Put screenshots into the file; else it shows those beside it in the run folder.",
+            help="Embed screenshots in the file; otherwise it links to those in the run folder.",
         ),
     ] = _DEFAULTS.embed,
     width: Annotated[
-        int, typer.Option(help="Width of embedded screenshots, pixels.", min=64)
+        int, typer.Option(help="Width of embedded screenshots in pixels.", min=64)
     ] = _DEFAULTS.image_width,
     megabytes: Annotated[
-        int, typer.Option(help="How much of the file screenshots may take; the others are linked to.", min=0)
+        int,
+        typer.Option(
+            help="Maximum size of all embedded screenshots in MiB; further ones are linked to.", min=0
+        ),
     ] = _DEFAULTS.image_budget_bytes // 2**20,
 ) -> None:
-    """Write RUN/report.html, which needs no network, and print its path."""
+    """Write RUN/report.html, which needs no network access, and print its path."""
     config = ReportConfig(embed=embed, image_width=width, image_budget_bytes=megabytes * 2**20)
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
     console = Console(stderr=True)

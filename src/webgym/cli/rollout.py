@@ -10,8 +10,8 @@ from webgym.cli import _options as options
 from webgym.cli._fields import Given, takes
 
 RUN = options.run_options(
-    split="train; every task where none says its split",
-    limit="all of a file of up to 100, else 20",
+    split="train; all tasks if none has a split",
+    limit="all tasks of a file of up to 100, else 20",
     schedule="collector.schedule",
     order="collector.order",
     share="collector.sharing.folder",
@@ -30,10 +30,10 @@ def command(
     retry_errors: options.RetryErrors = False,
     report: options.WriteReport = True,
 ) -> None:
-    """Collect trajectories: attempt every task, judge, and keep all of it in a run folder.
+    """Collect trajectories: attempt every task, judge the attempts, and store them in a run folder.
 
-    Ctrl-C once ends the run when the attempts in flight are done, twice abandons them. A run that was stopped
-    or killed is resumed with --resume RUN: no attempt is lost or made twice.
+    After Ctrl-C the run ends when the attempts in flight have ended; a second Ctrl-C abandons them. A run
+    that was stopped or killed is resumed with --resume RUN: no attempt is lost or made twice.
     """
     from functools import partial
 
@@ -48,12 +48,12 @@ def command(
     console = Console()
     if resume is not None and out is None:
         folder = resume
-        job = _run.resuming(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
+        job = _run.resume_job(folder, settings, skip_corrupt=skip_corrupt, retry_errors=retry_errors)
     elif out is not None and resume is None:
         folder = out
         job = partial(collect, options.run_settings(config, settings), folder)
     else:
-        raise UsageError("give either --out or --resume", hint="--out makes a run, --resume resumes one")
+        raise UsageError("give either --out or --resume", hint="--out makes a run, --resume continues one")
     resumed_by = ("webgym rollout", folder)
     summary, finishing = _run.make_run(
         job, resumed_by=resumed_by, console=console, token_file=token_file, report=report
@@ -64,6 +64,6 @@ def command(
     print_retry(summary, f"webgym rollout --resume {folder}", console)
     if path is not None:
         console.print(f"report   {path}", highlight=False, soft_wrap=True, markup=False)
-    _run.end_early(finishing, resumed_by)
+    _run.raise_if_interrupted(finishing, resumed_by)
     if all_failed(summary):
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""``webgym serve``: a browser server as a process of its own."""
+"""``webgym serve``: start a browser server."""
 
 from __future__ import annotations
 
@@ -65,22 +65,26 @@ def command(
     gateway: Given,
     ray: Given,
     token_file: Path | None = typer.Option(
-        None, "--token-file", help="File that holds the token; created, readable by you only, if missing."
+        None,
+        "--token-file",
+        help="File that contains the token; created, readable by you only, if it does not exist.",
     ),
     compat: bool = typer.Option(
         False, "--compat", help="Also serve the HTTP API of the WebGym authors' server."
     ),
-    compat_port: int = typer.Option(7000, "--compat-port", min=0, max=65535, help="Port of that API."),
+    compat_port: int = typer.Option(
+        7000, "--compat-port", min=0, max=65535, help="Port of the API of --compat."
+    ),
     compat_key_file: Path | None = typer.Option(
         None,
         "--compat-key-file",
-        help="File that holds its API key, created like the token.",
+        help="File that contains the API key of --compat; created if it does not exist.",
         show_default="the token",
     ),
 ) -> None:
     """Start a browser server: a gateway and its workers, here or on the nodes of a Ray cluster.
 
-    SIGTERM or Ctrl-C stops it and every browser of it.
+    SIGTERM or Ctrl-C stops it and all of its browsers.
 
     The token is read from --token-file or WEBGYM_TOKEN; without either, a random one is printed once.
     """
@@ -94,7 +98,7 @@ def command(
     from webgym.settings import validated
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    token = _token_in(token_file) if token_file else os.environ.get(TOKEN)
+    token = _read_or_create_token(token_file) if token_file else os.environ.get(TOKEN)
     if "tokens_file" in server:
         server["tokens_file"] = server["tokens_file"].absolute()
     config = validated(ServerConfig, {"port": _PORT} | server | ({"token": token} if token else {}))
@@ -102,13 +106,13 @@ def command(
     cluster = None
     if "address" in ray:
         cluster = validated(RayConfig, ray | {"slots_per_node": server.get("slots")})
-    where = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
-    beside = config.model_copy(update={"port": compat_port}) if compat else None
-    key = _token_in(compat_key_file) if compat_key_file else None
+    token_source = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
+    compat_config = config.model_copy(update={"port": compat_port}) if compat else None
+    key = _read_or_create_token(compat_key_file) if compat_key_file else None
     open_as_many_files_as_may_be()
-    uvloop.run(_serve(config, fleet, cluster, where, beside, key))
+    uvloop.run(_serve(config, fleet, cluster, token_source, compat_config, key))
     if cluster is not None:
-        # All is done. Where the cluster's head is gone, Ray would hang or crash with the interpreter.
+        # If the cluster's head is gone, Ray hangs or crashes when the interpreter exits.
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(0)
@@ -118,7 +122,7 @@ async def _serve(
     config: ServerConfig,
     fleet: GatewayConfig,
     cluster: RayConfig | None,
-    token_is: str,
+    token_source: str,
     compat: ServerConfig | None,
     key: str | None,
 ) -> None:
@@ -131,11 +135,11 @@ async def _serve(
 
     serving = asyncio.current_task()
     assert serving is not None
-    told = asyncio.Event()
+    stopping = asyncio.Event()
 
     def stop() -> None:
-        if not told.is_set():  # once: whoever is impatient must not cut the end short
-            told.set()
+        if not stopping.is_set():  # only once: a second signal must not interrupt the shutdown
+            stopping.set()
             serving.cancel()
 
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -144,32 +148,36 @@ async def _serve(
         async with AsyncExitStack() as stack:
             server = await stack.enter_async_context(running_gateway(config, fleet, cluster))
             gateway = server.gateway
-            _say(server.url, token_is or server.token, await gateway.info(), gateway.fleet.wanted)
+            _print_server(
+                server.url, token_source or server.token, await gateway.info(), gateway.fleet.wanted
+            )
             if compat is not None:
                 layer = running_compat(server.url, server.token, listening=compat, key=key)
                 print(f"compat   {(await stack.enter_async_context(layer)).url}", flush=True)
             await asyncio.Event().wait()
     except asyncio.CancelledError:
-        if not told.is_set():
+        if not stopping.is_set():
             raise
 
 
-def _say(url: str, token: str, info: ServerInfo, wanted: int) -> None:
-    up = len(info.workers)
-    more = wanted > up
+def _print_server(url: str, token: str, info: ServerInfo, wanted: int) -> None:
+    running = len(info.workers)
+    more = wanted > running
     print(f"server   {url}")
     print(f"token    {token}")
     print(f"slots    {info.slots}{' so far' if more else ''}")
-    print(
-        f"workers  {up}{f' of {wanted}' if more else ''}{'' if wanted else ': no node has CPUs for us yet'}"
-    )
-    print(f"browser  {f'{info.browser} ({info.executable})' if up else 'not known yet'}")
+    print(f"workers  {running}{f' of {wanted}' if more else ''}{'' if wanted else ': no node has CPUs yet'}")
+    print(f"browser  {f'{info.browser} ({info.executable})' if running else 'not known yet'}")
     sandbox = "on" if info.sandboxed else f"OFF: {info.sandbox_reason}"
-    print(f"sandbox  {sandbox if up else 'not known yet'}", flush=True)
+    print(f"sandbox  {sandbox if running else 'not known yet'}", flush=True)
 
 
-def _token_in(path: Path) -> str:
-    """The token that a file holds; a file that is not there gets a fresh one."""
+def _read_or_create_token(path: Path) -> str:
+    """Read the token in a file; if there is no such file, create it with a random token.
+
+    Raises:
+        ConfigError: the file cannot be read or created.
+    """
     import os
     import secrets
 
@@ -180,5 +188,5 @@ def _token_in(path: Path) -> str:
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
             file.write(f"{token}\n")
     except OSError as error:
-        raise ConfigError(f"the token file {path} cannot be used: {error.strerror}") from error
+        raise ConfigError(f"cannot read or create the token file {path}: {error.strerror}") from error
     return token

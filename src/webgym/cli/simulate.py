@@ -1,4 +1,4 @@
-"""``webgym simulate``: a model of the rollout system, for sizing systems that are not available."""
+"""``webgym simulate``: simulate rollout systems of any size, to decide which to buy."""
 
 from __future__ import annotations
 
@@ -11,33 +11,46 @@ from webgym.core.errors import UsageError
 
 def command(
     cpus: list[int] = typer.Option(
-        [], "--cpus", min=1, help="Processors of all browser machines. May be repeated.", show_default="64"
+        [],
+        "--cpus",
+        min=1,
+        help="Number of processors of all browser machines. May be repeated.",
+        show_default="64",
     ),
     gpus: list[float] = typer.Option(
-        [], "--gpus", min=0.01, help="GPUs that serve the policy. May be repeated.", show_default="24"
+        [],
+        "--gpus",
+        min=0.01,
+        help="Number of GPUs that serve the policy. May be repeated.",
+        show_default="24",
     ),
     environments: int | None = typer.Option(
-        None, "--environments", min=1, help="Episodes at once.", show_default="4 per CPU"
+        None, "--environments", min=1, help="Number of parallel episodes.", show_default="4 per CPU"
     ),
-    paper: bool = typer.Option(False, "--paper", help="Repeat the paper's measurements instead."),
+    paper: bool = typer.Option(False, "--paper", help="Simulate the paper's measurements instead."),
     compare: Path | None = typer.Option(
         None,
         "--compare",
-        help="A folder of webgym bench rollout: its ratios beside the model's.",
+        help="Folder of webgym bench rollout: compare its results with simulated ones instead.",
         show_default=False,
     ),
     config: list[Path] = typer.Option(
-        [], "--config", help="YAML with costs, system, workload or prices. Repeatable.", show_default=False
+        [],
+        "--config",
+        help="YAML file of costs, system, workload or prices. May be repeated.",
+        show_default=False,
     ),
-    figure: Path | None = typer.Option(None, "--figure", help="Draw it here: .svg, .png or .pdf."),
-    json: Path | None = typer.Option(None, "--json", help="Write all figures here."),
-    as_markdown: bool = typer.Option(False, "--markdown", help="Print Markdown, for a document."),
+    figure: Path | None = typer.Option(
+        None, "--figure", help="Draw the results to this file: .svg, .png or .pdf."
+    ),
+    json: Path | None = typer.Option(None, "--json", help="Write all results to this JSON file."),
+    as_markdown: bool = typer.Option(False, "--markdown", help="Print the table as Markdown."),
 ) -> None:
-    """How many trajectories a system of any size makes, what limits it, and what one more of each thing buys.
+    """Simulate a rollout system: its throughput, its bottleneck, and the gain from one more of each resource.
 
-    A discrete-event model; starts no browser and no model. The service times are those of a config, else they
-    stand for real websites and a model of eight billion parameters on H100s. Up to 10,000 CPUs and 1,000 GPUs
-    in under a minute per size.
+    A discrete-event simulation without browsers and models. Service times are read from --config; the
+    defaults are those of real websites and a model of eight billion parameters on H100s. A system of up to
+    10,000 CPUs and 1,000 GPUs takes less than a minute.
     """
     import msgspec
     from rich.console import Console
@@ -49,31 +62,31 @@ def command(
     from webgym.simulate.questions import read_questions
     from webgym.tables import markdown, show
 
-    asked = read_questions(config)
-    said = Console(stderr=True)
-    found: object
+    questions = read_questions(config)
+    progress = Console(stderr=True)
+    results: object
     if compare is not None:
         from webgym.bench.rollout.compare import compare as compared_with
         from webgym.bench.rollout.compare import comparison_table
         from webgym.bench.rollout.measure import read_bench
 
-        found = compared = list(compared_with(*read_bench(compare)))
+        results = compared = list(compared_with(*read_bench(compare)))
         table = comparison_table(compared)
     elif paper:
-        with said.status("simulating the paper's measurements"):
-            found = reproduced = reproduce(asked.costs, asked.workload)
+        with progress.status("simulating the paper's measurements"):
+            results = reproduced = reproduce(questions.costs, questions.workload)
         table = paper_table(reproduced.points)
     else:
-        systems = list(asked.sizes(cpus, gpus, environments))
-        watched = track(systems, "simulating", console=said, transient=True)
-        sizes = [asked.answer(system) for system in watched]
-        found, table = sizes, sizes_table(sizes)
+        systems = list(questions.sizes(cpus, gpus, environments))
+        tracked = track(systems, "simulating", console=progress, transient=True)
+        sizes = [questions.answer(system) for system in tracked]
+        results, table = sizes, sizes_table(sizes)
     if as_markdown:
         print(markdown([table]), end="")
     else:
         show([table], Console())
     if json is not None:
-        json.write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+        json.write_bytes(msgspec.json.format(msgspec.json.encode(results)))
     if figure is not None and compare is not None:
         raise UsageError("there is no figure of a comparison", hint="webgym bench rollout --figure draws one")
     if figure is not None and paper:

@@ -1,4 +1,4 @@
-"""``webgym sites``: the offline web."""
+"""``webgym sites``: serve, list and check the websites of the offline web."""
 
 from __future__ import annotations
 
@@ -19,19 +19,23 @@ app = typer.Typer(no_args_is_help=True, help="Serve, list and check the websites
 @app.command()
 def serve(
     host: str = typer.Option("127.0.0.1", "--host", help="Address to listen on."),
-    port: int = typer.Option(8123, "--port", min=0, max=65535, help="Port; 0 takes a free one."),
-    seed: int | None = typer.Option(None, "--seed", help="Seed of every website.", show_default="7"),
+    port: int = typer.Option(8123, "--port", min=0, max=65535, help="Port to listen on; 0 for a free one."),
+    seed: int | None = typer.Option(None, "--seed", help="Seed of all websites.", show_default="7"),
     collection: str = typer.Option(
-        "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
+        "large",
+        "--collection",
+        help="large or small websites, or cross: tasks that need two of the large ones.",
     ),
     per_family: int | None = typer.Option(
-        None, "--per-family", min=1, help="Websites per family.", show_default="50 large, 72 small"
+        None, "--per-family", min=1, help="Number of websites per family.", show_default="50 large, 72 small"
     ),
-    latency: float = typer.Option(1.0, "--latency", min=0, help="Scale of simulated latency; 0 for none."),
+    latency: float = typer.Option(
+        1.0, "--latency", min=0, help="Factor of the simulated latency; 0 for none."
+    ),
 ) -> None:
-    """Serve the offline web until Ctrl-C, and say how a browser gets there.
+    """Serve the offline web until Ctrl-C, and print how browsers reach it.
 
-    The token of its administration is taken from WEBGYM_SITES_TOKEN, or made up and printed.
+    The token of the administration API is read from WEBGYM_SITES_TOKEN; without it, a random one is printed.
     """
     import asyncio
     import os
@@ -43,7 +47,7 @@ def serve(
     from webgym.offline.config import DEFAULT_SEED, SitesConfig
     from webgym.offline.web import collection_name
 
-    given = os.environ.get(SITES_TOKEN)
+    token = os.environ.get(SITES_TOKEN)
     config = SitesConfig(
         host=host,
         port=port,
@@ -51,7 +55,7 @@ def serve(
         collection=collection_name(collection),
         per_family=per_family,
         latency=latency,
-        token=SecretStr(given) if given else None,
+        token=SecretStr(token) if token else None,
     )
 
     async def forever() -> None:
@@ -59,7 +63,7 @@ def serve(
             rules = " ".join(f"--allow-host '{rule}'" for rule in sites.allowed_hosts)
             first = next(iter(sites.web.specs))
             print(f"{len(sites.web.specs)} websites at {sites.address}", flush=True)
-            if not given:
+            if not token:
                 print(f"token    {sites.token}")
             print(
                 f"browse   chromium --host-resolver-rules='MAP *.webgym.test {sites.address}' http://{first}/"
@@ -73,10 +77,14 @@ def serve(
 
 @app.command("list")
 def list_sites(
-    family: str | None = typer.Option(None, "--family", help="Only of this family.", show_default=False),
-    seed: int | None = typer.Option(None, "--seed", help="Seed of every website.", show_default="7"),
+    family: str | None = typer.Option(
+        None, "--family", help="Only websites of this family.", show_default=False
+    ),
+    seed: int | None = typer.Option(None, "--seed", help="Seed of all websites.", show_default="7"),
     collection: str = typer.Option(
-        "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
+        "large",
+        "--collection",
+        help="large or small websites, or cross: tasks that need two of the large ones.",
     ),
 ) -> None:
     """List the websites: address, family, split and behaviour."""
@@ -89,46 +97,53 @@ def list_sites(
             print(f"http://{host}/  {spec.family.family}  {spec.split}  {spec.behaviour}")
 
 
-def _report(console: Console, surprises: list[str], tasks: Collection[str]) -> None:
-    """Print what is not as it should be; exit with 1 if there is anything."""
-    for surprise in surprises:
-        console.print(surprise, highlight=False, markup=False, soft_wrap=True)
-    failed = {surprise.partition(": ")[0] for surprise in surprises} & set(tasks)
-    right = len(tasks) - len(failed)
-    console.print(f"{right} of {len(tasks)} tasks are as they should be", highlight=False)
-    if surprises:
+def _report(console: Console, failures: list[str], tasks: Collection[str]) -> None:
+    """Print the failures and the number of tasks that passed; exit with 1 if there are failures."""
+    for failure in failures:
+        console.print(failure, highlight=False, markup=False, soft_wrap=True)
+    failed = {failure.partition(": ")[0] for failure in failures} & set(tasks)
+    console.print(f"{len(tasks) - len(failed)} of {len(tasks)} tasks passed", highlight=False)
+    if failures:
         raise typer.Exit(1)
 
 
 @app.command()
 def check(
-    out: Path | None = typer.Option(None, "--out", help="Keep the run in this folder.", show_default=False),
-    family: str | None = typer.Option(None, "--family", help="Only of this family.", show_default=False),
-    sample: int | None = typer.Option(
-        None, "--sample", min=1, help="So many tasks; else all.", show_default=False
+    out: Path | None = typer.Option(
+        None, "--out", help="Keep the run of the check in this folder.", show_default=False
     ),
-    sessions: int = typer.Option(12, "--sessions", min=1, help="Browser sessions at the same time."),
-    latency: float = typer.Option(0.0, "--latency", min=0, help="Scale of simulated latency; 0 for none."),
-    marks: bool = typer.Option(False, "--marks", help="Set-of-Marks instead of coordinates."),
-    quick: bool = typer.Option(False, "--quick", help="Without browsers: only what needs none."),
+    family: str | None = typer.Option(
+        None, "--family", help="Only websites of this family.", show_default=False
+    ),
+    sample: int | None = typer.Option(
+        None, "--sample", min=1, help="Number of tasks to check.", show_default="all"
+    ),
+    sessions: int = typer.Option(12, "--sessions", min=1, help="Number of parallel browser sessions."),
+    latency: float = typer.Option(
+        0.0, "--latency", min=0, help="Factor of the simulated latency; 0 for none."
+    ),
+    marks: bool = typer.Option(False, "--marks", help="Use Set-of-Marks instead of coordinates."),
+    quick: bool = typer.Option(False, "--quick", help="Only checks that need no browser."),
     seed: int = typer.Option(0, "--seed", help="Seed of the sample."),
     collection: str = typer.Option(
-        "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
+        "large",
+        "--collection",
+        help="large or small websites, or cross: tasks that need two of the large ones.",
     ),
 ) -> None:
-    """Prove in real browsers that tasks are solvable, and by nothing less than a solution.
+    """Check in real browsers that every task can be solved, and that only a solution passes the judge.
 
-    Plays every solution. A task passes if its attempt ends as its website lets it end: in success where
-    the website behaves, within the step budget; and if the same attempt with a wrong answer, with the
-    right answer but without the evidence, or with nothing at all does not pass the judge. Evidence that
-    a page cuts off, and evidence that typing would bring about (no browser is needed to find that), fail
-    a task as well. Exits with 1 if any task fails, and names each.
+    Carries out every solution. A task passes if its attempt has the outcome that its website allows (success
+    within the step budget on a website that works) and if the judge rejects the same attempt with a wrong
+    answer, with the right answer but without evidence, and without any action. Evidence that a page cuts off,
+    and evidence that appears because it is typed (which needs no browser to check), fail a task as well.
+    Exits with 1 if a task fails, and lists all that do.
     """
     import tempfile
 
     from rich.console import Console
 
-    from webgym.cli._run import run, show_on, tell_on
+    from webgym.cli._run import print_notes_on, run, show_progress_on
     from webgym.core.errors import ConfigError
     from webgym.offline.web import OfflineWeb, collection_name
     from webgym.tasks.sampling import draw
@@ -145,12 +160,12 @@ def check(
     if not tasks:
         raise ConfigError(f"unknown family {family!r}", hint="webgym sites list shows the families")
     tasks = draw(tasks, sample, seed)
-    surprises = list(typed(web, tasks))
+    failures = list(typed(web, tasks))
     if quick:
-        _report(console, surprises, [task.id for task in tasks])
+        _report(console, failures, [task.id for task in tasks])
         return
     with tempfile.TemporaryDirectory(prefix="webgym-check-") as scratch:
-        checked = run(
+        browser_failures = run(
             lambda: check_in_browsers(
                 web,
                 tasks,
@@ -158,8 +173,8 @@ def check(
                 mode="marks" if marks else "coordinates",
                 sessions=sessions,
                 latency=latency,
-                show=show_on(console),
-                tell=tell_on(console),
+                show=show_progress_on(console),
+                tell=print_notes_on(console),
             )
         )
-    _report(console, [*surprises, *checked], [task.id for task in tasks])
+    _report(console, [*failures, *browser_failures], [task.id for task in tasks])

@@ -1,4 +1,4 @@
-"""``webgym study``: the paper's study in miniature."""
+"""``webgym study``: repeat the paper's training study with the tiny policy."""
 
 from __future__ import annotations
 
@@ -9,26 +9,31 @@ import typer
 
 def command(
     config: list[Path] = typer.Argument(
-        None, help="Settings (YAML) laid over the study's own; see webgym.tiny.study.", show_default=False
+        None, help="YAML files that override the study's settings; see webgym.tiny.study.", show_default=False
     ),
     weights: Path | None = typer.Option(
         None,
         "--weights",
-        help="First weights, a model of webgym pretrain; the package's if not given.",
-        show_default=False,
+        help="Folder of the initial weights, as webgym pretrain writes them.",
+        show_default="the weights in the package",
     ),
     out: Path | None = typer.Option(
-        None, "--out", help="Folder; unfinished trainings in it are continued.", show_default=False
+        None,
+        "--out",
+        help="Folder of the study. Unfinished trainings in it are continued.",
+        show_default=False,
     ),
-    seeds: int = typer.Option(3, "--seeds", min=1, help="Trainings per row."),
-    row: list[str] = typer.Option(None, "--row", help="A row; may be repeated. All if not given."),
-    list_rows: bool = typer.Option(False, "--list", help="Name the rows and do nothing."),
+    seeds: int = typer.Option(3, "--seeds", min=1, help="Number of trainings per row."),
+    row: list[str] = typer.Option(
+        None, "--row", help="Row of the study to train. May be repeated.", show_default="all"
+    ),
+    list_rows: bool = typer.Option(False, "--list", help="Print the names of the rows and exit."),
 ) -> None:
-    """Train the tiny policy by every row of the paper's study, and compare: hours, resumable.
+    """Train the tiny policy with the settings of every row of the paper's study, and compare the results.
 
-    Pages are drawn once and attempted without browser sessions, which is many times faster; --help of
-    `webgym train` and the settings say how to make the same with browsers (server.static: false).
-    Writes study.md, study.json and study.png after every training.
+    Takes hours, and can be resumed. Pages are rendered once and attempted without browsers, which is many
+    times faster; the setting server.static: false uses browsers. Writes study.md, study.json and study.png
+    after every training.
     """
     from rich.console import Console
 
@@ -45,21 +50,21 @@ def command(
 
     study, console = read_study(config or []), Console()
     rows = row or list(study.rows)
-    if unknown := [each for each in rows if each not in study.rows]:
-        raise UsageError(f"unknown row {unknown[0]!r}", hint=f"rows: {', '.join(study.rows)}")
+    if unknown := [name for name in rows if name not in study.rows]:
+        raise UsageError(f"unknown row {unknown[0]!r}", hint=f"choose one of {', '.join(study.rows)}")
     if list_rows:
         for name in rows:
             typer.echo(name)
         return
     if out is None:
-        raise UsageError("there is no folder for the study", hint="--out FOLDER makes one or goes on in it")
+        raise UsageError("the study needs a folder", hint="--out FOLDER makes or continues one")
     torch.set_num_threads(1)
-    first = weights or WEIGHTS
     make_folder(out)
 
-    def tell(line: str) -> None:
+    def print_line(line: str) -> None:
         console.print(line, highlight=False, soft_wrap=True, markup=False)
 
-    found = _run.run(lambda: carry_out(study, first, rows, seeds, out, tell))
-    for line in (*table(study, found), "", *findings(study, found)):
-        tell(line)
+    initial = weights or WEIGHTS
+    results = _run.run(lambda: carry_out(study, initial, rows, seeds, out, print_line))
+    for line in (*table(study, results), "", *findings(study, results)):
+        print_line(line)

@@ -1,4 +1,4 @@
-"""``webgym train``: learn from a policy's own outcomes, iteration after iteration."""
+"""``webgym train``: train a policy on its own successful attempts, iteration by iteration."""
 
 from __future__ import annotations
 
@@ -15,28 +15,34 @@ if TYPE_CHECKING:
 
 def command(
     config: list[Path] = typer.Argument(
-        None, help="Settings (YAML), each laid over those before it; see configs/train/.", show_default=False
+        None,
+        help="YAML files of settings; later files override earlier ones. See configs/train/.",
+        show_default=False,
     ),
-    out: Path | None = typer.Option(None, "--out", help="Folder to make.", show_default=False),
+    out: Path | None = typer.Option(
+        None, "--out", help="Folder of the training to make.", show_default=False
+    ),
     resume: Path | None = typer.Option(
-        None, "--resume", help="Folder to resume, as it was started.", show_default=False
+        None, "--resume", help="Folder of the training to resume, with its settings.", show_default=False
     ),
     explain: bool = typer.Option(
-        False, "--explain", help="Print what is trained on and what an update takes; train nothing."
+        False,
+        "--explain",
+        help="Print the settings and the estimated memory and time of an update, and exit.",
     ),
     gpus: str = typer.Option(
-        "8xh100", "--gpus", help="For --explain: how many of which, such as 8xh100, 4xa100, 1xh200."
+        "8xh100", "--gpus", help="GPUs for --explain: number and type, such as 8xh100, 4xa100, 1xh200."
     ),
     token_file: options.TokenFile = None,
 ) -> None:
-    """Train: sample tasks, roll out, judge, learn from what succeeded, publish the weights, evaluate.
+    """Train a policy: sample tasks, roll out, judge, learn from successful attempts, publish, evaluate.
 
     A training that was killed is resumed with --resume FOLDER: no attempt is lost and none is made twice.
     """
     from rich.console import Console
 
     from webgym.cli import _run
-    from webgym.cli._training_output import carry_out
+    from webgym.cli._training_output import run_training
     from webgym.core.errors import ConfigError, UsageError
 
     try:
@@ -50,11 +56,11 @@ def command(
     files = list(config or ())
     if explain:
         settings = read_config(resume) if resume else load_train_config(files)
-        for line in _explained(settings, gpus):
+        for line in _explanation(settings, gpus):
             console.print(line, highlight=False, soft_wrap=True)
         return
     if (out is None) == (resume is None) or bool(files) != bool(out):
-        hint = "webgym train CONFIG --out FOLDER makes one, webgym train --resume FOLDER resumes it"
+        hint = "webgym train CONFIG --out FOLDER starts one, webgym train --resume FOLDER continues it"
         raise UsageError("give either settings and --out, or --resume", hint=hint)
     folder = out or resume
     assert folder is not None
@@ -62,19 +68,19 @@ def command(
     if is_follower():
         follow(settings, folder)
         return
-    carry_out(settings, folder, resume=resume is not None, secrets=_run.secrets(token_file), console=console)
+    run_training(
+        settings, folder, resume=resume is not None, secrets=_run.secrets(token_file), console=console
+    )
 
 
-def _explained(settings: TrainConfig, gpus: str) -> list[str]:
-    """What a training by these settings does, and what an update takes."""
+def _explanation(settings: TrainConfig, gpus: str) -> list[str]:
+    """Lines that describe a training: tasks, attempts, objective, and the estimated cost of an update."""
     from webgym.core.errors import UsageError
     from webgym.train.estimate import KNOWN_GPUS, estimate
 
     count, _, kind = gpus.lower().rpartition("x")
     if kind not in KNOWN_GPUS or not (count or "1").isdecimal():
-        raise UsageError(
-            f"there are no GPUs {gpus!r}", hint=f"such as 8xh100; kinds: {', '.join(KNOWN_GPUS)}"
-        )
+        raise UsageError(f"unknown GPUs {gpus!r}", hint=f"such as 8xh100; types: {', '.join(KNOWN_GPUS)}")
     sampler, attempt = settings.sampler, settings.rollout.attempt
     learn, update = settings.learn, settings.learn.update
     ratio = ", ".join(f"{share:g} {level}" for level, share in (sampler.ratio or {}).items() if share)

@@ -18,29 +18,31 @@ from webgym.rollout.verify import verify
 def command(
     run: Annotated[Path, typer.Argument(help="A run folder.")],
     set_aside: Annotated[
-        bool, typer.Option("--set-aside", help=f"Move what cannot be trusted to RUN/{SET_ASIDE}.")
+        bool, typer.Option("--set-aside", help=f"Move damaged records to RUN/{SET_ASIDE}.")
     ] = False,
 ) -> None:
-    """Read every record and every picture of a run and compare them with their checksums.
+    """Read every record and every picture of a run, and compare them with their checksums.
 
-    What does not fit is named: file, line, reason. With --set-aside it is moved away, and webgym rollout
-    --resume RUN makes those attempts anew. The exit code is 0 if the run is whole, also after that, else 1.
+    Damaged records are listed with file, line and reason. With --set-aside they are moved away, and webgym
+    rollout --resume RUN repeats those attempts. Exits with 1 if damaged records are left in the run.
     """
     console = Console(stderr=True)
     columns = TextColumn("{task.completed} {task.description} verified")
-    with Progress(columns, console=console, transient=True, disable=not console.is_terminal) as shown:
-        bars = {what: shown.add_task(what, total=None) for what in ("pictures", "trajectories")}
-        found = verify(
-            run, set_aside=set_aside, progress=lambda what, done: shown.update(bars[what], completed=done)
+    with Progress(columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        bars = {kind: progress.add_task(kind, total=None) for kind in ("pictures", "trajectories")}
+        result = verify(
+            run, set_aside=set_aside, progress=lambda kind, done: progress.update(bars[kind], completed=done)
         )
-    for problem in found.problems:
+    for problem in result.problems:
         typer.echo(plain(str(problem)))
-    typer.echo(f"{found.trajectories} trajectories and {found.pictures} pictures are whole")
-    if not found.problems:
+    typer.echo(f"{result.trajectories} trajectories and {result.pictures} pictures are intact")
+    if not result.problems:
         return
     folder = shlex.quote(str(run))
-    if found.is_whole:
+    if result.is_whole:
         typer.echo(f"resume with: webgym rollout --resume {folder}")
         return
-    typer.echo(f"{len(found.problems)} problems; webgym verify --set-aside {folder} moves away what can be")
+    typer.echo(
+        f"{len(result.problems)} problems; move damaged records away: webgym verify --set-aside {folder}"
+    )
     raise typer.Exit(1)

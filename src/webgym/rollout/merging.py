@@ -1,4 +1,4 @@
-"""Runs of collectors that shared one task list, put together as one run."""
+"""Merge the runs of collectors that shared one task list into one run."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from webgym.rollout.store import RunReader, RunWriter
 from webgym.rollout.summary import Summary, summarise
 
 _SAME: Final = ("seed", "samples", "policy", "agent", "judge", "attempt")
-"""What decides on attempts and their rewards; machines, browsers and limits may differ from run to run."""
-_ANYWHERE: Final = frozenset({"base_url", "cache", "concurrency", "adapt"})
-"""Of a model's endpoint: where it is and how fast it may be asked."""
+"""Settings that influence attempts and rewards; machines, browsers and limits may differ between runs."""
+_LOCAL: Final = frozenset({"base_url", "cache", "concurrency", "adapt"})
+"""Settings of a model's endpoint that may differ between machines: its address and its limits."""
 
 
 class Merged(NamedTuple):
     """The result of a merge.
 
     Attributes:
-        attempts: in the merged run.
-        samples: that were planned.
-        missing: of them no attempt ended in an outcome that counts.
-        summary: of the merged run.
+        attempts: the number of attempts in the merged run.
+        samples: the number of planned samples.
+        missing: the number of samples without an attempt whose outcome counts.
+        summary: the summary of the merged run.
     """
 
     attempts: int
@@ -39,20 +39,20 @@ class Merged(NamedTuple):
 
 
 def runs_in(folder: Path) -> list[Path]:
-    """The run folders that a path stands for.
+    """The run folders of a path.
 
     Args:
-        folder: a run folder, or the folder in which collectors have shared their task list.
+        folder: a run folder, or the folder in which collectors shared their task list.
 
     Raises:
-        RunFolderError: a collector's run folder cannot be read from here.
+        RunFolderError: the run folder of a collector does not exist on this machine.
     """
     if not (folder / COLLECTORS).is_dir():
         return [folder]
     runs = [Path(file.read_text()) for file in sorted((folder / COLLECTORS).glob("[!.]*"))]
-    if away := [run for run in runs if not run.is_dir()]:
+    if absent := [run for run in runs if not run.is_dir()]:
         raise RunFolderError(
-            f"the run folder {away[0]} of a collector is not there", hint="name the run folders one by one"
+            f"the run folder {absent[0]} of a collector does not exist here", hint="give all run folders"
         )
     return runs
 
@@ -60,27 +60,27 @@ def runs_in(folder: Path) -> list[Path]:
 async def merge_runs(
     runs: Sequence[Path], out: Path, *, progress: Callable[[int, int], object] = lambda _done, _total: None
 ) -> Merged:
-    """Write one run that holds the attempts of several.
+    """Write a run that contains the attempts of several runs.
 
-    Attempts at one sample are numbered anew, so that the one that counts comes last. Verdicts that were made
-    after the runs (``webgym judge RUN``) stay with them.
+    The attempts at a sample get new numbers, so that the one that counts is the last. Verdicts that were made
+    later (``webgym judge RUN``) are not merged.
 
     Args:
-        runs: run folders of one task list; they are only read.
-        out: of the merged run; does not exist yet or is empty.
-        progress: is told how many attempts of how many are written.
+        runs: run folders of one task list, which are not changed.
+        out: the folder of the merged run; it must not exist or be empty.
+        progress: called with the number of attempts written so far and their total.
 
     Raises:
-        ConfigError: the runs differ in their tasks or in what decides on rewards, or two of them hold the
-            end of one sample, so that they did not share a list.
-        RunFolderError: a folder is no run, or ``out`` holds something.
-        StoreCorrupt: a record or a picture cannot be trusted.
+        ConfigError: the runs have different tasks, or different settings that influence rewards, or two of
+            them completed the same sample, so that they cannot have shared a list.
+        RunFolderError: a folder is no run, or ``out`` is not empty.
+        StoreCorrupt: a record or a picture is damaged.
     """
     readers = [RunReader(run) for run in dict.fromkeys(run.resolve() for run in runs)]
     first = readers[0]
     for other in readers[1:]:
         _refuse_different(first, other)
-    retries = _numbered(readers)
+    retries = _new_numbers(readers)
     config = first.config
     config["collector"]["sharing"]["folder"] = None
     config |= {"run_id": uuid.uuid4().hex, "merged_runs": [reader.config["run_id"] for reader in readers]}
@@ -95,59 +95,64 @@ async def merge_runs(
                 episode = msgspec.structs.replace(episode, attempt_id=attempt_id, retry=retry)
                 await writer.append(msgspec.structs.replace(trajectory, episode=episode))
                 progress(len(writer.attempts), len(retries))
-        ended = {
+        completed = {
             (entry.task_id, entry.sample)
             for entry in writer.attempts.values()
             if not entry.outcome.is_retried
         }
-        told: Mapping[str, Any] = next((held for reader in readers if (held := reader.summary)), {})
+        any_summary: Mapping[str, Any] = next((stored for run in readers if (stored := run.summary)), {})
         samples = config["samples"] * len(first.drawn)
         summary = summarise(
             RunReader(out).trajectories(),
             first.drawn,
             config["samples"],
             seed=config["seed"],
-            policy=told.get("policy"),
-            judge=told.get("judge"),
+            policy=any_summary.get("policy"),
+            judge=any_summary.get("judge"),
         )
         await writer.write_summary(summary)
-        return Merged(len(writer.attempts), samples, samples - len(ended), summary)
+        return Merged(len(writer.attempts), samples, samples - len(completed), summary)
 
 
 def _refuse_different(first: RunReader, other: RunReader) -> None:
+    """Raise an error if two runs cannot be merged.
+
+    Raises:
+        ConfigError: their tasks differ, or settings that influence rewards.
+    """
     if [task.id for task in first.drawn] != [task.id for task in other.drawn]:
         raise ConfigError(f"{first.path} and {other.path} have different tasks")
     ours, theirs = first.config, other.config
     for name in _SAME:
-        if _anywhere(ours[name]) != _anywhere(theirs[name]):
+        if _shared_part(ours[name]) != _shared_part(theirs[name]):
             raise ConfigError(f"{first.path} and {other.path} differ in their settings of {name!r}")
 
 
-def _anywhere(settings: Any) -> Any:
-    """Settings without what may differ from machine to machine."""
+def _shared_part(settings: Any) -> Any:
+    """Settings without those that may differ between machines."""
     if isinstance(settings, dict):
-        return {name: _anywhere(value) for name, value in settings.items() if name not in _ANYWHERE}
+        return {name: _shared_part(value) for name, value in settings.items() if name not in _LOCAL}
     return settings
 
 
-def _numbered(readers: Sequence[RunReader]) -> dict[tuple[Path, str], int]:
-    """By run and attempt: the attempt's number at its sample over all runs.
+def _new_numbers(readers: Sequence[RunReader]) -> dict[tuple[Path, str], int]:
+    """New numbers of attempts: by run and attempt id, the index among all attempts at the sample.
 
     Raises:
-        ConfigError: two runs hold the end of one sample.
+        ConfigError: two runs completed the same sample.
     """
     attempts: defaultdict[tuple[str, int], list[tuple[Path, Entry]]] = defaultdict(list)
     for reader in readers:
         for entry in reader.attempts.values():
             attempts[entry.task_id, entry.sample].append((reader.path, entry))
-    numbers = {}
-    for (task_id, sample), held in attempts.items():
-        ends = Counter(path for path, entry in held if not entry.outcome.is_retried)
+    numbers: dict[tuple[Path, str], int] = {}
+    for (task_id, sample), entries in attempts.items():
+        ends = Counter(path for path, entry in entries if not entry.outcome.is_retried)
         if len(ends) > 1:
             raise ConfigError(
-                f"{' and '.join(map(str, ends))} both hold the end of sample {sample} of {task_id}",
-                hint="merge runs that shared one task list (--share); webgym compare is for others",
+                f"{' and '.join(map(str, ends))} both completed sample {sample} of {task_id}",
+                hint="merge runs that shared one task list (--share); for others use webgym compare",
             )
-        held.sort(key=lambda each: not each[1].outcome.is_retried)
-        numbers |= {(path, entry.attempt_id): number for number, (path, entry) in enumerate(held)}
+        entries.sort(key=lambda item: not item[1].outcome.is_retried)
+        numbers |= {(path, entry.attempt_id): number for number, (path, entry) in enumerate(entries)}
     return numbers

@@ -57,8 +57,8 @@ def test_it_says_what_was_read_and_what_was_skipped(
 @pytest.mark.parametrize(
     ("given", "code", "words"),
     [
-        ("deepshop", 2, "is not NAME=PLACE"),
-        ("deepshop=", 2, "is not NAME=PLACE"),
+        ("deepshop", 2, "is not NAME=WHERE"),
+        ("deepshop=", 2, "is not NAME=WHERE"),
         ("nothing=x.jsonl", 2, "unknown source 'nothing'"),
         ("deepshop=no-such-file.jsonl", 2, "No such file"),
     ],

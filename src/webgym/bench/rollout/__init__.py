@@ -1,1 +1,1 @@
-"""``webgym bench rollout``: the collector's schedules against each other, with a policy of fixed capacity."""
+"""``webgym bench rollout``: compare the collector's schedules, with a policy of fixed capacity."""

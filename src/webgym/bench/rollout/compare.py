@@ -1,4 +1,4 @@
-"""The simulation of :mod:`webgym.simulate` beside the benchmark, with service times measured in it."""
+"""Compare the simulation of :mod:`webgym.simulate` with the benchmark, from which it takes service times."""
 
 from __future__ import annotations
 
@@ -9,24 +9,28 @@ from typing import Final
 
 import msgspec
 
-from webgym.bench.rollout.measure import Measured, over_async, repeated
+from webgym.bench.rollout.measure import Measured, by_cell, over_async
 from webgym.bench.rollout.plan import Cell, RolloutPlan
 from webgym.core.errors import ConfigError
 from webgym.simulate.config import Costs, System
 from webgym.simulate.model import simulate
 from webgym.tables import Table
 
-_LOOK: Final = 0.25
-"""Share of a step's CPU time that goes into the screenshot; the benchmark does not tell them apart."""
+_SCREENSHOT_SHARE: Final = 0.25
+"""Assumed share of a step's CPU time for the screenshot, which the benchmark does not measure separately."""
 _LEAST_SECONDS: Final = 0.001
 
 
 class Compared(msgspec.Struct, frozen=True):
-    """One cell of the schedules, measured and simulated.
+    """A cell of the part ``schedules``, measured and simulated.
 
     Attributes:
-        seconds, simulated: wall time, the median of the rounds.
-        ratio, simulated_ratio: over async with a queue per operation, at the same number of processors.
+        cpus: number of processors.
+        mode: its name.
+        seconds: measured wall time, the median of the rounds.
+        simulated: simulated wall time, seconds.
+        ratio: measured wall time over that of async with a queue per operation and as many processors.
+        simulated_ratio: the same ratio of simulated times.
     """
 
     cpus: int
@@ -38,80 +42,84 @@ class Compared(msgspec.Struct, frozen=True):
 
     @property
     def error(self) -> float:
-        """Of the simulated ratio, relative."""
+        """Relative error of the simulated ratio."""
         return self.simulated_ratio / self.ratio - 1
 
 
-def service_times(plan: RolloutPlan, found: Sequence[Measured]) -> Costs:
-    """What a step takes, from the cell in which one episode at a time was played.
+def service_times(plan: RolloutPlan, results: Sequence[Measured]) -> Costs:
+    """The costs of a step, from the calibration, which attempts one task at a time.
 
-    What a step waits beyond its CPU time is the network: a log-normal whose logarithms have the same mean and
-    spread. Sessions are opened and cleaned within the CPU time of the steps.
+    The time of a step beyond its CPU time is that of the network: log-normal, with the same mean and standard
+    deviation of the logarithm. The CPU time of steps includes opening and cleaning sessions.
 
     Raises:
-        ConfigError: there is no such cell.
+        ConfigError: the results contain no calibration.
     """
-    calm = next((one for one in found if one.cell.part == "calibration" and len(one.between) > 1), None)
-    if calm is None:
+    calibration = next(
+        (result for result in results if result.cell.part == "calibration" and len(result.between) > 1), None
+    )
+    if calibration is None:
         raise ConfigError(
-            "the benchmark has no service times", hint="measure its part calibration, in the same --out"
+            "the benchmark has no service times", hint="run its part calibration, with the same --out"
         )
-    cpu = calm.cpu_seconds / calm.steps
-    waits = [math.log(max(_LEAST_SECONDS, seconds - cpu)) for seconds in calm.between]
+    cpu = calibration.cpu_seconds / calibration.steps
+    waits = [math.log(max(_LEAST_SECONDS, seconds - cpu)) for seconds in calibration.between]
     return plan.costs.model_copy(
         update={
             "open_cpu": 0.0,
-            **_cpu(cpu),
+            **_cpu_costs(cpu),
             "page_seconds": math.exp(mean(waits)),
             "page_sigma": stdev(waits),
-            "page_longest": max(calm.between),
-            "prompt_tokens": max(1, round(calm.read_tokens / calm.steps)),
+            "page_longest": max(calibration.between),
+            "prompt_tokens": max(1, round(calibration.read_tokens / calibration.steps)),
             "judge_seconds": 0.0,
         }
     )
 
 
-def _cpu(seconds: float) -> dict[str, float]:
-    """Of a step, as the simulation takes it."""
-    return {"act_cpu": seconds * (1 - _LOOK), "look_cpu": seconds * _LOOK}
+def _cpu_costs(seconds: float) -> dict[str, float]:
+    """The CPU time of a step, as costs of the simulation."""
+    return {"act_cpu": seconds * (1 - _SCREENSHOT_SHARE), "look_cpu": seconds * _SCREENSHOT_SHARE}
 
 
-def compare(plan: RolloutPlan, found: Sequence[Measured]) -> Iterator[Compared]:
-    """Simulate every cell of the schedules, with the same lengths of trajectories.
+def compare(plan: RolloutPlan, measured: Sequence[Measured]) -> Iterator[Compared]:
+    """Simulate every cell of the part ``schedules``, with the same trajectory lengths.
 
-    A step takes more CPU time where many browsers share caches and memory than with one episode at a time:
-    it is that of the async cell with the same number of processors.
+    The CPU time of a step is that of the async cell with the same number of processors, as it is greater when
+    many browsers share caches and memory than in the calibration.
 
     Raises:
-        ConfigError: the benchmark has no service times.
+        ConfigError: the results contain no calibration.
     """
-    costs = service_times(plan, found)
-    cells = [one for one in repeated(found) if one.cell.part == "schedules"]
-    per_step = {
-        one.cell.cpus: median(each.cpu_seconds / each.steps for each in one.rounds)
-        for one in cells
-        if one.cell.mode == "async"
+    costs = service_times(plan, measured)
+    schedules = [result for result in by_cell(measured) if result.cell.part == "schedules"]
+    cpu_seconds = {
+        result.cell.cpus: median(measurement.cpu_seconds / measurement.steps for measurement in result.rounds)
+        for result in schedules
+        if result.cell.mode == "async"
     }
     simulated = {
-        one.cell: _simulated(one.cell, costs.model_copy(update=_cpu(per_step[one.cell.cpus])), plan)
-        for one in cells
-        if one.cell.cpus in per_step
+        result.cell: _simulated(
+            result.cell, costs.model_copy(update=_cpu_costs(cpu_seconds[result.cell.cpus])), plan
+        )
+        for result in schedules
+        if result.cell.cpus in cpu_seconds
     }
-    bases = {one.cell.cpus: simulated[one.cell] for one in cells if one.cell.mode == "async"}
-    for one in cells:
-        if ratios := over_async(one, cells):
+    bases = {result.cell.cpus: simulated[result.cell] for result in schedules if result.cell.mode == "async"}
+    for result in schedules:
+        if ratios := over_async(result, schedules):
             yield Compared(
-                cpus=one.cell.cpus,
-                mode=one.cell.mode,
-                seconds=median(one.of("seconds")),
-                simulated=simulated[one.cell],
+                cpus=result.cell.cpus,
+                mode=result.cell.mode,
+                seconds=median(result.of("seconds")),
+                simulated=simulated[result.cell],
                 ratio=median(ratios),
-                simulated_ratio=simulated[one.cell] / bases[one.cell.cpus],
+                simulated_ratio=simulated[result.cell] / bases[result.cell.cpus],
             )
 
 
 def _simulated(cell: Cell, costs: Costs, plan: RolloutPlan) -> float:
-    """Seconds."""
+    """The simulated wall time of a cell, seconds."""
     system = System(
         cpus=cell.cpus,
         gpus=cell.gpus,
@@ -125,17 +133,17 @@ def _simulated(cell: Cell, costs: Costs, plan: RolloutPlan) -> float:
 
 
 def comparison_table(compared: Sequence[Compared]) -> Table:
-    """The simulation's wall times and ratios beside the benchmark's."""
+    """A table of measured and simulated wall times and ratios."""
     rows = [
         (
-            f"{one.cpus} CPUs, {one.mode}",
-            f"{one.seconds:.0f}",
-            f"{one.simulated:.0f}",
-            f"{one.ratio:.2f}",
-            f"{one.simulated_ratio:.2f}",
-            f"{one.error:+.0%}",
+            f"{result.cpus} CPUs, {result.mode}",
+            f"{result.seconds:.0f}",
+            f"{result.simulated:.0f}",
+            f"{result.ratio:.2f}",
+            f"{result.simulated_ratio:.2f}",
+            f"{result.error:+.0%}",
         )
-        for one in compared
+        for result in compared
     ]
     columns = ("", "measured, s", "simulated, s", "over async, measured", "simulated", "error of the ratio")
     return Table("The simulation beside the benchmark", columns, rows)

@@ -1,7 +1,7 @@
 """A policy endpoint of fixed capacity: an OpenAI-compatible server that takes as long as GPUs would.
 
-Its replies are scripted: clicks on marked elements, scrolls and visits that follow from a seed, and an answer
-at the step that the script says. What is measured is the machinery; nobody is meant to succeed.
+Its replies are scripted: clicks on marked elements, scrolls and navigations that are determined by a seed,
+and an answer at a given step. The benchmark measures the system; attempts are not meant to succeed.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from webgym.simulate.config import Costs
 
 _CHARACTERS_PER_TOKEN: Final = 4
 _TOKENS_PER_PICTURE: Final = 960
-"""Of 1280 by 768 pixels: a token for 32 by 32 of them, as Qwen3-VL has it."""
+"""For 1280 by 768 pixels: a token per 32 by 32 pixels, as in Qwen3-VL."""
 _CACHED_TOKENS: Final = 500_000
-"""In the prefix cache of one GPU: what an 8B model leaves of 80 GB holds about so many."""
+"""Capacity of the prefix cache of a GPU: about what fits into 80 GB beside a model of 8B parameters."""
 _LARGEST_REQUEST: Final = 64 * 2**20
 _MARKS: Final = 12
-"""Elements that are clicked on have a number up to this one; most pages have as many."""
+"""The greatest number of an element to click; most pages have as many elements."""
 
 
 class Script(msgspec.Struct, frozen=True):
-    """One attempt's replies.
+    """The replies of an attempt.
 
     Attributes:
-        task: whose instruction the requests hold.
-        steps: of the attempt; the last reply is an answer, unless the budget is spent by then.
-        tokens: of every reply.
-        seed: of its actions.
+        task: the task, whose instruction the requests contain.
+        steps: number of steps; the last reply is an answer, unless the budget is spent before.
+        tokens: number of tokens of each reply.
+        seed: of the actions.
     """
 
     task: Task
@@ -48,7 +48,7 @@ class Script(msgspec.Struct, frozen=True):
     seed: int
 
     def reply(self, step: int) -> str:
-        """The reply of this step, counted from 0."""
+        """The reply of a step, counted from 0."""
         action = self._action(step)
         return render_reply(action, "memory", description=f"Step {step + 1}", intention="browse")
 
@@ -65,19 +65,22 @@ class Script(msgspec.Struct, frozen=True):
 
 
 class Endpoint:
-    """The application.
+    """The application that serves the endpoint.
 
     Args:
-        scripts: of the attempts; no two tasks have the same instruction, which tells them apart.
+        scripts: of the attempts, which are identified by the instructions of their tasks.
         costs: speeds of a GPU.
-        gpus: how many there are; a request goes to the one with the fewest, and if there are several, to the
-            one that has read most of it before.
+        gpus: number of GPUs. A request goes to the GPU with the fewest requests, preferably to the one that
+            served the previous request of the attempt.
+
+    Attributes:
+        url: base URL of the endpoint.
+        prompt_tokens: number of tokens of all requests, cached ones included.
     """
 
     def __init__(self, scripts: Sequence[Script], costs: Costs, gpus: int) -> None:
         self.url = ""
         self.prompt_tokens = 0
-        """Of all requests, those that need not be read included."""
         self._scripts = {script.task.instruction: script for script in scripts}
         self._steps: dict[str, int] = {}
         self._last: dict[str, int] = {}
@@ -87,21 +90,21 @@ class Endpoint:
 
     @property
     def requests(self) -> int:
-        """At all GPUs, at this moment."""
+        """The number of requests at all GPUs now."""
         return sum(engine.requests for engine in self._engines)
 
     @property
     def busy_seconds(self) -> float:
-        """That GPUs worked, all together."""
+        """The time during which GPUs were busy, summed over GPUs."""
         return sum(engine.busy_seconds for engine in self._engines)
 
     @property
     def read_tokens(self) -> int:
-        """That were not in the prefix cache."""
+        """The number of prompt tokens that were not in the prefix cache."""
         return sum(engine.read_tokens for engine in self._engines)
 
     async def complete(self, request: web.Request) -> web.Response:
-        """``POST /v1/chat/completions``."""
+        """Handle ``POST /v1/chat/completions``."""
         messages = (await request.json())["messages"]
         script, step = self._next(messages)
         tokens = max(1, round(script.tokens[min(step, len(script.tokens) - 1)]))
@@ -109,9 +112,7 @@ class Endpoint:
         prompt = sum(size for _, size in sizes)
         self.prompt_tokens += prompt
         before = self._last.get(script.task.instruction)
-        index = min(
-            range(len(self._engines)), key=lambda each: (self._engines[each].requests, each != before)
-        )
+        index = min(range(len(self._engines)), key=lambda gpu: (self._engines[gpu].requests, gpu != before))
         self._last[script.task.instruction] = index
         done = asyncio.get_running_loop().create_future()
         self._engines[index].submit(self._caches[index].unread(sizes), tokens, done)
@@ -131,17 +132,17 @@ class Endpoint:
         )
 
     def _next(self, messages: Sequence[Mapping[str, Any]]) -> tuple[Script, int]:
-        """The attempt's script, and which step it is at: a request without replies begins it anew."""
-        told = "\n".join(text for message in messages for text in _texts(message))
-        found = max((each for each in self._scripts if each in told), key=len, default=None)
-        if found is None:
+        """The attempt's script and the index of its step; a request without replies restarts the script."""
+        text = "\n".join(part for message in messages for part in _texts(message))
+        task = max((known for known in self._scripts if known in text), key=len, default=None)
+        if task is None:
             raise web.HTTPBadRequest(text="no script has this task")
         is_first = not any(message["role"] == "assistant" for message in messages)
-        step = self._steps[found] = 0 if is_first else self._steps[found] + 1
-        return self._scripts[found], step
+        step = self._steps[task] = 0 if is_first else self._steps[task] + 1
+        return self._scripts[task], step
 
     async def drive(self, index: int) -> None:
-        """Let one GPU work, at the pace that its iterations say, however late this process wakes up."""
+        """Run a GPU forever, in real time; late wake-ups of this process are made up for."""
         engine, arrived = self._engines[index], self._arrived[index]
         due = time.monotonic()
         while True:
@@ -152,13 +153,13 @@ class Endpoint:
             seconds, done = engine.iterate()
             due += seconds
             await asyncio.sleep(due - time.monotonic())
-            for each in done:
-                if not each.done():
-                    each.set_result(None)
+            for future in done:
+                if not future.done():
+                    future.set_result(None)
 
     @property
     def gpus(self) -> int:
-        """How many there are."""
+        """The number of GPUs."""
         return len(self._engines)
 
 
@@ -191,7 +192,7 @@ def _texts(message: Mapping[str, Any]) -> list[str]:
 
 
 def _size(message: Mapping[str, Any]) -> tuple[str, int]:
-    """Content and tokens of a message."""
+    """The content and the number of tokens of a message."""
     content = message["content"]
     texts = _texts(message)
     urls = (

@@ -1,8 +1,7 @@
-"""How long an inference server takes: continuous batching, iteration by iteration. It computes nothing.
+"""A timing model of an inference server with continuous batching. It computes no replies.
 
-An iteration writes one token of every reply in the batch and reads a chunk of the requests that came last
-(chunked prefill), as vLLM and its like do. A request that begins like an earlier one is not read again as far
-as both agree (prefix cache).
+An iteration generates one token of every reply in the batch, and prefills a chunk of newer requests (chunked
+prefill), as vLLM does. The common prefix of a request and earlier ones is not prefilled again (prefix cache).
 """
 
 from __future__ import annotations
@@ -26,10 +25,15 @@ class _Request(Generic[T]):
 
 
 class Engine(Generic[T]):
-    """One GPU. Whoever drives it waits as long as each iteration says.
+    """A GPU. The caller waits for the time of each iteration.
 
     Args:
-        costs: its speeds; the same figures that the simulation takes.
+        costs: speeds of the GPU, as in the simulation.
+
+    Attributes:
+        read_tokens: number of prefilled tokens.
+        written_tokens: number of generated tokens.
+        busy_seconds: time of all iterations.
     """
 
     def __init__(self, costs: Costs) -> None:
@@ -41,21 +45,25 @@ class Engine(Generic[T]):
 
     @property
     def requests(self) -> int:
-        """In the batch or waiting for a place in it."""
+        """The number of requests in the batch or waiting for it."""
         return len(self._waiting) + len(self._batch)
 
     def submit(self, prompt_tokens: int, reply_tokens: int, ticket: T) -> None:
-        """A request arrives.
+        """Add a request.
 
         Args:
-            prompt_tokens: that must be read.
-            reply_tokens: that its reply will have, at least 1.
-            ticket: given back by the iteration that completes the reply.
+            prompt_tokens: number of tokens to prefill.
+            reply_tokens: number of tokens of its reply, at least 1.
+            ticket: returned by the iteration that completes the reply.
         """
         self._waiting.append(_Request(max(1, prompt_tokens), max(1, reply_tokens), ticket))
 
     def iterate(self) -> tuple[float, list[T]]:
-        """One iteration: how long it takes, and the requests whose replies are then complete."""
+        """Make an iteration.
+
+        Returns:
+            Its time in seconds, and the tickets of the replies that it completes.
+        """
         costs = self._costs
         while self._waiting and len(self._batch) < costs.batch:
             self._batch.append(self._waiting.popleft())
@@ -79,35 +87,35 @@ class Engine(Generic[T]):
 
 
 class PrefixCache:
-    """Which beginnings of requests have been read, by message; the oldest are forgotten.
+    """A prefix cache with the granularity of messages; the least recently used entries are evicted.
 
     Args:
-        capacity: tokens that it holds.
+        capacity: maximum number of tokens.
     """
 
     def __init__(self, capacity: int) -> None:
         self._capacity = capacity
-        self._held: OrderedDict[bytes, int] = OrderedDict()
+        self._entries: OrderedDict[bytes, int] = OrderedDict()
         self._tokens = 0
 
     def unread(self, messages: Sequence[tuple[str, int]]) -> int:
-        """How many tokens of a request must be read; it is in the cache from then on.
+        """The number of tokens of a request that are not cached; they are cached from now on.
 
         Args:
-            messages: content and tokens of each, in order.
+            messages: content and number of tokens of every message, in order.
         """
         digest, unread, is_known = hashlib.blake2b(digest_size=16), 0, True
         for content, tokens in messages:
             digest.update(f"{len(content)}\n{content}".encode())
             key = digest.digest()
-            is_known = is_known and key in self._held
+            is_known = is_known and key in self._entries
             if is_known:
-                self._held.move_to_end(key)
+                self._entries.move_to_end(key)
                 continue
             unread += tokens
-            if key not in self._held:
-                self._held[key] = tokens
+            if key not in self._entries:
+                self._entries[key] = tokens
                 self._tokens += tokens
         while self._tokens > self._capacity:
-            self._tokens -= self._held.popitem(last=False)[1]
+            self._tokens -= self._entries.popitem(last=False)[1]
         return unread

@@ -1,4 +1,4 @@
-"""One cell of ``webgym bench rollout``: the real collector, server, Chromium and store, and who was busy."""
+"""Measure a cell of ``webgym bench rollout``, with the real collector, server, Chromium and store."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ import msgspec
 import uvloop
 from pydantic import SecretStr
 
-from webgym.bench.apart import Address, start_apart, stop_apart
 from webgym.bench.rollout.endpoint import Endpoint, serving_endpoint
 from webgym.bench.rollout.plan import PARTS, Cell, RolloutPlan, scripts_of
-from webgym.bench.stepping import until
+from webgym.bench.server_process import ServerAddress, start_server, stop_server
+from webgym.bench.stepping import wait_until
 from webgym.bench.usage import CpuTimes
 from webgym.browser.config import BrowserConfig
 from webgym.core.errors import ConfigError, RunFolderError
@@ -34,19 +34,20 @@ from webgym.server.client import BrowserClient
 from webgym.server.config import Admission, ServerConfig
 
 PLAN: Final = "plan.json"
+"""File of the plan in the folder of the results."""
 _SAMPLE_SECONDS = 1.0
 _READY_SECONDS = 300.0
 
 
 class Load(msgspec.Struct, frozen=True):
-    """Of one moment.
+    """The load in an interval of about a second.
 
     Attributes:
-        seconds: since the beginning.
-        cpu: share of the browsers' processors that they and their server used since the last moment.
-        cpu_seconds: what they used.
-        policy: share of the time since then in which GPUs worked.
-        requests: at the policy.
+        seconds: time from the start to the end of the interval.
+        cpu: share of the browsers' processors that they and their server used.
+        policy: share of the time in which GPUs were busy.
+        requests: number of requests at the policy at the end.
+        cpu_seconds: CPU time of the browsers and their server.
     """
 
     seconds: float
@@ -57,19 +58,20 @@ class Load(msgspec.Struct, frozen=True):
 
 
 class Measured(msgspec.Struct, frozen=True):
-    """What one cell found.
+    """The result of a cell.
 
     Attributes:
+        cell: the measurement.
         seconds: wall time.
-        outcomes: of the attempts.
-        steps: of the attempts.
-        cpu_seconds: of the browsers and their server.
-        policy_seconds: that GPUs worked.
-        prompt_tokens, read_tokens: of all requests, and those of them that the prefix cache did not have.
-        between: seconds from each reply to the next look at the page: the action, its page, the screenshot.
-        loads: over time.
-        machine_load: processes that wanted a processor of the whole machine when the cell began, one minute's
-            average: what else went on.
+        outcomes: number of attempts by outcome.
+        steps: number of steps of all attempts.
+        cpu_seconds: CPU time of the browsers and their server.
+        policy_seconds: busy time of all GPUs.
+        prompt_tokens: number of tokens of all requests.
+        read_tokens: number of these that were not in the prefix cache.
+        between: seconds from every reply to the next screenshot: the action and the loading of the page.
+        loads: loads over time.
+        machine_load: the machine's load average over a minute when the cell started.
     """
 
     cell: Cell
@@ -86,113 +88,117 @@ class Measured(msgspec.Struct, frozen=True):
 
     @property
     def ended(self) -> int:
-        """Attempts that ended by themselves, whatever their reward."""
+        """The number of attempts with a reward."""
         return sum(count for name, count in self.outcomes.items() if Outcome(name).is_rewarded)
 
     @property
     def crashes(self) -> int:
-        """Attempts that ended in an error of the environment."""
+        """The number of attempts that ended in an error of the environment."""
         return self.outcomes.get(Outcome.ENVIRONMENT_ERROR, 0)
 
     @property
     def crashed(self) -> float:
-        """Share of the attempts that ended in an error of the environment."""
+        """The share of attempts that ended in an error of the environment."""
         return self.crashes / max(1, sum(self.outcomes.values()))
 
     @property
     def per_minute(self) -> float:
-        """Attempts that ended by themselves, per minute."""
+        """The number of attempts with a reward per minute."""
         return 60 * self.ended / self.seconds
 
     @property
     def cpu(self) -> float:
-        """Share of the browsers' processors in use."""
+        """The mean use of the browsers' processors, between 0 and 1."""
         return self.cpu_seconds / (self.seconds * self.cell.cpus)
 
     @property
     def policy(self) -> float:
-        """Share of the time in which GPUs worked."""
+        """The mean use of the GPUs, between 0 and 1."""
         return self.policy_seconds / (self.seconds * self.cell.gpus)
 
 
-class Repeated(msgspec.Struct, frozen=True):
-    """All rounds of one cell, in order."""
+class CellResult(msgspec.Struct, frozen=True):
+    """The results of all rounds of a cell, in order."""
 
     rounds: list[Measured]
 
     @property
     def cell(self) -> Cell:
-        """Of the first round."""
+        """The cell of the first round."""
         return self.rounds[0].cell
 
     def of(self, name: str) -> list[float]:
-        """A figure of every round."""
-        return [float(getattr(one, name)) for one in self.rounds]
+        """An attribute of :class:`Measured` in every round."""
+        return [float(getattr(result, name)) for result in self.rounds]
 
 
-def repeated(found: Sequence[Measured]) -> list[Repeated]:
-    """Cells with their rounds."""
+def by_cell(measured: Sequence[Measured]) -> list[CellResult]:
+    """Group results by cell."""
     cells: dict[Cell, list[Measured]] = {}
-    for one in found:
-        cells.setdefault(msgspec.structs.replace(one.cell, round=0), []).append(one)
-    return [Repeated(sorted(each, key=lambda one: one.cell.round)) for each in cells.values()]
+    for result in measured:
+        cells.setdefault(msgspec.structs.replace(result.cell, round=0), []).append(result)
+    return [CellResult(sorted(rounds, key=lambda measured: measured.cell.round)) for rounds in cells.values()]
 
 
-def over_async(one: Repeated, cells: Sequence[Repeated]) -> list[float]:
-    """Wall time over that of async with a queue per operation, of the same processors and round."""
+def over_async(result: CellResult, results: Sequence[CellResult]) -> list[float]:
+    """Wall time of a cell over that of async with a queue per operation and as many processors, by round."""
     bases = {
         (measured.cell.round, measured.cell.cpus): measured.seconds
-        for each in cells
-        if each.cell.mode == "async"
-        for measured in each.rounds
+        for other in results
+        if other.cell.mode == "async"
+        for measured in other.rounds
     }
-    found = (
-        (measured.seconds, bases.get((measured.cell.round, measured.cell.cpus))) for measured in one.rounds
+    pairs = (
+        (measured.seconds, bases.get((measured.cell.round, measured.cell.cpus))) for measured in result.rounds
     )
-    return [seconds / base for seconds, base in found if base]
+    return [seconds / base for seconds, base in pairs if base]
 
 
 @contextmanager
 def _confined(cpus: int) -> Iterator[None]:
-    """Whatever is started in the block may use the first so many of our processors.
+    """Confine processes that are started in the block to the first ``cpus`` of our processors.
 
     Raises:
-        ConfigError: there are not so many.
+        ConfigError: there are fewer processors.
     """
-    ours = os.sched_getaffinity(0)
-    if cpus > len(ours):
-        raise ConfigError(f"{cpus} processors are asked for, and there are {len(ours)}", hint="give --cpus")
-    os.sched_setaffinity(0, sorted(ours)[:cpus])
+    available = os.sched_getaffinity(0)
+    if cpus > len(available):
+        raise ConfigError(
+            f"{cpus} processors are requested, but only {len(available)} available", hint="give --cpus"
+        )
+    os.sched_setaffinity(0, sorted(available)[:cpus])
     try:
         yield
     finally:
-        os.sched_setaffinity(0, ours)
+        os.sched_setaffinity(0, available)
 
 
 @asynccontextmanager
-async def _browsers(cell: Cell, sites: RunningSites) -> AsyncIterator[Address]:
-    """A browser server, confined to the cell's processors, all of its slots ready."""
-    with _confined(cell.cpus):  # its defaults, too, go by the processors that it may use
+async def _browsers(cell: Cell, sites: RunningSites) -> AsyncIterator[ServerAddress]:
+    """Run a browser server on the cell's processors until the block ends; all of its slots are ready."""
+    with _confined(cell.cpus):  # also for the settings, whose defaults depend on the number of processors
         config = ServerConfig(
             slots=cell.sessions,
             admission=Admission(queues=cell.queues),
             browser=BrowserConfig().allowing(*sites.allowed_hosts),
         )
-        process, address = await start_apart(config)
+        process, address = await start_server(config)
     try:
         async with BrowserClient(address.url, token=address.token) as client:
             async with asyncio.timeout(_READY_SECONDS):
-                await until(client, lambda pressure: pressure.slots.free == cell.sessions)
+                await wait_until(client, lambda pressure: pressure.slots.free == cell.sessions)
         yield address
     finally:
-        await stop_apart(process)
+        await stop_server(process)
 
 
 async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
-    """Carry the workload out in one cell.
+    """Carry out the workload of a cell.
 
     Args:
-        scratch: folder for the run, which is removed; it must not exist.
+        plan: of the benchmark.
+        cell: the measurement.
+        scratch: folder of the run, which is removed afterwards; it must not exist.
     """
     web = OfflineWeb(plan.sites.seed)
     scripts = await asyncio.to_thread(scripts_of, plan, web, cell.trajectories)
@@ -217,35 +223,35 @@ async def measure(plan: RolloutPlan, cell: Cell, scratch: Path) -> Measured:
         try:
             with suppress(TimeoutError):
                 async with asyncio.timeout(cell.seconds):
-                    await collect(config, scratch, tasks=[one.task for one in scripts], secrets=secrets)
+                    await collect(config, scratch, tasks=[script.task for script in scripts], secrets=secrets)
             seconds = time.monotonic() - began
         finally:
             watch.cancel()
             await asyncio.gather(watch, return_exceptions=True)
-        # Sample by sample, as a session's processes are gone when it is over; and what came after the last.
+        # The sum of intervals, as the processes of a session end with it, and the rest after the last one.
         spent = sum(load.cpu_seconds for load in loads)
         spent += sum((await asyncio.to_thread(meter.since_last)).values())
-        found = await asyncio.to_thread(_read, scratch)
+        outcomes, steps, between = await asyncio.to_thread(_read, scratch)
         await asyncio.to_thread(shutil.rmtree, scratch, ignore_errors=True)
         return Measured(
             cell=cell,
             seconds=seconds,
-            outcomes=found[0],
-            steps=found[1],
+            outcomes=outcomes,
+            steps=steps,
             cpu_seconds=spent,
             policy_seconds=endpoint.busy_seconds,
             prompt_tokens=endpoint.prompt_tokens,
             read_tokens=endpoint.read_tokens,
-            between=found[2],
+            between=between,
             loads=loads,
             machine_load=machine_load,
         )
 
 
 def _run_config(
-    plan: RolloutPlan, cell: Cell, sites: RunningSites, endpoint: Endpoint, browsers: Address
+    plan: RolloutPlan, cell: Cell, sites: RunningSites, endpoint: Endpoint, browsers: ServerAddress
 ) -> RunConfig:
-    """Every attempt is made once and to its own end: the same work in all cells, nothing cut short."""
+    """Settings of the run. Attempts are not retried or ended early, so that all cells do the same work."""
     chat = {
         "base_url": endpoint.url,
         "model": "bench",
@@ -270,20 +276,23 @@ def _run_config(
 
 
 def _read(run: Path) -> tuple[dict[str, int], int, list[float]]:
-    """Outcomes, steps, and the seconds between them."""
+    """The outcomes of a run, its number of steps, and the seconds between reply and next screenshot."""
     outcomes: Counter[str] = Counter()
     steps, between = 0, list[float]()
     try:
         for trajectory in RunReader(run).trajectories():
             outcomes[trajectory.outcome.value] += 1
             steps += len(trajectory.episode.steps)
-            between += [each / 1000 for each in environment_milliseconds(trajectory.episode.steps)]
+            between += [
+                milliseconds / 1000 for milliseconds in environment_milliseconds(trajectory.episode.steps)
+            ]
     except RunFolderError:  # stopped before the run began
         return {}, 0, []
     return dict(outcomes), steps, between
 
 
 async def _watch(cell: Cell, meter: CpuTimes, endpoint: Endpoint, began: float, loads: list[Load]) -> None:
+    """Append the load to ``loads`` every second, until cancelled."""
     worked, last = endpoint.busy_seconds, began
     while True:
         await asyncio.sleep(_SAMPLE_SECONDS)
@@ -303,15 +312,15 @@ async def _watch(cell: Cell, meter: CpuTimes, endpoint: Endpoint, began: float, 
 
 
 def file_of(folder: Path, cell: Cell) -> Path:
-    """Where a cell's figures are kept."""
+    """The file of a cell's result."""
     return folder / f"{cell.name}.json"
 
 
 def read_bench(folder: Path) -> tuple[RolloutPlan, list[Measured]]:
-    """The plan, and what was measured of it so far.
+    """Read a plan and its results so far.
 
     Raises:
-        RunFolderError: the folder holds no benchmark.
+        RunFolderError: the folder contains no benchmark.
     """
     try:
         plan = msgspec.json.decode((folder / PLAN).read_bytes(), type=RolloutPlan)
@@ -319,32 +328,34 @@ def read_bench(folder: Path) -> tuple[RolloutPlan, list[Measured]]:
         return plan, [msgspec.json.decode(f.read_bytes(), type=Measured) for f in files if f.exists()]
     except (OSError, msgspec.DecodeError) as error:
         raise RunFolderError(
-            f"{folder} holds no figures of webgym bench rollout: {error}", hint="give its --out folder"
+            f"{folder} contains no results of webgym bench rollout: {error}", hint="give its --out folder"
         ) from error
 
 
 def begin(plan: RolloutPlan, folder: Path) -> list[Measured]:
-    """Make the folder, or find what it holds.
+    """Make the folder of the benchmark, or read the results that it contains.
 
     Raises:
-        RunFolderError: it holds another plan, or something else.
+        RunFolderError: the folder contains another plan, or something else.
     """
     if not (folder / PLAN).exists():
         folder.mkdir(parents=True, exist_ok=True)
         (folder / PLAN).write_bytes(msgspec.json.format(msgspec.json.encode(plan)))
-    held, found = read_bench(folder)
-    if held != plan:
-        raise RunFolderError(f"{folder} holds another plan", hint="give the same options, or another --out")
-    return found
+    stored, results = read_bench(folder)
+    if stored != plan:
+        raise RunFolderError(
+            f"{folder} contains another plan", hint="give the same options, or another --out"
+        )
+    return results
 
 
 def measure_into(folder: Path, plan: RolloutPlan, cell: Cell) -> Measured:
-    """Measure a cell and keep its figures; those of one that is killed half-way are measured again."""
+    """Measure a cell and store its result. An interrupted measurement is repeated from the start."""
     scratch = folder / f"{cell.name}.run"
     if scratch.exists():
         shutil.rmtree(scratch)
-    found = uvloop.run(measure(plan, cell, scratch))
+    result = uvloop.run(measure(plan, cell, scratch))
     part = file_of(folder, cell).with_suffix(".part")
-    part.write_bytes(msgspec.json.encode(found))
+    part.write_bytes(msgspec.json.encode(result))
     part.replace(file_of(folder, cell))
-    return found
+    return result

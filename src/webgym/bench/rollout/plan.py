@@ -1,4 +1,4 @@
-"""What ``webgym bench rollout`` measures: a workload, and the cells in which it is carried out."""
+"""The plan of ``webgym bench rollout``: a workload, and the measurements (cells) that carry it out."""
 
 from __future__ import annotations
 
@@ -22,11 +22,18 @@ PAGE_LATENCIES: Final[dict[PageLatency, SitesConfig]] = {
     "offline": SitesConfig(),
     "paper": SitesConfig(latency=Costs().page_seconds / MEDIAN_SECONDS, latency_sigma=Costs().page_sigma),
 }
-"""``paper``: what every page takes on the network in the simulation that is fitted to the paper."""
+"""By name: the offline web's own latency, and that of the simulation that is fitted to the paper."""
 
 
 class Mode(msgspec.Struct, frozen=True):
-    """One way to schedule: settings of the collector and of the browser server."""
+    """A way to schedule work.
+
+    Attributes:
+        schedule: of the collector.
+        queues: of the browser server.
+        refills: whether a session that has ended is replaced at once; see
+            :class:`webgym.rollout.config.CollectorConfig`.
+    """
 
     schedule: Schedule = "async"
     queues: Queues = "per_operation"
@@ -34,7 +41,7 @@ class Mode(msgspec.Struct, frozen=True):
 
     @property
     def name(self) -> str:
-        """For people."""
+        """The mode's name in tables."""
         name = self.schedule.replace("_", " ")
         name = name if self.refills else f"{name}, fixed group"
         return f"{name}, one queue" if self.queues == "global" else name
@@ -51,22 +58,23 @@ MODE_NAMES: Final = tuple(mode.name for mode in MODES)
 
 
 class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """How much is measured.
+    """The size of the benchmark.
 
     Attributes:
-        trajectories: of every cell.
-        sessions: environments.
-        cpus: processors that the browsers may use, a cell each.
-        policy_gpus: of the cells that vary the processors: so many that the policy limits nothing where
-            processors are scarce, as in the paper. With one GPU it does already at one processor.
-        gpus: of the cells that vary the policy's capacity.
-        mean_steps: of a trajectory (the paper's 13.2).
-        reply_tokens: of a reply, on average.
-        overload: environments of the overload cells.
-        overload_seconds: after which finished and crashed attempts are counted there.
-        page_latency: of every page and picture: the offline web's own, or the paper's.
-        rounds: how often every cell but the calibration is measured, modes forwards and backwards in turn.
-        seed: of everything random.
+        trajectories: number of trajectories per cell.
+        sessions: number of parallel environments.
+        cpus: numbers of processors that the browsers may use, with a cell for each.
+        policy_gpus: number of GPUs in the part ``schedules``: enough that the policy is not the
+            bottleneck, as in the paper. With one GPU it is, even with one processor.
+        gpus: numbers of GPUs in the part ``capacity``, with a cell for each.
+        mean_steps: mean number of steps per trajectory (the paper's 13.2).
+        reply_tokens: mean number of tokens per reply.
+        overload: number of environments in the part ``overload``.
+        overload_seconds: duration of the cells of that part.
+        page_latency: latency of pages and pictures; a key of :data:`PAGE_LATENCIES`.
+        rounds: number of times that every cell except the calibration is measured; every other round reverses
+            the order of modes.
+        seed: of everything that is random.
     """
 
     trajectories: int = 64
@@ -84,24 +92,25 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def workload(self) -> Workload:
-        """As the simulation takes it, with the same lengths."""
+        """The workload of the simulation, with the same trajectory lengths."""
         return Workload(trajectories=self.trajectories, mean_steps=self.mean_steps, seed=self.seed)
 
     @property
     def costs(self) -> Costs:
-        """Of which the endpoint uses the policy's speeds."""
+        """The costs of the simulation; the endpoint uses those of the policy."""
         return Costs(reply_tokens=self.reply_tokens)
 
     @property
     def sites(self) -> SitesConfig:
-        """Of the offline web."""
+        """Settings of the offline web."""
         return PAGE_LATENCIES[self.page_latency]
 
     def cells(self, parts: Sequence[str], modes: Sequence[str] = MODE_NAMES) -> Iterator[Cell]:
-        """The cells of these parts, round by round, so that a disturbance does not meet one mode alone.
+        """The cells of parts, round by round, so that a disturbance does not affect a single mode.
 
         Args:
-            modes: names of those that the part ``schedules`` compares.
+            parts: of :data:`PARTS`.
+            modes: names of the modes that the part ``schedules`` compares.
         """
         most = max(self.cpus)
         if "calibration" in parts:
@@ -142,16 +151,24 @@ class RolloutPlan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 CAPACITY_SLOWDOWN: Final = 4.0
-"""How much slower the GPUs of the capacity cells are, so that the policy is what limits them."""
+"""How much slower the GPUs of the part ``capacity`` are, so that the policy is the bottleneck."""
 
 
 class Cell(msgspec.Struct, frozen=True, kw_only=True):
-    """One measurement.
+    """A measurement.
 
     Attributes:
-        seconds: when it is stopped; ``None`` for when all is done.
-        slow: divides the speed of every GPU.
-        round: how many rounds went before.
+        part: of :data:`PARTS`.
+        cpus: number of processors of the browsers and their server.
+        schedule: see :class:`Mode`.
+        queues: see :class:`Mode`.
+        refills: see :class:`Mode`.
+        gpus: number of GPUs.
+        slow: factor by which every GPU is slower.
+        sessions: number of parallel environments.
+        trajectories: number of trajectories.
+        seconds: time limit; ``None`` for none.
+        round: index of the round.
     """
 
     part: str
@@ -168,30 +185,35 @@ class Cell(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def name(self) -> str:
-        """Of its file."""
+        """The name of the cell's file, without a suffix."""
         schedule = self.schedule if self.refills else f"{self.schedule}-fixed"
         return f"{self.part}-{self.cpus}cpus-{self.gpus}gpus-{schedule}-{self.queues}-{self.round}"
 
     @property
     def mode(self) -> str:
-        """For people."""
+        """The mode's name in tables."""
         return Mode(self.schedule, self.queues, self.refills).name
 
 
 def scripts_of(plan: RolloutPlan, web: OfflineWeb, count: int) -> list[Script]:
-    """Attempts of the workload's mix and lengths, each at another task of the well-behaved websites.
+    """Scripts with the workload's mix of levels and lengths, each for another task.
 
-    A website has few tasks of some levels, so the websites are gone through until every level has enough.
+    Tasks are taken from the websites that work without faults, at most a few from each.
+
+    Args:
+        plan: of the benchmark.
+        web: the offline web.
+        count: number of scripts.
     """
     workload = plan.workload
     levels = [LEVELS[level] for level in draw_levels(workload, count)]
-    wanted = {level: levels.count(level) for level in LEVELS}
+    needed = {level: levels.count(level) for level in LEVELS}
     found: dict[str, list[Task]] = {level: [] for level in LEVELS}
     hosts = [host for host, spec in web.specs.items() if spec.behaviour == "good"]
     random.Random(plan.seed).shuffle(hosts)
     seen: set[str] = set()
     for host in hosts:
-        if all(len(found[level]) >= wanted[level] for level in LEVELS):
+        if all(len(found[level]) >= needed[level] for level in LEVELS):
             break
         tasks = list(web.tasks_of(host))
         random.Random(f"{plan.seed}\n{host}").shuffle(tasks)
@@ -203,10 +225,10 @@ def scripts_of(plan: RolloutPlan, web: OfflineWeb, count: int) -> list[Script]:
                 found[task.level].append(task)
     scripts = []
     for number, (level, steps) in enumerate(zip(levels, draw_steps(workload, count).tolist(), strict=True)):
-        asked = demand(workload, plan.costs, number, steps)
-        scripts.append(Script(found[level].pop(), steps, asked.tokens, plan.seed))
+        demanded = demand(workload, plan.costs, number, steps)
+        scripts.append(Script(found[level].pop(), steps, demanded.tokens, plan.seed))
     return scripts
 
 
 _PER_HOST: Final = 4
-"""Tasks of one level on one website, so that a run sees many websites."""
+"""Maximum number of tasks of a level from a website, so that a run visits many websites."""

@@ -1,22 +1,23 @@
-"""``webgym bench soak``: a real server under random faults, and whether its books balance afterwards.
+"""``webgym bench soak``: a real server under random faults, and whether anything is lost or left afterwards.
 
-plan.py      how long, how many, and the server's limits
-clients.py   programs that use browsers, on calm and on hostile pages
-callers.py   programs that vanish, stop halfway, or hold the line
-faults.py    what is killed, stopped and filled meanwhile
-target.py    the server: a gateway and its workers as processes of their own
-disk.py      a small disk of their own for the browsers' profiles
-leaks.py     what exists before and afterwards
-books.py     what was done, what came of it, and whether it adds up
-run.py       all of it together
-report.py    tables
+plan.py              duration, numbers, and the limits of the server
+clients.py           clients that use browsers as agents do, on calm and on hostile pages
+dropped_clients.py   clients that disconnect, stop halfway through a request, or keep a connection open
+faults.py            faults: processes are killed and stopped, connections broken, the disk filled
+target.py            the server under test: a gateway and its workers as separate processes
+disk.py              a small disk for the browsers' profiles
+leaks.py             what exists before and afterwards
+counts.py            counts of sessions, errors and faults, and whether they add up
+run.py               the whole benchmark
+progress.py          progress in the terminal
+report.py            tables
 """
 
 from __future__ import annotations
 
-from webgym.bench.soak.books import Books
+from webgym.bench.soak.counts import Counts
 from webgym.bench.soak.plan import SoakPlan
 from webgym.bench.soak.report import progress_line, soak_tables
 from webgym.bench.soak.run import Soak, soak
 
-__all__ = ["Books", "Soak", "SoakPlan", "progress_line", "soak", "soak_tables"]
+__all__ = ["Counts", "Soak", "SoakPlan", "progress_line", "soak", "soak_tables"]

@@ -1,4 +1,4 @@
-"""Programs that use browsers as agents do, on calm pages and on hostile ones."""
+"""Clients that use browsers as agents do, on calm and on hostile pages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from random import Random
 from typing import TypeVar
 
 from webgym.bench.hostile import PAGES
-from webgym.bench.soak.books import Books
+from webgym.bench.soak.counts import Counts
 from webgym.bench.soak.plan import SoakPlan
 from webgym.browser.document import ReadRequest
 from webgym.core.action import BrowserAction, GoBack, LeftClick, Navigate, Scroll, Target, Type, Wait
@@ -23,28 +23,30 @@ _HOSTILE = (*sorted(PAGES), "/dom/endless")
 _MOST_STEPS = 12
 _THINK_SECONDS = 0.6
 _REFUSED_SECONDS = 0.3
-"""Pause after no session was to be had: a gateway that is down refuses at once."""
+"""Pause after a refused session: a gateway that is down refuses at once."""
 _TTL_SECONDS = 10.0
 
 
 class Agent:
-    """Opens one session after the other, and does something with each.
+    """Opens sessions one after the other, and makes random steps in each.
 
     Args:
-        client: its way to the server.
-        site: base URL of the hostile pages; what is none of them is calm.
-        seed: of its choices.
+        plan: of the benchmark.
+        counts: to update.
+        client: of the server.
+        site: base URL of the hostile pages; all other paths are calm pages.
+        seed: of the random choices.
     """
 
-    def __init__(self, plan: SoakPlan, books: Books, client: BrowserClient, site: str, seed: str) -> None:
+    def __init__(self, plan: SoakPlan, counts: Counts, client: BrowserClient, site: str, seed: str) -> None:
         self._plan = plan
-        self._books = books
+        self._counts = counts
         self._client = client
         self._site = site
         self._random = Random(seed)
 
     async def run(self, over: asyncio.Event) -> None:
-        """Go on until it is over; the session that is open then is closed in order."""
+        """Run until ``over`` is set; a session that is open then is closed."""
         while not over.is_set():
             options = SessionOptions(
                 mode=self._random.choice(("coordinates", "marks")),
@@ -54,26 +56,26 @@ class Agent:
             )
             try:
                 session = await self._timed("open", self._client.open(options))
-            except Exception as error:  # every type of error is what is counted here
-                self._books.refuse(error)
+            except Exception as error:  # errors are counted by type
+                self._counts.count_refused(error)
                 await asyncio.sleep(_REFUSED_SECONDS)
                 continue
-            self._books.opened += 1
+            self._counts.opened += 1
             await self._episode(session, over)
 
     async def _episode(self, session: Session, over: asyncio.Event) -> None:
         try:
             for _ in range(self._random.randint(1, _MOST_STEPS)):
                 await self._step(session)
-                self._books.steps += 1
+                self._counts.steps += 1
                 if over.is_set():
                     break
                 await asyncio.sleep(self._random.uniform(0, _THINK_SECONDS))
-            await self._timed("heartbeat", session.heartbeat())  # says whether it has lived to its end
+            await self._timed("heartbeat", session.heartbeat())  # fails if the session was lost meanwhile
         except Exception as error:
-            self._books.lose(error)
+            self._counts.count_lost(error)
         else:
-            self._books.closed += 1
+            self._counts.closed += 1
         finally:
             await session.close()
 
@@ -88,10 +90,10 @@ class Agent:
         else:
             action = self._action()
             view = await self._timed(f"step {action}"[:200], session.step(action))
-            self._note(view.observation.notices)
+            self._count_notices(view.observation.notices)
 
-    def _note(self, notices: tuple[Notice, ...]) -> None:
-        self._books.notices += Counter(notice.kind for notice in notices)
+    def _count_notices(self, notices: tuple[Notice, ...]) -> None:
+        self._counts.notices += Counter(notice.kind for notice in notices)
 
     def _action(self) -> BrowserAction | None:
         where = Target(coordinate=(self._random.randint(0, 1000), self._random.randint(0, 1000)))
@@ -113,13 +115,13 @@ class Agent:
         path = f"/calm/{self._random.randint(0, 99)}"
         if self._random.random() < self._plan.hostile:
             path = self._random.choice(_HOSTILE)
-        self._books.pages[path.split("/")[1]] += 1
+        self._counts.pages[path.split("/")[1]] += 1
         return Navigate(self._site + path)
 
-    async def _timed(self, what: str, call: Awaitable[T]) -> T:
+    async def _timed(self, name: str, call: Awaitable[T]) -> T:
         clock = asyncio.get_running_loop().time
         began = clock()
         try:
             return await call
         finally:
-            self._books.took(clock() - began, what)
+            self._counts.count_time(clock() - began, name)

@@ -1,4 +1,4 @@
-"""A small disk that can be filled without harm to anybody else."""
+"""A small disk that can be filled without affecting other programs."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ from pathlib import Path
 _CHUNK = bytes(1024 * 1024)
 _MOUNT_SECONDS = 10.0
 _FILES = 8192
-"""That the disk can hold. Few, so that filling it up takes no time; a browser has a hundred."""
+"""Maximum number of files on the disk: few, so that filling it is fast; a browser has about a hundred."""
 
 
 class Disk:
-    """A folder, if possible on a file system of its own.
+    """A folder, if possible on its own file system.
 
     Attributes:
-        why_not: why it has none; empty if it has.
+        path: the folder.
+        why_not: why it has no file system of its own; empty if it has one.
     """
 
     def __init__(self, path: Path, why_not: str) -> None:
@@ -32,11 +33,11 @@ class Disk:
 
     @property
     def can_be_filled(self) -> bool:
-        """Whether it is nobody else's."""
+        """Whether the folder has its own file system."""
         return not self.why_not
 
     def fill(self) -> None:
-        """Leave no byte free, and no room for another file. Blocks for a moment."""
+        """Use up all free bytes and all free files. Blocks for a moment."""
         assert self.can_be_filled
         self._ballast.mkdir(exist_ok=True)
         with contextlib.suppress(OSError), (self._ballast / "bytes").open("ab", buffering=0) as file:
@@ -47,12 +48,12 @@ class Disk:
                 (self._ballast / str(number)).touch()
 
     def clear(self) -> None:
-        """Give the room back."""
+        """Free the space again."""
         shutil.rmtree(self._ballast, ignore_errors=True)
 
 
 def _mount(path: Path, size: int) -> str:
-    """Put a file system in memory there. Why it is not possible, or nothing."""
+    """Mount a file system in memory. Returns why that is not possible; empty if it was."""
     if os.geteuid() != 0:
         return "only root may mount a disk to fill"
     options = f"size={size},nr_inodes={_FILES},mode=700"
@@ -66,7 +67,7 @@ def _mount(path: Path, size: int) -> str:
 
 @contextmanager
 def small_disk(size: int) -> Iterator[Disk]:
-    """A folder for the length of the block; on a disk of so many bytes where we may mount one."""
+    """A folder that exists until the block ends, on a disk of ``size`` bytes if we may mount one."""
     path = Path(tempfile.mkdtemp(prefix="webgym-soak-"))
     why_not = _mount(path, size)
     try:

@@ -1,4 +1,4 @@
-"""What goes wrong meanwhile: processes killed and stopped, connections, the disk."""
+"""Random faults: killed and stopped processes, broken connections, a full disk."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import signal
 from collections.abc import Awaitable, Callable
 from random import Random
 
-from webgym.bench.soak.books import Books
-from webgym.bench.soak.callers import stop_halfway, vanish
+from webgym.bench.soak.counts import Counts
 from webgym.bench.soak.disk import Disk
+from webgym.bench.soak.dropped_clients import stop_halfway, vanish
 from webgym.bench.soak.leaks import Process, processes_of
 from webgym.bench.soak.target import Target
 
@@ -25,29 +25,31 @@ Fault = Callable[[], Awaitable[bool]]
 
 
 class Faults:
-    """Makes one fault after the other happen, at random.
+    """Causes random faults.
 
     Args:
-        disk: where the browsers' profiles are.
-        seed: of the order, and of the victims.
+        target: the server.
+        counts: to update.
+        disk: of the browsers' profiles.
+        seed: of the choice of faults and processes.
     """
 
-    def __init__(self, target: Target, books: Books, disk: Disk, seed: str) -> None:
+    def __init__(self, target: Target, counts: Counts, disk: Disk, seed: str) -> None:
         self._target = target
-        self._books = books
+        self._counts = counts
         self._disk = disk
         self._random = Random(seed)
         self._over = asyncio.Event()
         self._kinds: dict[str, tuple[int, Fault]] = {
-            "browser killed": (4, lambda: self._strike("browser", signal.SIGKILL)),
-            "browser's whole group killed": (2, lambda: self._strike("browser", signal.SIGKILL, group=True)),
-            "renderer killed": (4, lambda: self._strike("renderer", signal.SIGKILL)),
-            "GPU process killed": (3, lambda: self._strike("gpu-process", signal.SIGKILL)),
-            "zygote killed": (1, lambda: self._strike("zygote", signal.SIGKILL)),
-            "browser stopped": (2, lambda: self._strike("browser", signal.SIGSTOP, while_it_runs=True)),
-            "renderer stopped": (2, lambda: self._strike("renderer", signal.SIGSTOP, while_it_runs=True)),
-            "worker killed": (1, lambda: self._strike("worker", signal.SIGKILL)),
-            "worker stopped": (1, lambda: self._strike("worker", signal.SIGSTOP)),
+            "browser killed": (4, lambda: self._signal("browser", signal.SIGKILL)),
+            "browser's whole group killed": (2, lambda: self._signal("browser", signal.SIGKILL, group=True)),
+            "renderer killed": (4, lambda: self._signal("renderer", signal.SIGKILL)),
+            "GPU process killed": (3, lambda: self._signal("gpu-process", signal.SIGKILL)),
+            "zygote killed": (1, lambda: self._signal("zygote", signal.SIGKILL)),
+            "browser stopped": (2, lambda: self._signal("browser", signal.SIGSTOP, while_it_runs=True)),
+            "renderer stopped": (2, lambda: self._signal("renderer", signal.SIGSTOP, while_it_runs=True)),
+            "worker killed": (1, lambda: self._signal("worker", signal.SIGKILL)),
+            "worker stopped": (1, lambda: self._signal("worker", signal.SIGSTOP)),
             "gateway stood still": (1, self._stand_still),
             "gateway killed, started again": (1, self._restart),
             "client vanished": (4, self._vanish),
@@ -57,9 +59,9 @@ class Faults:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def run(self, seconds: float) -> None:
-        """Let faults happen for so long, at the plan's rate, and wait until those that take time are over.
+        """Cause faults at the plan's rate for some time, and wait until the last of them are over.
 
-        Every kind comes once before any comes twice, as far as the time allows.
+        Every kind of fault is caused once before any is caused twice, if there is enough time.
         """
         loop = asyncio.get_running_loop()
         end = loop.time() + seconds
@@ -75,7 +77,7 @@ class Faults:
                 await asyncio.sleep(pause)
                 name = first.pop() if first else self._random.choices(names, weights)[0]
                 if await self._kinds[name][1]():
-                    self._books.faults[name] += 1
+                    self._counts.faults[name] += 1
             await asyncio.sleep(max(0.0, end - loop.time()))
         finally:
             self._over.set()
@@ -84,18 +86,28 @@ class Faults:
     async def _processes(self) -> list[Process]:
         return await asyncio.to_thread(processes_of, self._target.pid)
 
-    async def _strike(
+    async def _signal(
         self, kind: str, number: signal.Signals, *, group: bool = False, while_it_runs: bool = False
     ) -> bool:
-        """Send a signal to one of the kind. Whether there was one."""
-        found = [
-            one
-            for one in await self._processes()
-            if one.kind == kind and (one.is_running or not while_it_runs)
+        """Send a signal to a random process of a kind.
+
+        Args:
+            kind: see :class:`webgym.bench.soak.leaks.Process`.
+            number: the signal.
+            group: whether to signal the process group.
+            while_it_runs: whether to leave out stopped processes.
+
+        Returns:
+            Whether there was such a process.
+        """
+        candidates = [
+            process
+            for process in await self._processes()
+            if process.kind == kind and (process.is_running or not while_it_runs)
         ]
-        if not found:
+        if not candidates:
             return False
-        victim = self._random.choice(found)
+        victim = self._random.choice(candidates)
         try:
             if group:
                 os.killpg(victim.group, number)
@@ -116,17 +128,17 @@ class Faults:
 
     async def _restart(self) -> bool:
         await self._target.kill()
-        self._target.opened_before = self._books.opened
+        self._target.opened_before = self._counts.opened
         await self._target.start()
         return True
 
     async def _vanish(self) -> bool:
-        going = vanish(self._target, self._books, self._random, self._over)
-        return self._in_background("client vanished", going)
+        work = vanish(self._target, self._counts, self._random, self._over)
+        return self._in_background("client vanished", work)
 
     async def _stop_halfway(self) -> bool:
         return self._in_background(
-            "half-open connection", stop_halfway(self._target, self._books, self._random)
+            "half-open connection", stop_halfway(self._target, self._counts, self._random)
         )
 
     async def _fill_disk(self) -> bool:
@@ -140,11 +152,11 @@ class Faults:
         return True
 
     def _in_background(self, name: str, work: Awaitable[bool]) -> bool:
-        """Let it happen while other faults do. It is counted when it is over."""
+        """Run a fault in the background; it is counted when it is over. Returns false: not counted yet."""
 
         async def done() -> None:
             if await work:
-                self._books.faults[name] += 1
+                self._counts.faults[name] += 1
 
         task = asyncio.get_running_loop().create_task(done())
         self._tasks.add(task)

@@ -1,4 +1,4 @@
-"""What exists before and afterwards. Looks at the machine, not at what the server says about itself."""
+"""Processes, files and descriptors of a server, as seen by the operating system, and what of them leaked."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from webgym.bench.usage import MEGABYTE
 
 
 class Process(msgspec.Struct, frozen=True):
-    """One of the server's.
+    """A process of the server.
 
     Attributes:
+        pid: its process id.
         kind: ``gateway``, ``worker``, ``browser``, ``renderer``, ``gpu-process``, ``zygote``, ``utility``.
-        group: its process group; of a browser's processes, the browser.
-        is_running: whether it is not stopped.
+        group: its process group; the processes of a browser share that of the browser.
+        is_running: false if it is stopped by a signal.
     """
 
     pid: int
@@ -29,7 +30,7 @@ class Process(msgspec.Struct, frozen=True):
 
 
 def processes_of(gateway: int) -> list[Process]:
-    """A gateway and everything below it, the dead left out. Blocks for some milliseconds."""
+    """A gateway and its descendants, without zombies. Blocks for some milliseconds."""
     found = []
     try:
         top = psutil.Process(gateway)
@@ -58,18 +59,18 @@ def _kind(process: psutil.Process, gateway: int) -> str:
 
 
 class Census(msgspec.Struct, frozen=True):
-    """Of everything that belongs to a server.
+    """Everything that belongs to a server at one moment.
 
     Attributes:
-        workers: processes.
-        browsers: process groups with a living browser.
-        zombies: dead children that the gateway or a worker has not collected.
-        strays: processes that use the server's folder and have lost their parent.
-        profiles: of browsers.
-        folders: of profiles, one per worker.
-        others: files beside them.
-        descriptors: open ones by what they are; of the gateway, and of the worker that has most of a kind.
-        megabytes: resident in our own processes.
+        workers: number of worker processes.
+        browsers: number of process groups with a running browser.
+        zombies: number of dead children of the gateway and the workers.
+        strays: processes that use the server's folder and are not its descendants.
+        profiles: number of browser profiles.
+        folders: number of folders of profiles, one per worker.
+        others: other files in the server's folder.
+        descriptors: number of open descriptors by kind, of the gateway and of the worker with the most.
+        megabytes: resident memory of gateway and workers.
     """
 
     workers: int
@@ -84,22 +85,28 @@ class Census(msgspec.Struct, frozen=True):
 
 
 def take(gateway: int, root: Path) -> Census:
-    """Look at a server's processes and at its folder. Blocks for some milliseconds.
+    """Take a census of a server's processes and of its folder. Blocks for some milliseconds.
+
+    Args:
+        gateway: its process id.
+        root: the folder of the browsers' profiles.
 
     Raises:
-        psutil.NoSuchProcess: it is gone.
+        psutil.NoSuchProcess: a process ended meanwhile.
     """
     processes = processes_of(gateway)
-    by_kind = {kind: [one.pid for one in processes if one.kind == kind] for kind in ("gateway", "worker")}
+    by_kind = {
+        kind: [process.pid for process in processes if process.kind == kind] for kind in ("gateway", "worker")
+    }
     ours = [*by_kind["gateway"], *by_kind["worker"]]
     profiles = {path for path in root.glob("webgym-*/*/*") if path.is_dir()}
     folders = {path.parent for path in profiles}
     known = profiles | folders | {path.parent for path in folders}
     return Census(
         workers=len(by_kind["worker"]),
-        browsers=len({one.group for one in processes if one.kind == "browser"}),
+        browsers=len({process.group for process in processes if process.kind == "browser"}),
         zombies=sum(1 for child in _children(ours) if child.status() == psutil.STATUS_ZOMBIE),
-        strays=tuple(_strays(root, {one.pid for one in processes})),
+        strays=tuple(_strays(root, {process.pid for process in processes})),
         profiles=len(profiles),
         folders=len(folders),
         others=tuple(sorted(str(path) for depth in ("*", "*/*") for path in {*root.glob(depth)} - known)),
@@ -121,7 +128,7 @@ def _strays(root: Path, known: set[int]) -> Iterator[str]:
 
 
 def left_behind(root: Path) -> list[str]:
-    """What is there of a server that has ended, and should not be."""
+    """What is left of a server that has ended."""
     found = [f"a process outlived the server: {stray}" for stray in _strays(root, set())]
     return found + [f"a folder outlived the server: {path.name}" for path in root.glob("webgym-*/*")]
 
@@ -137,28 +144,34 @@ def _descriptors(pid: int) -> Counter[str]:
     return found
 
 
-def _most(each: Iterator[Counter[str]]) -> dict[str, int]:
+def _most(counters: Iterator[Counter[str]]) -> dict[str, int]:
     most: Counter[str] = Counter()
-    for one in each:
-        most |= one
+    for counter in counters:
+        most |= counter
     return dict(most)
 
 
 def leaked(before: Census, after: Census, slots: int) -> list[str]:
-    """What is there now and was not before, when nothing is at work."""
+    """What an idle server has now, and did not have before.
+
+    Args:
+        before: the census of the idle server before.
+        after: the census now.
+        slots: the number of slots, each of which has a browser and a profile.
+    """
     found = []
-    for what, there, wanted in (
+    for name, count, expected in (
         ("worker processes", after.workers, before.workers),
         ("browsers", after.browsers, slots),
         ("zombies", after.zombies, 0),
         ("profiles", after.profiles, slots),
         ("profile folders", after.folders, before.workers),
     ):
-        if there != wanted:
-            found.append(f"{there} {what} instead of {wanted}")
+        if count != expected:
+            found.append(f"{count} {name} instead of {expected}")
     found += [f"a stray process: {stray}" for stray in after.strays]
     found += [f"a stray file: {path}" for path in after.others if path not in before.others]
     for process, now in after.descriptors.items():
         more = Counter(now) - Counter(before.descriptors[process])
-        found += [f"{count} more open descriptors of a {process}: {what}" for what, count in more.items()]
+        found += [f"{count} more open descriptors of a {process}: {kind}" for kind, count in more.items()]
     return found

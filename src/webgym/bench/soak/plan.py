@@ -1,4 +1,4 @@
-"""How long, how many, and the limits of the server under test."""
+"""The plan of ``webgym bench soak``, and the limits of the server under test."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ _MIB = 1024 * 1024
 
 
 class SoakPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """What is done.
+    """The size of the benchmark.
 
     Attributes:
-        seconds: how long clients come and faults happen.
-        seed: of all choices. What a choice meets is up to timing.
-        clients: at work at once.
-        slots: of all workers together; with fewer than clients, some always wait.
-        workers: processes behind the gateway.
-        faults: per minute, on average.
-        hostile: share of the pages that mean harm.
-        disk_bytes: of the browsers' own disk, where one can be mounted.
-        episodes: that one browser serves.
+        seconds: duration of clients and faults.
+        seed: of all random choices. Their effects depend on timing.
+        clients: number of parallel clients.
+        slots: number of slots of all workers together; with fewer slots than clients, some always wait.
+        workers: number of worker processes behind the gateway.
+        faults: mean number of faults per minute.
+        hostile: share of the pages that are hostile.
+        disk_bytes: size of the browsers' disk, if one can be mounted.
+        episodes: number of episodes after which a browser is replaced.
     """
 
     seconds: float = 300.0
@@ -38,7 +38,7 @@ class SoakPlan(msgspec.Struct, frozen=True, kw_only=True):
     episodes: int = 20
 
     def server(self, temporary_root: Path, executable: Path | None) -> ServerConfig:
-        """Limits so tight that every fault runs into one soon."""
+        """Settings of the server, with limits so tight that faults reach them soon."""
         browser = BrowserConfig(
             executable=executable,
             temporary_root=temporary_root,
@@ -64,7 +64,7 @@ class SoakPlan(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def fleet(self) -> GatewayConfig:
-        """A worker that is silent is soon given up."""
+        """Settings of the gateway, which soon gives up a worker that does not respond."""
         return GatewayConfig(
             workers=self.workers,
             stop_seconds=5,
@@ -76,7 +76,11 @@ class SoakPlan(msgspec.Struct, frozen=True, kw_only=True):
         )
 
     def client(self, *, direct: bool) -> ClientLimits:
-        """No call may hang: one that has no answer by then is an error like any other."""
+        """Limits of clients. A call without a reply within them is an error, so no call hangs.
+
+        Args:
+            direct: whether clients call workers directly.
+        """
         return ClientLimits(
             direct=direct,
             allocate=self.clients,

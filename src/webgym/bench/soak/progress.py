@@ -1,4 +1,4 @@
-"""How far it is: a bar in a terminal, a line now and then elsewhere."""
+"""Progress of the benchmark: a bar in a terminal, otherwise a line every ten seconds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from webgym.bench.soak.books import Books
+from webgym.bench.soak.counts import Counts
 from webgym.bench.soak.report import progress_line
 from webgym.bench.soak.run import Watch
 
@@ -17,19 +17,27 @@ _LINE_SECONDS = 10.0
 
 @contextmanager
 def progress(console: Console, seconds: float) -> Iterator[Watch]:
-    """What to call every second."""
+    """Show the progress until the block ends.
+
+    Args:
+        console: where.
+        seconds: the planned duration.
+
+    Yields:
+        A function to call every second.
+    """
     if not console.is_terminal:
         due = _LINE_SECONDS
 
-        def say(books: Books, now: float) -> None:
+        def print_line(counts: Counts, now: float) -> None:
             nonlocal due
             if now >= due:
                 due += _LINE_SECONDS
-                console.print(f"{now:.0f} of {seconds:.0f} s: {progress_line(books)}", highlight=False)
+                console.print(f"{now:.0f} of {seconds:.0f} s: {progress_line(counts)}", highlight=False)
 
-        yield say
+        yield print_line
         return
     columns = (BarColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=seconds)
-        yield lambda books, now: bar.update(task, completed=now, description=progress_line(books))
+        yield lambda counts, now: bar.update(task, completed=now, description=progress_line(counts))

@@ -1,65 +1,73 @@
-"""What a soak found, as tables."""
+"""The tables of ``webgym bench soak``."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
 
-from webgym.bench.soak.books import Books
+from webgym.bench.soak.counts import Counts
 from webgym.bench.soak.leaks import Census
 from webgym.bench.soak.run import Soak
 from webgym.tables import Table
 
 
-def progress_line(books: Books) -> str:
-    """Where it stands, in one line."""
+def progress_line(counts: Counts) -> str:
+    """The counts so far, on one line."""
     return (
-        f"{books.opened} opened, {books.closed} closed, {books.lost.total()} lost, {books.vanished} left, "
-        f"{books.live} live; {books.steps} steps; {books.faults.total()} faults"
+        f"{counts.opened} opened, {counts.closed} closed, {counts.lost.total()} lost, "
+        f"{counts.vanished} dropped, {counts.live} live; {counts.steps} steps; {counts.faults.total()} faults"
     )
 
 
-def soak_tables(found: Soak) -> Iterator[Table]:
-    """What was done, and whether it adds up."""
-    books, plan = found.books, found.plan
+def soak_tables(result: Soak) -> Iterator[Table]:
+    """Tables of sessions, faults, and of what exists before and afterwards."""
+    counts, plan = result.counts, result.plan
     yield Table(
         f"{plan.seconds:g} s, {plan.clients} clients, {plan.slots} slots, {plan.workers} workers, "
         f"seed {plan.seed}",
         ("", "count"),
         [
-            ("sessions opened", str(books.opened)),
-            ("  closed by their client", str(books.closed)),
-            *_rows("  lost: ", books.lost),
-            ("  left without goodbye", str(books.vanished)),
-            *_rows("no session to be had: ", books.refused),
-            ("steps and looks", str(books.steps)),
-            *_rows("pages opened: ", books.pages),
-            *_rows("told to agents: ", books.notices),
-            ("slowest call, s", f"{books.slowest[0]:.1f} ({books.slowest[1]})"),
+            ("sessions opened", str(counts.opened)),
+            ("  closed by their client", str(counts.closed)),
+            *_rows("  lost: ", counts.lost),
+            ("  dropped by their client", str(counts.vanished)),
+            *_rows("session refused: ", counts.refused),
+            ("successful calls", str(counts.steps)),
+            *_rows("pages opened: ", counts.pages),
+            *_rows("notices: ", counts.notices),
+            ("slowest call, s", f"{counts.slowest[0]:.1f} ({counts.slowest[1]})"),
         ],
     )
-    faults = [*_rows("", books.faults), ("all", str(books.faults.total()))]
-    if found.disk:
-        faults.append(("disk full: not tried", found.disk))
+    faults = [*_rows("", counts.faults), ("all", str(counts.faults.total()))]
+    if result.disk:
+        faults.append(("disk full: not tried", result.disk))
     yield Table("Faults", ("", "count"), faults)
-    yield Table("The books", ("", "before", "after"), list(_balance(found)))
+    yield Table("Check", ("", "before", "after"), list(_check(result)))
 
 
 def _rows(prefix: str, counts: Counter[str]) -> list[tuple[str, str]]:
     return [(f"{prefix}{name}", str(count)) for name, count in counts.most_common()]
 
 
-def _balance(found: Soak) -> Iterator[tuple[str, str, str]]:
-    books = found.books
-    accounted = books.closed + books.lost.total() + books.vanished
-    yield "sessions: opened, and accounted for", str(books.opened), str(accounted)
-    yield "given by the gateway's last run, and arrived", str(found.granted[0]), str(found.granted[1])
-    yield "half-open connections, and hung up on", str(books.half_open), str(books.hung_up_on)
-    yield "errors without a type", "", str(len(books.untyped))
-    served, gone = found.rest_seconds
-    yield "until every slot served again, s", "", f"{served:.1f}"
-    yield "until nothing was left, idle connections included, s", "", f"{gone:.1f}"
-    before, after = found.before, found.after
+def _check(result: Soak) -> Iterator[tuple[str, str, str]]:
+    counts = result.counts
+    accounted = counts.closed + counts.lost.total() + counts.vanished
+    yield "sessions: opened, and accounted for", str(counts.opened), str(accounted)
+    yield (
+        "sessions since the gateway's last start: granted, and received",
+        str(result.granted[0]),
+        str(result.granted[1]),
+    )
+    yield (
+        "half-open connections: opened, and closed by the server",
+        str(counts.half_open),
+        str(counts.hung_up_on),
+    )
+    yield "errors without a type", "", str(len(counts.untyped))
+    served, gone = result.rest_seconds
+    yield "time until every slot served again, s", "", f"{served:.1f}"
+    yield "time until nothing was left, including idle connections, s", "", f"{gone:.1f}"
+    before, after = result.before, result.after
     if after is None:
         return
     for name in ("workers", "browsers", "zombies", "profiles", "folders"):

@@ -1,4 +1,4 @@
-"""All of it together: a server, its clients, its faults, and the reckoning."""
+"""The whole benchmark: a server, clients, faults, and the check afterwards."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pathlib import Path
 import msgspec
 
 from webgym.bench.hostile import serving_hostile_pages
-from webgym.bench.soak.books import Books
 from webgym.bench.soak.clients import Agent
+from webgym.bench.soak.counts import Counts
 from webgym.bench.soak.disk import Disk, small_disk
 from webgym.bench.soak.faults import Faults
 from webgym.bench.soak.leaks import Census, left_behind
@@ -23,27 +23,29 @@ from webgym.server.client import BrowserClient
 
 _READY_SECONDS = 120.0
 _REST_SECONDS = 90.0
-"""Until every slot serves again and nothing is left of what was. On an idle machine it takes a few."""
-_TICK_SECONDS = 1.0
+"""Time limit until every slot serves again and nothing is left over; an idle machine takes a few seconds."""
+_WATCH_SECONDS = 1.0
 
-Watch = Callable[[Books, float], None]
-"""Called every second with the books and the seconds so far."""
+Watch = Callable[[Counts, float], None]
+"""Called every second with the counts and the elapsed seconds."""
 
 
 class Soak(msgspec.Struct, frozen=True):
-    """What was done, and whether it adds up.
+    """The result of the benchmark.
 
     Attributes:
-        before: what existed when every slot was ready and nobody had come.
-        after: what exists when everybody has left; ``None`` if the server was never at rest again.
-        granted: sessions that the last run of the gateway says it gave, and that its clients say they got.
-        rest_seconds: from the last call until every slot served again, and until nothing was left over.
-        disk: why the disk was not filled; empty if it could be.
-        problems: all that does not add up.
+        plan: of the benchmark.
+        counts: of sessions, errors and faults.
+        before: what existed when every slot was ready, before the first client.
+        after: what existed after the last client; ``None`` if the server was never idle again.
+        granted: the sessions since the gateway's last start: as counted by it, and by its clients.
+        rest_seconds: time from the last call until every slot served again, and until nothing was left over.
+        disk: why the disk was not filled; empty if it was.
+        problems: everything that is lost, left over or does not add up.
     """
 
     plan: SoakPlan
-    books: Books
+    counts: Counts = msgspec.field(name="books")
     before: Census
     after: Census | None
     granted: tuple[int, int]
@@ -53,70 +55,73 @@ class Soak(msgspec.Struct, frozen=True):
 
 
 async def soak(plan: SoakPlan, executable: Path | None, watch: Watch, log: Path = Path(os.devnull)) -> Soak:
-    """Soak a server.
+    """Run the benchmark.
 
     Args:
-        executable: the Chromium to run; ``None`` looks for one.
-        watch: told every second where it stands.
-        log: where the server's log is added to.
+        plan: its size.
+        executable: of Chromium; ``None`` searches for it.
+        watch: called every second.
+        log: file to append the server's log to.
 
     Raises:
-        ServerError: it was not ready in time, before anything was done to it.
-        ServerUnreachable: it did not come up.
+        ServerError: the server was not ready in time at the start.
+        ServerUnreachable: the server did not start.
     """
     with small_disk(plan.disk_bytes) as disk, log.open("ab") as log_file:
         async with running_target(plan, disk.path, executable, log_file.fileno()) as target:
-            found = await _soak(plan, target, disk, watch)
-        found.problems.extend(left_behind(disk.path))
-    return found
+            result = await _soak(plan, target, disk, watch)
+        result.problems.extend(left_behind(disk.path))
+    return result
 
 
 async def _soak(plan: SoakPlan, target: Target, disk: Disk, watch: Watch) -> Soak:
     before, unready = await target.settled(None, _READY_SECONDS)
     if before is None or unready:
         raise ServerError(f"the server was not ready within {_READY_SECONDS:g} s: {'; '.join(unready)}")
-    books = Books()
-    await _life(plan, target, disk, books, watch)
+    counts = Counts()
+    await _run_clients_and_faults(plan, target, disk, counts, watch)
     clock = asyncio.get_running_loop().time
     began = clock()
     await target.settled(None, _REST_SECONDS)
     served = clock() - began
     after, left = await target.settled(before, _REST_SECONDS)
     rest = served, clock() - began
-    granted = (await target.watched()).granted, books.opened - target.opened_before
-    problems = [*books.problems(), *(f"left behind: {one}" for one in left)]
+    granted = (await target.watched()).granted, counts.opened - target.opened_before
+    problems = [*counts.problems(), *(f"left behind: {item}" for item in left)]
     if granted[0] != granted[1]:
-        problems.append(f"the gateway gave {granted[0]} sessions, and {granted[1]} arrived")
-    return Soak(plan, books, before, after, granted, rest, disk.why_not, problems)
+        problems.append(f"the gateway granted {granted[0]} sessions, but clients received {granted[1]}")
+    return Soak(plan, counts, before, after, granted, rest, disk.why_not, problems)
 
 
-async def _life(plan: SoakPlan, target: Target, disk: Disk, books: Books, watch: Watch) -> None:
-    """Clients come and faults happen, for as long as is planned; then everybody leaves in order."""
+async def _run_clients_and_faults(
+    plan: SoakPlan, target: Target, disk: Disk, counts: Counts, watch: Watch
+) -> None:
+    """Run clients and faults for the planned time; then all clients close their sessions."""
     over = asyncio.Event()
     async with AsyncExitStack() as stack:
         site = await stack.enter_async_context(serving_hostile_pages())
-        ways = [
+        connections = [
             await stack.enter_async_context(
                 BrowserClient(target.url, token=target.token, limits=plan.client(direct=direct))
             )
             for direct in (True, False)
         ]
-        ticking = asyncio.create_task(_tick(books, watch))
+        watching = asyncio.create_task(_call_watch(counts, watch))
         try:
             async with asyncio.TaskGroup() as group:
                 for number in range(plan.clients):
-                    agent = Agent(plan, books, ways[number % 2], site, f"{plan.seed} client {number}")
+                    agent = Agent(plan, counts, connections[number % 2], site, f"{plan.seed} client {number}")
                     group.create_task(agent.run(over))
-                await Faults(target, books, disk, f"{plan.seed} faults").run(plan.seconds)
+                await Faults(target, counts, disk, f"{plan.seed} faults").run(plan.seconds)
                 over.set()
         finally:
-            ticking.cancel()
-            await asyncio.wait({ticking})
+            watching.cancel()
+            await asyncio.wait({watching})
 
 
-async def _tick(books: Books, watch: Watch) -> None:
+async def _call_watch(counts: Counts, watch: Watch) -> None:
     clock = asyncio.get_running_loop().time
     began = clock()
     while True:
-        await asyncio.sleep(_TICK_SECONDS)
-        watch(books, clock() - began)
+        await asyncio.sleep(_WATCH_SECONDS)
+        watch(counts, clock() - began)

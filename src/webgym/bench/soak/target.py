@@ -1,4 +1,4 @@
-"""The server under test: a gateway and its workers, as processes of their own that can be killed."""
+"""The server under test: a gateway and its workers, in separate processes that can be killed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import httpx
 import msgspec
 import psutil
 
-from webgym.bench.apart import start_apart, stop_apart
+from webgym.bench.server_process import start_server, stop_server
 from webgym.bench.soak.leaks import Census, leaked, take
 from webgym.bench.soak.plan import SoakPlan
 from webgym.server.messages import Watched
@@ -22,12 +22,18 @@ _POLL_SECONDS = 0.1
 
 
 class Target:
-    """A running server, the same one before and after it is killed.
+    """A server that can be killed and started again at the same address.
+
+    Args:
+        plan: of the benchmark.
+        root: folder of the browsers' profiles.
+        executable: of Chromium; ``None`` searches for it.
+        log: file descriptor of the server's log.
 
     Attributes:
-        url: its address.
+        url: its base URL.
         token: of every call.
-        opened_before: how many sessions had been opened when its present run began.
+        opened_before: number of sessions that were opened before its last start.
     """
 
     def __init__(self, plan: SoakPlan, root: Path, executable: Path | None, log: int) -> None:
@@ -42,33 +48,33 @@ class Target:
 
     @property
     def pid(self) -> int:
-        """Of the gateway."""
+        """The process id of the gateway."""
         assert self._process is not None
         return self._process.pid
 
     async def start(self) -> None:
-        """Bring it up, at the address that it had before."""
-        self._process, address = await start_apart(self._config, self.plan.fleet(), self._log)
+        """Start the server, at its previous address if it had one."""
+        self._process, address = await start_server(self._config, self.plan.fleet(), self._log)
         self.url, self.token = address.url, address.token
         port = int(self.url.rpartition(":")[2])
         self._config = self._config.model_copy(update={"port": port, "token": self.token})
 
     async def kill(self) -> None:
-        """kill -9, and nothing else."""
+        """Kill the gateway with SIGKILL."""
         assert self._process is not None
         self._process.kill()
         await self._process.wait()
 
     async def stop(self) -> None:
-        """Tell it to end."""
+        """Stop the server in the regular way."""
         assert self._process is not None
-        await stop_apart(self._process)
+        await stop_server(self._process)
 
     async def watched(self) -> Watched:
-        """What it says about itself.
+        """The server's report about its sessions and slots.
 
         Raises:
-            httpx.HTTPError: it says nothing.
+            httpx.HTTPError: it does not respond.
         """
         headers = {"authorization": f"Bearer {self.token}"}
         async with (
@@ -78,35 +84,39 @@ class Target:
             return msgspec.json.decode(await anext(answer.aiter_lines()), type=Watched)
 
     async def at_rest(self) -> list[str]:
-        """What is still in use."""
+        """Sessions and slots that are still in use; empty if there are none."""
         try:
             now = await self.watched()
         except httpx.HTTPError as error:
-            return [f"the server does not answer: {error!r}"]
-        found = [f"a lease: {session}" for session in now.sessions]
+            return [f"the server does not respond: {error!r}"]
+        problems = [f"a lease: {session}" for session in now.sessions]
         if now.slots.free != self.plan.slots or now.slots.total != self.plan.slots or now.slots.waiting:
-            found.append(f"slots: {now.slots}")
-        return found
+            problems.append(f"slots: {now.slots}")
+        return problems
 
     async def settled(self, before: Census | None, seconds: float) -> tuple[Census | None, list[str]]:
-        """Wait until nothing is in use, and nothing is there that was not there before.
+        """Wait until nothing is in use and nothing is left over.
+
+        Args:
+            before: what existed before; ``None`` to wait only until nothing is in use.
+            seconds: the time limit.
 
         Returns:
-            What exists then, and what is too much of it after ``seconds``.
+            What exists now, and what is in use or left over after the time limit.
         """
         loop = asyncio.get_running_loop()
         deadline = loop.time() + seconds
         census = None
         while True:
-            if not (found := await self.at_rest()):
+            if not (problems := await self.at_rest()):
                 try:
                     census = await asyncio.to_thread(take, self.pid, self.root)
-                except psutil.NoSuchProcess as error:  # it ended while we looked
-                    found = [str(error)]
+                except psutil.NoSuchProcess as error:  # it ended meanwhile
+                    problems = [str(error)]
                 else:
-                    found = leaked(before, census, self.plan.slots) if before is not None else []
-            if not found or loop.time() > deadline:
-                return census, found
+                    problems = leaked(before, census, self.plan.slots) if before is not None else []
+            if not problems or loop.time() > deadline:
+                return census, problems
             await asyncio.sleep(_POLL_SECONDS)
 
 
@@ -114,7 +124,7 @@ class Target:
 async def running_target(
     plan: SoakPlan, root: Path, executable: Path | None, log: int
 ) -> AsyncIterator[Target]:
-    """A server for the length of the block. ``log``: descriptor that its log goes to (or ``DEVNULL``)."""
+    """Run a server until the block ends; for the arguments see :class:`Target`."""
     target = Target(plan, root, executable, log)
     await target.start()
     try:

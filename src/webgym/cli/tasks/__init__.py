@@ -1,4 +1,4 @@
-"""``webgym tasks``: task sets as files. One module per sub-verb."""
+"""``webgym tasks``: read and write task sets. Each sub-verb is a module."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from webgym.cli.tasks.validate import validate
 
 
 class _LazyBuild(TyperGroup):
-    """Imports ``build``, whose options need the settings of all its stages, only when it is called."""
+    """Imports ``build`` only when it is called, as its options need the settings of all its stages."""
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name != "build":

@@ -1,4 +1,4 @@
-"""Task files as the sub-verbs take them: several at once."""
+"""Reading of several task files at once, for the sub-verbs of ``webgym tasks``."""
 
 from __future__ import annotations
 
@@ -12,62 +12,70 @@ from webgym.core.task import Task
 from webgym.tasks.files import BrokenRecord
 from webgym.tasks.formats import read_tasks
 
-_NAMED = 5
+_LIMIT = 5
+"""Number of broken records that are printed."""
 
 
 @dataclass(frozen=True)
-class Held:
-    """What files hold together: the tasks, in order, the records that are none, and what nobody can judge."""
+class TaskRecords:
+    """The records of several task files.
+
+    Attributes:
+        tasks: in the order of the files.
+        broken: records that cannot be read as tasks.
+        set_aside: tasks without a fact to judge, which are left out.
+    """
 
     tasks: list[Task]
     broken: list[BrokenRecord]
     set_aside: list[BrokenRecord]
 
-    def tell_left_out(self) -> None:
-        """Say on stderr what was skipped or set aside, if anything was."""
-        tell_set_aside(self.set_aside)
-        for record in self.broken[:_NAMED]:
+    def print_left_out(self) -> None:
+        """Print on stderr which records were left out, if there are any."""
+        print_set_aside(self.set_aside)
+        for record in self.broken[:_LIMIT]:
             print(record, file=sys.stderr)
-        if len(self.broken) > _NAMED:
-            print(f"and {len(self.broken) - _NAMED:,} more broken records", file=sys.stderr)
+        if len(self.broken) > _LIMIT:
+            print(f"and {len(self.broken) - _LIMIT:,} more broken records", file=sys.stderr)
 
 
-def tell_set_aside(records: Sequence[BrokenRecord]) -> None:
-    """Say on stderr how many tasks were set aside because they have no fact to judge."""
+def print_set_aside(records: Sequence[BrokenRecord]) -> None:
+    """Print on stderr how many tasks were set aside because they have no fact to judge."""
     if records:
-        told = f"set aside {len(records):,} tasks without a fact to judge; the first: {records[0]}"
-        print(told, file=sys.stderr)
+        message = f"set aside {len(records):,} tasks without a fact to judge; the first: {records[0]}"
+        print(message, file=sys.stderr)
 
 
-def read_all(files: Iterable[Path]) -> Held:
-    """Read task files and folders of them. A file named ``train`` or ``test`` splits tasks that do not say.
+def read_all(files: Iterable[Path]) -> TaskRecords:
+    """Read task files and folders of them.
+
+    Tasks without a split get it from the name of their file, if that is ``train`` or ``test``.
 
     Raises:
-        TaskFileError: one cannot be read or holds no task.
+        TaskFileError: a file cannot be read or contains no task.
     """
-    held = Held([], [], [])
+    records = TaskRecords([], [], [])
     for path in files:
         found = read_tasks(path)
-        held.tasks.extend(found.tasks)
-        held.broken.extend(found.broken)
-        held.set_aside.extend(found.set_aside)
-    return held
+        records.tasks.extend(found.tasks)
+        records.broken.extend(found.broken)
+        records.set_aside.extend(found.set_aside)
+    return records
 
 
-def with_own_ids(files: Sequence[Path]) -> list[Task]:
-    """As :func:`read_all`, for what needs every id once; what is broken or set aside is told.
+def read_unique(files: Sequence[Path]) -> list[Task]:
+    """Read tasks as :func:`read_all`, and print which records were left out.
 
     Raises:
-        TaskFileError: as there; or an id stands in two files.
+        TaskFileError: a file cannot be read or contains no task, or two tasks have the same id.
     """
-    held = read_all(files)
-    held.tell_left_out()
+    records = read_all(files)
+    records.print_left_out()
     seen: set[str] = set()
-    for task in held.tasks:
+    for task in records.tasks:
         if task.id in seen:
             raise TaskFileError(
-                f"the id {task.id!r} stands in two of the files",
-                hint="webgym tasks validate names all of them",
+                f"two tasks have the id {task.id!r}", hint="webgym tasks validate lists all of them"
             )
         seen.add(task.id)
-    return held.tasks
+    return records.tasks

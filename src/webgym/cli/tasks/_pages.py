@@ -1,6 +1,6 @@
-"""Tasks as a terminal shows them: a line each, or one of them whole.
+"""Tasks as text for a terminal: a row per task, or all of one task.
 
-What a task says comes from outside. Characters that a terminal would obey are shown as what they are not.
+The text of tasks is foreign: control characters in it are replaced before it is printed.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ _LEVEL_COLORS = {"easy": "green", "medium": "yellow", "hard": "red"}
 
 
 def row_of(task: Task) -> tuple[str, ...]:
-    """A task on one line: id, facts, level, website, domain, instruction."""
+    """A task as a row: id, number of facts, level, website, domain, instruction."""
     domain = " / ".join(filter(None, (task.domain, task.subdomain)))
-    told = (task.id, str(task.difficulty), task.level, website_key(task.website), domain, task.instruction)
-    return tuple(map(plain, told))
+    cells = (task.id, str(task.difficulty), task.level, website_key(task.website), domain, task.instruction)
+    return tuple(map(plain, cells))
 
 
 def page_of(task: Task, index: TaskIndex) -> RenderableType:
-    """One task whole: what is asked, the rubric, where it comes from, its family."""
+    """All of a task: instruction, rubric, origin, and the tasks that it was derived from or into."""
     return Group(*_parts(task, index))
 
 
@@ -56,7 +56,7 @@ def _group(group: FactGroup) -> Iterator[RenderableType]:
 
 
 def _about(task: Task) -> Table:
-    told = {
+    properties = {
         "source": task.source,
         "split": task.split,
         "website": None if task.website_from == "given" else task.website_from,
@@ -66,20 +66,20 @@ def _about(task: Task) -> Table:
         **{name: str(value) for name, value in task.extra.items() if name != "published"},
     }
     table = Table.grid(padding=(0, 2, 0, 0))
-    for name, value in told.items():
+    for name, value in properties.items():
         if value:
             table.add_row(Text(plain(name), style="dim"), Text(plain(value)))
     return table
 
 
 def _family(task: Task, index: TaskIndex) -> Iterator[RenderableType]:
-    """The task that this one was derived from, and those derived from it, with their groups."""
+    """The task that this one was derived from, and the tasks derived from it, with their fact groups."""
     if task.parent_id is not None:
         parent = index.get(task.parent_id)
         yield Text("\nderived from", style="dim")
-        yield _relative(parent) if parent else Text(f"  {plain(task.parent_id)}, which is not in this set")
+        yield _relative(parent) if parent else Text(f"  {plain(task.parent_id)} (not in this set)")
     if children := index.children(task.id):
-        yield Text(f"\n{len(children)} derived from it", style="dim")
+        yield Text(f"\n{len(children)} tasks derived from it", style="dim")
         for child in children:
             yield _relative(child)
 

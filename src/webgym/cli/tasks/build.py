@@ -1,4 +1,4 @@
-"""``webgym tasks build``: from the sources' files to a split task set, in stages that can be resumed."""
+"""``webgym tasks build``: build a split task set from the files of sources, in stages that can be resumed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from webgym.tasks.construction import BuildConfig
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from webgym.tasks.construction import BuildPaths, Estimate, FinishedBuild, PendingBatches
+    from webgym.tasks.construction import BuildPaths, Estimate, FinishedBuild, PendingBatches, StageProgress
 
 
 BUILD = Options(
@@ -36,93 +36,96 @@ BUILD = Options(
 def build(
     *,
     out: Path = typer.Option(
-        ..., "--out", help="Folder of the build; an unfinished build in it is continued."
+        ..., "--out", help="Folder of the build. An unfinished build in it is continued."
     ),
     config: Path | None = typer.Option(
         None, "--config", help="YAML file of settings; the options below override it.", show_default=False
     ),
     source: list[str] = typer.Option(
-        [], "--source", help="NAME=PATH of a source, as often as needed.", show_default=False
+        [], "--source", help="A source and its files: NAME=PATH. May be repeated.", show_default=False
     ),
     settings: Given,
     limit: int | None = typer.Option(
-        None, "--limit", min=1, help="Most tasks of each source.", show_default=False
+        None, "--limit", min=1, help="Maximum number of tasks per source.", show_default=False
     ),
     price: str | None = typer.Option(
         None,
         "--price",
-        help="Dollars per million tokens: PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION.",
+        help="Price in dollars per million tokens: PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION.",
         show_default=False,
     ),
     cache: Path | None = typer.Option(
-        None, "--cache", help="File of paid replies.", show_default="OUT/replies.sqlite"
+        None,
+        "--cache",
+        help="Database of replies, so that none is paid for twice.",
+        show_default="OUT/replies.sqlite",
     ),
     batch: Path | None = typer.Option(
         None,
         "--batch",
-        help="Folder for batch files of what has to be asked, in place of asking; import the results with "
-        "webgym llm import, and give the command again.",
+        help="Write requests as batch files to this folder instead of sending them; import the results with "
+        "webgym llm import, and run the command again.",
         show_default=False,
     ),
-    dry_run: bool = typer.Option(False, "--dry-run", help="Estimate calls and cost; ask and write nothing."),
+    dry_run: bool = typer.Option(
+        False, "--dry-run", help="Only estimate calls and cost: send and write nothing."
+    ),
 ) -> None:
     """Build a task set: import, websites, rubrics, decomposition, duplicates, split, statistics.
 
-    A build that was stopped for any reason continues when the same command is given again: no reply is
-    paid for twice.
+    A build that was stopped for any reason continues when the same command is run again: no reply is paid for
+    twice.
     """
     from rich.console import Console
 
-    from webgym.cli import EXIT_INTERRUPTED, _run
+    from webgym.cli import _run
     from webgym.core.errors import UsageError
-    from webgym.tasks.construction import (
-        BuildPaths,
-        PendingBatches,
-        StageProgress,
-        read_config,
-        run_batch,
-        run_build,
-        run_dry,
-    )
+    from webgym.tasks.construction import BuildPaths, PendingBatches, StageProgress, read_config, run_dry
 
+    if dry_run and batch is not None:
+        raise UsageError("--dry-run and --batch exclude each other", hint="give one of them")
     overrides = settings | {"sources": _sources(source), "prices": _prices(price)}
     chosen = read_config(config, overrides, at_most=limit)
-    place = BuildPaths.of(out, cache)
+    paths = BuildPaths.of(out, cache)
     console = Console()
     stages = StageProgress(console)
-    if dry_run and batch is not None:
-        raise UsageError("--dry-run and --batch do not go together", hint="give one of them")
     if dry_run:
         with stages.shown():
-            found = _run.run(lambda: run_dry(chosen, place, stages))
-        _tell_estimate(found, console)
+            estimate = _run.run(lambda: run_dry(chosen, paths, stages))
+        _print_estimate(estimate, console)
         return
+    result = _run_stages(chosen, paths, batch, stages)
+    if isinstance(result, PendingBatches):
+        _print_batches(result, paths, console)
+    else:
+        _print_build(result, paths, console)
+
+
+def _run_stages(
+    settings: BuildConfig, paths: BuildPaths, batch: Path | None, stages: StageProgress
+) -> FinishedBuild | PendingBatches:
+    """Run all stages, or with a folder for batches those that need no further replies."""
+    from webgym.cli import EXIT_INTERRUPTED, _run
+    from webgym.tasks.construction import run_batch, run_build
+
     try:
         with stages.shown():
             if batch is None:
-                done: FinishedBuild | PendingBatches = _run.run(lambda: run_build(chosen, place, stages))
-            else:
-                folder = batch
-                done = _run.run(lambda: run_batch(chosen, place, folder, stages))
+                return _run.run(lambda: run_build(settings, paths, stages))
+            return _run.run(lambda: run_batch(settings, paths, batch, stages))
     except KeyboardInterrupt:
-        print(
-            "interrupted: what was paid for is kept, and the same command goes on from here", file=sys.stderr
-        )
+        print("interrupted: all replies are stored; run the same command again to continue", file=sys.stderr)
         raise typer.Exit(EXIT_INTERRUPTED) from None
-    if isinstance(done, PendingBatches):
-        _tell_batches(done, place, console)
-    else:
-        _tell_build(done, place, console)
 
 
 def _sources(given: Sequence[str]) -> dict[str, dict[str, str]]:
     from webgym.core.errors import ConfigError
 
     sources = {}
-    for each in given:
-        name, equals, path = each.partition("=")
+    for source in given:
+        name, equals, path = source.partition("=")
         if not equals or not name or not path:
-            raise ConfigError(f"--source {each}: no NAME=PATH", hint="such as deepshop=data/deepshop")
+            raise ConfigError(f"--source {source!r} is not NAME=PATH", hint="such as deepshop=data/deepshop")
         sources[name] = {"path": path}
     return sources
 
@@ -134,10 +137,10 @@ def _prices(given: str | None) -> dict[str, Any]:
     return {} if price is None else {"*": price.model_dump()}
 
 
-def _tell_estimate(found: Estimate, console: Console) -> None:
+def _print_estimate(estimate: Estimate, console: Console) -> None:
     from webgym.tables import Table, grid
 
-    columns = ("stage", "tasks", "there", "calls", "prompt tokens", "reply tokens", "dollars")
+    columns = ("stage", "tasks", "done", "calls", "prompt tokens", "reply tokens", "dollars")
     numbers = [
         (
             line.purpose,
@@ -148,40 +151,40 @@ def _tell_estimate(found: Estimate, console: Console) -> None:
             line.reply_tokens,
             line.dollars,
         )
-        for line in found.lines
+        for line in estimate.lines
     ]
     rows = [(*map(str, row[:-1]), _dollars(row[-1])) for row in numbers]
-    sums = map(str, (found.calls, found.prompt_tokens, found.reply_tokens))
-    rows.append(("all", "", "", *sums, _dollars(found.dollars)))
+    sums = map(str, (estimate.calls, estimate.prompt_tokens, estimate.reply_tokens))
+    rows.append(("all", "", "", *sums, _dollars(estimate.dollars)))
     console.print(grid(Table("", columns, rows)))
-    for line in found.lines:
+    for line in estimate.lines:
         if line.basis:
             console.print(
                 f"{line.purpose} ({line.model}): {line.basis}", highlight=False, markup=False, soft_wrap=True
             )
-    if found.dollars is None:
-        console.print("no price is known: give --price, or `prices:` in the config", highlight=False)
+    if estimate.dollars is None:
+        console.print("the price is unknown: give --price, or `prices:` in the config", highlight=False)
 
 
 def _dollars(value: float | None) -> str:
     return "?" if value is None else f"{value:,.2f}"
 
 
-def _tell_batches(noted: PendingBatches, place: BuildPaths, console: Console) -> None:
-    for file in noted.files:
-        told = f"{file.path}  {file.requests:,} requests, about {file.prompt_tokens:,} prompt tokens"
-        console.print(told, highlight=False, markup=False, soft_wrap=True)
-    new = sum(file.requests for file in noted.files)
+def _print_batches(pending: PendingBatches, paths: BuildPaths, console: Console) -> None:
+    for file in pending.files:
+        text = f"{file.path}  {file.requests:,} requests, about {file.prompt_tokens:,} prompt tokens"
+        console.print(text, highlight=False, markup=False, soft_wrap=True)
+    new = sum(file.requests for file in pending.files)
     console.print(
-        f"\nwaiting  {noted.build.pending:,} replies, {new:,} of them asked for in the files above\n"
-        f"next     webgym llm import {place.cache} RESULTS, and this command again",
+        f"\nwaiting  {pending.build.pending:,} replies, {new:,} of them requested in the files above\n"
+        f"next     webgym llm import {paths.cache} RESULTS, then this command again",
         highlight=False,
         markup=False,
         soft_wrap=True,
     )
 
 
-def _tell_build(finished: FinishedBuild, place: BuildPaths, console: Console) -> None:
+def _print_build(finished: FinishedBuild, paths: BuildPaths, console: Console) -> None:
     from webgym.tables import Table, grid
 
     build = finished.build
@@ -207,6 +210,7 @@ def _tell_build(finished: FinishedBuild, place: BuildPaths, console: Console) ->
     )
     if may_pass := sum(failure.may_pass for failure in build.failures):
         console.print(
-            f"failed   {may_pass:,} by the endpoint; run again to ask for them again", highlight=False
+            f"failed   {may_pass:,} requests, by the endpoint; run the command again to retry them",
+            highlight=False,
         )
-    console.print(f"set      {place.out}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"set      {paths.out}", highlight=False, soft_wrap=True, markup=False)

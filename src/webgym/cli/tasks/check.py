@@ -1,4 +1,4 @@
-"""``webgym tasks check``."""
+"""``webgym tasks check``: count the tasks of a file and list its broken records."""
 
 from __future__ import annotations
 
@@ -8,30 +8,30 @@ import typer
 
 
 def check(file: Path = typer.Argument(..., help="Task file.")) -> None:
-    """Say what a task file holds, and which of its records are broken. Fails if any is."""
+    """Count the tasks of a task file, and list its broken records. Fails if there are any."""
     from collections import Counter
 
     from rich.console import Console
 
     from webgym.cli import EXIT_USAGE
-    from webgym.cli.tasks._files import tell_set_aside
+    from webgym.cli.tasks._files import print_set_aside
     from webgym.core.task import LEVELS
     from webgym.core.websites import site_or_text
     from webgym.tables import Table, grid
     from webgym.tasks.formats import read_tasks
 
-    found = read_tasks(file)
+    records = read_tasks(file)
     console = Console()
-    counts = Counter((task.domain, task.subdomain, task.level) for task in found.tasks)
+    counts = Counter((task.domain, task.subdomain, task.level) for task in records.tasks)
     rows = [
         (*names, *(str(counts[*names, level]) for level in LEVELS))
-        for names in sorted({(task.domain, task.subdomain) for task in found.tasks})
+        for names in sorted({(task.domain, task.subdomain) for task in records.tasks})
     ]
     console.print(grid(Table("", ("domain", "subdomain", *LEVELS), rows, names=2)))
-    websites = len({site_or_text(task.website) for task in found.tasks})
-    console.print(f"{len(found.tasks)} tasks on {websites} websites, {len(found.broken)} broken records")
-    tell_set_aside(found.set_aside)
-    for record in found.broken:
+    websites = len({site_or_text(task.website) for task in records.tasks})
+    console.print(f"{len(records.tasks)} tasks on {websites} websites, {len(records.broken)} broken records")
+    print_set_aside(records.set_aside)
+    for record in records.broken:
         console.print(str(record), highlight=False, markup=False, soft_wrap=True)
-    if found.broken:
+    if records.broken:
         raise typer.Exit(EXIT_USAGE)

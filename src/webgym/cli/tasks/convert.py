@@ -1,4 +1,4 @@
-"""``webgym tasks convert``."""
+"""``webgym tasks convert``: write a task set in another format."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ def convert(
         None,
         "--format",
         metavar="jsonl|parquet|published",
-        help="For a file, goes by its name; for a folder, JSON lines. It gets a file per split.",
-        show_default=False,
+        help="Format of OUT. A folder gets a file per split.",
+        show_default="by the name of a file, jsonl in a folder",
     ),
 ) -> None:
     """Write a task set in another format. Fails if a record could not be read; the rest is written.
 
-    Tasks without a fact to judge are not written, and counted.
+    Tasks without a fact to judge are not written; their number is printed.
     """
     from webgym.cli import EXIT_USAGE
-    from webgym.cli.tasks._files import tell_set_aside
+    from webgym.cli.tasks._files import print_set_aside
     from webgym.core.errors import ConfigError
     from webgym.tasks.formats import FORMATS, read_tasks, write_tasks
 
     chosen = next((known for known in FORMATS if known == format), None)
     if format and not chosen:
-        raise ConfigError(f"unknown format {format!r}", hint=f"give {', '.join(FORMATS)}")
-    found = read_tasks(source)
-    count = write_tasks(out, found.tasks, format=chosen)
+        raise ConfigError(f"unknown format {format!r}", hint=f"choose one of {', '.join(FORMATS)}")
+    records = read_tasks(source)
+    count = write_tasks(out, records.tasks, format=chosen)
     print(f"{count} tasks written to {out}")
-    tell_set_aside(found.set_aside)
-    if found.broken:
-        for record in found.broken:
+    print_set_aside(records.set_aside)
+    if records.broken:
+        for record in records.broken:
             print(f"left out {record}", file=sys.stderr)
         raise typer.Exit(EXIT_USAGE)

@@ -1,4 +1,4 @@
-"""``webgym tasks offline``."""
+"""``webgym tasks offline``: write the tasks of the offline web to a file."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import typer
 
 def offline(
     out: Path = typer.Option(..., "--out", help="Task file to write: .jsonl or .parquet."),
-    split: str | None = typer.Option(
-        None, "--split", help="train or test; both if not given.", show_default=False
-    ),
+    split: str | None = typer.Option(None, "--split", help="train or test.", show_default="both"),
     seed: int | None = typer.Option(None, "--seed", help="Seed of the offline web.", show_default="7"),
     collection: str = typer.Option(
-        "large", "--collection", help="large or small websites, or cross: tasks about two of the large ones."
+        "large",
+        "--collection",
+        help="large or small websites, or cross: tasks that need two of the large ones.",
     ),
     per_family: int | None = typer.Option(
-        None, "--per-family", min=1, help="Websites per family.", show_default="50 large, 72 small"
+        None, "--per-family", min=1, help="Number of websites per family.", show_default="50 large, 72 small"
     ),
 ) -> None:
-    """Write the offline web's tasks to a file, with their hidden truths."""
+    """Write the offline web's tasks to a file, with the hidden truths that they are judged by."""
     from webgym.core.errors import ConfigError
     from webgym.offline.config import DEFAULT_SEED
     from webgym.offline.web import OfflineWeb, collection_name
     from webgym.tasks.formats import write_tasks
 
     if split not in (None, "train", "test"):
-        raise ConfigError(f"unknown split {split!r}", hint="give train or test")
+        raise ConfigError(f"unknown split {split!r}", hint="choose train or test")
     web = OfflineWeb(
         DEFAULT_SEED if seed is None else seed, per_family=per_family, collection=collection_name(collection)
     )

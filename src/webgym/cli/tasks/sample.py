@@ -1,4 +1,4 @@
-"""``webgym tasks sample``."""
+"""``webgym tasks sample``: draw tasks from task files."""
 
 from __future__ import annotations
 
@@ -8,30 +8,33 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
+    from webgym.core.task import Task
     from webgym.tasks.sampling import Sampler, SamplerConfig, Weigh
 
 
 def sample(
     files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
-    count: int = typer.Option(1_024, "--count", min=1, help="Tasks to draw."),
-    out: Path | None = typer.Option(None, "--out", help="Task file to write.", show_default="print the ids"),
+    count: int = typer.Option(1_024, "--count", min=1, help="Number of tasks to draw."),
+    out: Path | None = typer.Option(None, "--out", help="Task file to write.", show_default="print ids only"),
     split: str = typer.Option(
-        "train", "--split", help="train, test, all, or unsplit (tasks that do not say)."
+        "train", "--split", help="train, test, all, or unsplit (tasks without a split)."
     ),
     ratio: str | None = typer.Option(
-        None, "--ratio", help="Shares of easy:medium:hard, such as 2:1:1.", show_default="as they come"
+        None, "--ratio", help="Ratio of easy:medium:hard, such as 2:1:1.", show_default="as in the files"
     ),
     domain: list[str] = typer.Option(
-        [], "--domain", help="Draw only from this domain or subdomain. Repeatable."
+        [], "--domain", help="Draw only from this domain or subdomain. May be repeated."
     ),
     without: list[str] = typer.Option(
-        [], "--without", help="Do not draw from this domain or subdomain. Repeatable."
+        [], "--without", help="Do not draw from this domain or subdomain. May be repeated."
     ),
     without_share: float = typer.Option(
         0.0, "--without-share", min=0.0, help="Also leave out this share of the subdomains, chosen at random."
     ),
-    without_seed: int = typer.Option(0, "--without-seed", help="Seed of that choice."),
-    block: list[str] = typer.Option([], "--block", help="Do not draw from this website. Repeatable."),
+    without_seed: int = typer.Option(
+        0, "--without-seed", help="Seed of the choice of subdomains for --without-share."
+    ),
+    block: list[str] = typer.Option([], "--block", help="Do not draw from this website. May be repeated."),
     blocklist: Path | None = typer.Option(
         None, "--blocklist", help="Do not draw from websites in this blocklist file of a run."
     ),
@@ -42,34 +45,36 @@ def sample(
         help="Hours for which a website is left out after it blocked an attempt.",
     ),
     shard: str = typer.Option(
-        "0/1", "--shard", help="This worker's number and the number of workers, such as 0/4."
+        "0/1", "--shard", help="Index of this worker and number of workers, such as 0/4."
     ),
-    seed: int = typer.Option(0, "--seed", help="Seed of every shuffle."),
+    seed: int = typer.Option(0, "--seed", help="Seed of all shuffles."),
     state: Path | None = typer.Option(
         None,
         "--state",
-        help="Continue from the state in this file, if it exists, and save the new state in it.",
+        help="File of the sampler's state: continue from it if it exists, and save the new state in it.",
     ),
     spread: bool = typer.Option(
         False, "--spread-websites", help="Give every website the same weight, however many tasks it has."
     ),
     near: list[Path] = typer.Option(
-        [], "--curriculum", help="Prefer tasks that succeeded about half the time in this run. Repeatable."
+        [],
+        "--curriculum",
+        help="Prefer tasks whose success rate in this run is near --target. May be repeated.",
     ),
-    target: float = typer.Option(0.5, "--target", min=0.0, max=1.0, help="Success rate to prefer."),
+    target: float = typer.Option(
+        0.5, "--target", min=0.0, max=1.0, help="Success rate that --curriculum prefers."
+    ),
 ) -> None:
     """Draw tasks without replacement; with --state, continue where the last call ended."""
     import sys
 
-    from webgym.cli.tasks._files import with_own_ids
+    from webgym.cli.tasks._files import read_unique
     from webgym.core.errors import ConfigError
-    from webgym.core.text import plain
     from webgym.rollout.blocklist import Blocklist, BlocklistConfig
-    from webgym.tasks.formats import write_tasks
     from webgym.tasks.sampling import Sampler, near_success, spread_websites
 
     if spread and near:
-        raise ConfigError("there are two ways of weighing", hint="give --spread-websites or --curriculum")
+        raise ConfigError("--spread-websites and --curriculum exclude each other", hint="give one of them")
     weigh: Weigh | None = spread_websites() if spread else None
     if near:
         weigh = near_success(_results(near), target=target)
@@ -81,25 +86,35 @@ def sample(
         "without_seed": without_seed,
     }
     config = _config(choice, seed=seed, ratio=ratio, shard=shard)
-    held = Blocklist(BlocklistConfig(file=blocklist, hours=blocked_hours))
-    sampler = Sampler(with_own_ids(files), config, blocked=held.blocked, weigh=weigh, anew=bool(near))
+    websites = Blocklist(BlocklistConfig(file=blocklist, hours=blocked_hours))
+    sampler = Sampler(read_unique(files), config, blocked=websites.blocked, weigh=weigh, anew=bool(near))
     if left_out := sampler.selected.told():
         print(f"{len(sampler.selected.tasks):,} tasks to draw from; left out: {left_out}", file=sys.stderr)
     _restore(sampler, state)
-    sampler.block(*map(_checked, block))
+    sampler.block(*map(_site, block))
     drawn = sampler.draw(count)
-    if passed := sampler.passed_over:
-        told = f"{passed.total():,} tasks on {len(passed):,} blocked websites passed over"
-        print(told, file=sys.stderr)
-    if out is not None:
-        distinct = list({task.id: task for task in drawn}.values())
-        write_tasks(out, distinct)
-        print(f"{len(distinct):,} tasks written to {out}")
-        if again := len(drawn) - len(distinct):
-            print(f"{again:,} drawn a second time are left out: a file holds a task once", file=sys.stderr)
-    else:
+    if blocked := sampler.passed_over:
+        message = f"{blocked.total():,} tasks on {len(blocked):,} blocked websites were not drawn"
+        print(message, file=sys.stderr)
+    _write(drawn, out)
+    _save(sampler, state)
+
+
+def _write(drawn: list[Task], out: Path | None) -> None:
+    """Write tasks to a file, or print their ids."""
+    import sys
+
+    from webgym.core.text import plain
+    from webgym.tasks.formats import write_tasks
+
+    if out is None:
         print("\n".join(plain(task.id) for task in drawn))
-    _keep(sampler, state)
+        return
+    distinct = list({task.id: task for task in drawn}.values())
+    write_tasks(out, distinct)
+    print(f"{len(distinct):,} tasks written to {out}")
+    if repeated := len(drawn) - len(distinct):
+        print(f"{repeated:,} repeated draws are left out: a file contains each task once", file=sys.stderr)
 
 
 def _config(choice: dict[str, Any], *, seed: int, ratio: str | None, shard: str) -> SamplerConfig:
@@ -107,14 +122,14 @@ def _config(choice: dict[str, Any], *, seed: int, ratio: str | None, shard: str)
     from webgym.settings import validated
     from webgym.tasks.sampling import SamplerConfig, parse_ratio
 
-    number, slash, of = shard.partition("/")
-    if not (slash and number.isdecimal() and of.isdecimal()):
-        raise ConfigError(f"{shard!r} is not a shard", hint="give which of how many, from 0, such as 0/4")
-    told = {"seed": seed, "ratio": None if ratio is None else parse_ratio(ratio)}
-    return validated(SamplerConfig, {**choice, **told, "shard": int(number), "shards": int(of)})
+    index, slash, count = shard.partition("/")
+    if not (slash and index.isdecimal() and count.isdecimal()):
+        raise ConfigError(f"{shard!r} is not a shard", hint="give INDEX/COUNT, counted from 0, such as 0/4")
+    more = {"seed": seed, "ratio": None if ratio is None else parse_ratio(ratio)}
+    return validated(SamplerConfig, {**choice, **more, "shard": int(index), "shards": int(count)})
 
 
-def _checked(website: str) -> str:
+def _site(website: str) -> str:
     from webgym.core.errors import ConfigError
     from webgym.core.websites import site_of
 
@@ -132,15 +147,15 @@ def _restore(sampler: Sampler, state: Path | None) -> None:
     if state is None or not state.exists():
         return
     try:
-        held: Any = json.loads(state.read_bytes())
+        decoded: Any = json.loads(state.read_bytes())
     except (OSError, ValueError) as error:
         raise ConfigError(
             f"{state} is not a sampler's state: {error}", hint="remove it to start over"
         ) from error
-    sampler.restore(held if isinstance(held, dict) else {})
+    sampler.restore(decoded if isinstance(decoded, dict) else {})
 
 
-def _keep(sampler: Sampler, state: Path | None) -> None:
+def _save(sampler: Sampler, state: Path | None) -> None:
     import json
 
     from webgym.tasks.files import whole_file
@@ -151,7 +166,7 @@ def _keep(sampler: Sampler, state: Path | None) -> None:
 
 
 def _results(runs: list[Path]) -> dict[str, tuple[int, int]]:
-    """Successes and attempts that carry a reward, by task."""
+    """The numbers of successes and of attempts with a reward, by task."""
     from webgym.core.outcome import Outcome
     from webgym.rollout.store import RunReader
 

@@ -1,4 +1,4 @@
-"""``webgym tasks show``."""
+"""``webgym tasks show``: list the tasks of a file, or print one of them."""
 
 from __future__ import annotations
 
@@ -16,51 +16,53 @@ if TYPE_CHECKING:
 
 def show(
     file: Path = typer.Argument(..., help="Task file of any format, or a folder of them."),
-    task_id: str | None = typer.Argument(None, help="Id of a task, to see it whole.", show_default=False),
+    task_id: str | None = typer.Argument(None, help="Id of a task to print.", show_default=False),
     domain: str = typer.Option("", help="Only tasks of this domain.", show_default=False),
     subdomain: str = typer.Option("", help="Only tasks of this subdomain.", show_default=False),
-    level: str = typer.Option("", help="easy, medium or hard.", show_default=False),
+    level: str = typer.Option("", help="Only tasks of this level: easy, medium or hard.", show_default=False),
     website: str = typer.Option("", help="Only tasks on this website: a host or a URL.", show_default=False),
     source: str = typer.Option("", help="Only tasks from this benchmark.", show_default=False),
-    split: str = typer.Option("", help="train or test.", show_default=False),
+    split: str = typer.Option("", help="Only tasks of this split: train or test.", show_default=False),
     flag: str = typer.Option("", help="Only tasks with this flag, such as dated.", show_default=False),
     text: str = typer.Option(
-        "", help="Words that stand in id, instruction, website or domain.", show_default=False
+        "", help="Only tasks with these words in id, instruction, website or domain.", show_default=False
     ),
-    page: int = typer.Option(1, min=1, help="Which page of the list, with --limit."),
-    limit: int | None = typer.Option(None, min=1, help="Tasks per page.", show_default="all"),
+    page: int = typer.Option(1, min=1, help="With --limit: page of the list, counted from 1."),
+    limit: int | None = typer.Option(None, min=1, help="Number of tasks per page.", show_default="all"),
 ) -> None:
-    """Browse a task set, or print one task whole: its rubric, and what it was derived from.
+    """List the tasks of a task set, or print one task with its rubric and the tasks it was derived from.
 
-    In a terminal the list opens in the pager ($PAGER, else less); `webgym view` browses it in a web browser.
-    Into a pipe it is one line per task, tab-separated: id, facts, level, website, domain, instruction.
+    In a terminal the list opens in the pager ($PAGER, else less); `webgym view` shows it in a web browser.
+    In a pipe it consists of tab-separated lines: id, number of facts, level, website, domain, instruction.
     """
-    from webgym.cli.tasks._files import tell_set_aside
+    from webgym.cli.tasks._files import print_set_aside
     from webgym.core.errors import UsageError
     from webgym.tasks.formats import read_tasks
     from webgym.tasks.index import TaskIndex, TaskQuery
 
-    found = read_tasks(file)
-    index = TaskIndex(found.tasks)
-    tell_set_aside(found.set_aside)
-    if found.broken:
-        print(f"{len(found.broken)} broken records left out; webgym tasks check names them", file=sys.stderr)
+    records = read_tasks(file)
+    index = TaskIndex(records.tasks)
+    print_set_aside(records.set_aside)
+    if records.broken:
+        print(
+            f"{len(records.broken)} broken records left out; webgym tasks check lists them", file=sys.stderr
+        )
     if task_id is not None:
-        _one(index, task_id, file)
+        _print_task(index, task_id, file)
         return
-    wanted = TaskQuery(domain, subdomain, level, website, source, split, flag, text)
-    places = index.find(wanted)
-    if not places:
-        raise UsageError(f"no task of {file} fits", hint=_values(index, wanted))
+    query = TaskQuery(domain, subdomain, level, website, source, split, flag, text)
+    found = index.find(query)
+    if not found:
+        raise UsageError(f"no task of {file} matches", hint=_hint(index, query))
     if limit is not None:
-        pages = -(-len(places) // limit)
+        pages = -(-len(found) // limit)
         if page > pages:
-            raise UsageError(f"there is no page {page} of {len(places)} tasks", hint=f"there are {pages}")
-        places = places[(page - 1) * limit : page * limit]
-    _list(index, places)
+            raise UsageError(f"{len(found)} tasks have no page {page}", hint=f"there are {pages} pages")
+        found = found[(page - 1) * limit : page * limit]
+    _print_list(index, found)
 
 
-def _one(index: TaskIndex, task_id: str, file: Path) -> None:
+def _print_task(index: TaskIndex, task_id: str, file: Path) -> None:
     from rich.console import Console
 
     from webgym.cli.tasks._pages import page_of
@@ -69,40 +71,40 @@ def _one(index: TaskIndex, task_id: str, file: Path) -> None:
     task = index.get(task_id)
     if task is None:
         close = index.close_ids(task_id)
-        hint = f"there is {', '.join(close)}" if close else f"webgym tasks show {file} lists what it holds"
+        hint = f"similar ids: {', '.join(close)}" if close else f"webgym tasks show {file} lists the ids"
         raise UsageError(f"there is no task {task_id!r} in {file}", hint=hint)
     Console(highlight=False, soft_wrap=not sys.stdout.isatty()).print(page_of(task, index))
 
 
-def _list(index: TaskIndex, places: list[int]) -> None:
+def _print_list(index: TaskIndex, positions: list[int]) -> None:
     from webgym.cli.tasks._pages import row_of
 
-    rows = (row_of(index.tasks[place]) for place in places)
+    rows = (row_of(index.tasks[position]) for position in positions)
     if sys.stdin.isatty() and sys.stdout.isatty():
         import pydoc
 
-        os.environ.setdefault("LESS", "-S")  # a line per task, however long it is
+        os.environ.setdefault("LESS", "-S")  # do not wrap lines
         lines = [f"{row[0]:<36}  {row[1]:>2}  {row[2]:<6}  {row[3]:<28}  {row[-1]}" for row in rows]
         pydoc.pager("\n".join(lines))
     else:
-        _print(map("\t".join, rows))
+        _print_lines(map("\t".join, rows))
 
 
-def _print(lines: Iterable[str]) -> None:
+def _print_lines(lines: Iterable[str]) -> None:
     try:
         for line in lines:
             print(line)
         sys.stdout.flush()
-    except BrokenPipeError:  # head has seen enough
+    except BrokenPipeError:  # a reader such as head has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _values(index: TaskIndex, wanted: TaskQuery) -> str:
-    """What could have been asked for, of the first value that no task has."""
+def _hint(index: TaskIndex, query: TaskQuery) -> str:
+    """The possible values of the first condition that no task meets."""
     from webgym.tasks.index import FACETS
 
     for facet in FACETS:
-        value, known = getattr(wanted, facet), index.counts(facet)
+        value, known = getattr(query, facet), index.counts(facet)
         if value and value.casefold() not in map(str.casefold, known):
-            return f"--{facet} is one of {', '.join(list(known)[:30])}" if known else f"none has a {facet}"
-    return "ask for less"
+            return f"--{facet} is one of {', '.join(list(known)[:30])}" if known else f"no task has a {facet}"
+    return "give fewer conditions"

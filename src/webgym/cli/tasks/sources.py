@@ -1,4 +1,4 @@
-"""``webgym tasks sources``."""
+"""``webgym tasks sources``: list the benchmarks that tasks come from, and read their files."""
 
 from __future__ import annotations
 
@@ -20,13 +20,16 @@ def sources(
         [],
         "--read",
         metavar="NAME=WHERE",
-        help="Say what a source holds: a file, a folder or hub:<datasets id>[:<split>]. Repeatable.",
+        help="Count the tasks of a file, a folder or hub:<datasets id>[:<split>] of a source. Repeatable.",
     ),
     lines: int = typer.Option(
-        20, "--lines", min=0, help="How many skipped records and passed-over files to name, per source."
+        20,
+        "--lines",
+        min=0,
+        help="Maximum number of skipped records and of files without tasks to list per source.",
     ),
 ) -> None:
-    """List the benchmarks that tasks come from; with --read, what files hold. Fails if one holds none."""
+    """List the benchmarks that tasks come from; with --read, count tasks in files. Fails if one has none."""
     from rich.console import Console
 
     from webgym.cli import EXIT_USAGE
@@ -36,20 +39,20 @@ def sources(
         _list(console)
         return
     without_tasks = False
-    for name, where in [_named(each) for each in read]:
-        without_tasks |= not _report(console, name, where, lines)
+    for name, location in [_name_and_location(option) for option in read]:
+        without_tasks |= not _print_source(console, name, location, lines)
     if without_tasks:
         raise typer.Exit(EXIT_USAGE)
 
 
-def _named(given: str) -> tuple[str, str]:
+def _name_and_location(option: str) -> tuple[str, str]:
     from webgym.core.errors import UsageError
     from webgym.tasks.sources import HUB
 
-    name, separator, where = given.partition("=")
-    if not (separator and name and where):
-        raise UsageError(f"--read {given!r} is not NAME=PLACE", hint="give --read deepshop=PATH")
-    return name.strip(), where if where.startswith(HUB) else str(Path(where).expanduser())
+    name, separator, location = option.partition("=")
+    if not (separator and name and location):
+        raise UsageError(f"--read {option!r} is not NAME=WHERE", hint="such as --read deepshop=PATH")
+    return name.strip(), location if location.startswith(HUB) else str(Path(location).expanduser())
 
 
 def _list(console: Console) -> None:
@@ -63,38 +66,38 @@ def _list(console: Console) -> None:
     console.print(grid(Table("", ("source", "licence", "tasks (paper)", "websites (paper)"), rows, names=2)))
 
 
-def _report(console: Console, name: str, where: str, lines: int) -> bool:
-    """Say what a source held; whether there was any task."""
+def _print_source(console: Console, name: str, location: str, lines: int) -> bool:
+    """Read a source and print its counts; whether it contains any task."""
     from rich.text import Text
 
     from webgym.tasks.sources import SOURCES, read_source
 
-    held = read_source(name, where)
+    records = read_source(name, location)
     source = SOURCES[name]
-    console.print(Text.assemble((name, "bold"), f"  {where}"), soft_wrap=True)
-    for label, value in _figures(held, source.paper_tasks, source.paper_websites):
+    console.print(Text.assemble((name, "bold"), f"  {location}"), soft_wrap=True)
+    for label, value in _counts(records, source.paper_tasks, source.paper_websites):
         console.print(f"  {label:<10} {value}", highlight=False, markup=False, soft_wrap=True)
-    _some(console, held.skipped, lines)
-    _some(console, held.passed_over, lines)
-    return bool(held.tasks)
+    _print_some(console, records.skipped, lines)
+    _print_some(console, records.passed_over, lines)
+    return bool(records.tasks)
 
 
-def _figures(held: Read, paper_tasks: int, paper_websites: int) -> Iterable[tuple[str, str]]:
-    yield "records", f"{held.records:,}"
-    yield "tasks", f"{len(held.tasks):,} (the paper's {paper_tasks:,})"
-    yield "skipped", f"{len(held.skipped):,}"
-    yield "websites", f"{held.websites():,} by registrable domain (the paper's {paper_websites:,})"
-    for label, counts in (("website", held.websites_from()), ("flags", held.flags())):
-        yield label, ", ".join(f"{count:,} {what}" for what, count in sorted(counts.items())) or "none"
-    if held.passed_over:
-        yield "no tasks", f"in {len(held.passed_over):,} files"
+def _counts(records: Read, paper_tasks: int, paper_websites: int) -> Iterable[tuple[str, str]]:
+    yield "records", f"{records.records:,}"
+    yield "tasks", f"{len(records.tasks):,} (the paper's {paper_tasks:,})"
+    yield "skipped", f"{len(records.skipped):,}"
+    yield "websites", f"{records.websites():,} by registrable domain (the paper's {paper_websites:,})"
+    for label, counts in (("website", records.websites_from()), ("flags", records.flags())):
+        yield label, ", ".join(f"{count:,} {value}" for value, count in sorted(counts.items())) or "none"
+    if records.passed_over:
+        yield "no tasks", f"in {len(records.passed_over):,} files"
 
 
-def _some(console: Console, told: Iterable[object], lines: int) -> None:
+def _print_some(console: Console, entries: Iterable[object], lines: int) -> None:
     from webgym.core.text import plain
 
-    every = list(told)
-    for each in every[:lines]:
-        console.print(f"    {plain(str(each))}", highlight=False, markup=False, soft_wrap=True)
-    if lines and len(every) > lines:
-        console.print(f"    and {len(every) - lines:,} more (--lines)", highlight=False)
+    listed = list(entries)
+    for entry in listed[:lines]:
+        console.print(f"    {plain(str(entry))}", highlight=False, markup=False, soft_wrap=True)
+    if lines and len(listed) > lines:
+        console.print(f"    and {len(listed) - lines:,} more (--lines)", highlight=False)

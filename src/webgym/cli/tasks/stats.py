@@ -1,4 +1,4 @@
-"""``webgym tasks stats``."""
+"""``webgym tasks stats``: count a task set and draw its figures."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ FORMS = ("terminal", "markdown", "csv", "json")
 def stats(
     files: list[Path] = typer.Argument(..., help="Task files, or folders of them."),
     figures: Path | None = typer.Option(
-        None, "--figures", help="Folder to draw the figures into, as PNG and SVG."
+        None, "--figures", help="Folder to write figures to, as PNG and SVG."
     ),
     run: list[Path] = typer.Option(
-        [], "--run", help="Run folder whose answered attempts' lengths to count. Repeatable."
+        [], "--run", help="Run folder: count the steps of its answered attempts. May be repeated."
     ),
-    form: str = typer.Option("terminal", "--form", help="terminal, markdown, csv or json."),
+    form: str = typer.Option("terminal", "--form", help="Output format: terminal, markdown, csv or json."),
 ) -> None:
     """Count a task set by source, difficulty, domain and website; draw its figures."""
     import sys
@@ -29,32 +29,32 @@ def stats(
     import msgspec
     from rich.console import Console
 
-    from webgym.cli.tasks._files import with_own_ids
+    from webgym.cli.tasks._files import read_unique
     from webgym.core.errors import ConfigError, TaskFileError
     from webgym.tables import csv_text, markdown, show
     from webgym.tasks.statistics import describe, tables
 
     if form not in FORMS:
-        raise ConfigError(f"unknown form {form!r}", hint=f"one of {', '.join(FORMS)}")
-    found = describe(with_own_ids(files), _lengths(run))
+        raise ConfigError(f"unknown form {form!r}", hint=f"choose one of {', '.join(FORMS)}")
+    counts = describe(read_unique(files), _lengths(run))
     if form == "terminal":
-        show(tables(found), Console())
+        show(tables(counts), Console())
     elif form == "json":
-        print(msgspec.json.format(msgspec.json.encode(found)).decode())
+        print(msgspec.json.format(msgspec.json.encode(counts)).decode())
     else:
-        print(markdown(tables(found)) if form == "markdown" else csv_text(tables(found)), end="")
+        print(markdown(tables(counts)) if form == "markdown" else csv_text(tables(counts)), end="")
     if figures is not None:
         from webgym.tasks.figures import draw_figures
 
         try:
-            drawn = draw_figures(found, figures)
+            drawn = draw_figures(counts, figures)
         except OSError as error:
             raise TaskFileError(f"cannot write to {figures}: {error.strerror or error}") from error
-        print(f"{len(drawn)} files drawn into {figures}", file=sys.stderr)
+        print(f"{len(drawn)} files written to {figures}", file=sys.stderr)
 
 
 def _lengths(runs: list[Path]) -> dict[Level, list[int]]:
-    """Steps of every answered attempt, by the level of its task: a spent budget is no length (paper §3)."""
+    """Steps of answered attempts by level of the task; attempts that spent their budget do not count."""
     from webgym.core.outcome import Outcome
     from webgym.core.task import LEVELS
     from webgym.rollout.store import RunReader

@@ -1,4 +1,4 @@
-"""``webgym tasks validate``."""
+"""``webgym tasks validate``: check the rules that a split task set must meet."""
 
 from __future__ import annotations
 
@@ -15,39 +15,41 @@ if TYPE_CHECKING:
 
 def validate(
     files: list[Path] = typer.Argument(..., help="Task files of one set, training and test together."),
-    unsplit: bool = typer.Option(False, "--unsplit", help="The tasks have not been split yet."),
-    lines: int = typer.Option(20, "--lines", min=0, help="How many offenders to name, per rule."),
-    json: Path | None = typer.Option(None, "--json", help="Write the whole report here."),
+    unsplit: bool = typer.Option(
+        False, "--unsplit", help="The tasks are not split yet: check the other rules only."
+    ),
+    lines: int = typer.Option(20, "--lines", min=0, help="Maximum number of violations to list per rule."),
+    json: Path | None = typer.Option(None, "--json", help="Write the full report to this JSON file."),
 ) -> None:
-    """Prove that no training task is on a test website, among other rules; name the offenders. Fails if any.
+    """Check that no training task is on a test website, among other rules, and list violations. Fails if any.
 
-    A file named train or test splits tasks that do not say what they are for. Broken records offend, too;
-    tasks without a fact to judge are counted and not checked.
+    Tasks without a split get it from the name of their file, train or test. Broken records are violations,
+    too; tasks without a fact to judge are counted and not checked.
     """
     import msgspec
 
     from webgym.cli import EXIT_FAILED, EXIT_USAGE
-    from webgym.cli.tasks._files import read_all, tell_set_aside
+    from webgym.cli.tasks._files import print_set_aside, read_all
     from webgym.tasks.files import whole_file
     from webgym.tasks.validate import validate as check
 
-    held = read_all(files)
-    report = check(held.tasks, split=not unsplit)
-    broken = [str(record) for record in held.broken]
+    records = read_all(files)
+    report = check(records.tasks, split=not unsplit)
+    broken = [str(record) for record in records.broken]
     if json is not None:
-        aside = [str(record) for record in held.set_aside]
-        whole = {"report": report, "broken": broken, "set_aside": aside}
+        aside = [str(record) for record in records.set_aside]
+        document = {"report": report, "broken": broken, "set_aside": aside}
         with whole_file(json) as file:
-            file.write(msgspec.json.format(msgspec.json.encode(whole)))
-    _tell(report, broken, lines)
-    tell_set_aside(held.set_aside)
+            file.write(msgspec.json.format(msgspec.json.encode(document)))
+    _print_report(report, broken, lines)
+    print_set_aside(records.set_aside)
     if broken:
         raise typer.Exit(EXIT_USAGE)
     if not report.ok:
         raise typer.Exit(EXIT_FAILED)
 
 
-def _tell(report: Report, broken: Sequence[str], lines: int) -> None:
+def _print_report(report: Report, broken: Sequence[str], lines: int) -> None:
     from webgym.core.text import plain
     from webgym.tasks.validate import RULES
 
@@ -56,20 +58,20 @@ def _tell(report: Report, broken: Sequence[str], lines: int) -> None:
     )
     print(f"{report.test:,} for testing, on {report.test_websites:,} websites")
     for rule, count in report.counts().items():
-        print(f"{'ok ' if not count else 'BAD'} {RULES[rule]}" + (f": {count:,} do not" if count else ""))
-        _some([str(each) for each in report.offenders if each.rule == rule], lines)
+        print(f"{'ok ' if not count else 'BAD'} {RULES[rule]}" + (f": {count:,} exceptions" if count else ""))
+        _print_some([str(offender) for offender in report.offenders if offender.rule == rule], lines)
     for rule in report.unchecked:
-        print(f"--  not checked, for the tasks are not split yet: {RULES[rule]}")
+        print(f"--  not checked, as the tasks are not split yet: {RULES[rule]}")
     if broken:
         print(f"BAD every record can be read: {len(broken):,} cannot")
-        _some(broken, lines)
+        _print_some(broken, lines)
     if report.orphans:
         some = plain(", ".join(report.orphans[:3]))
-        print(f"{len(report.orphans):,} derived tasks have no parent here, which is no offence: {some}, ...")
+        print(f"{len(report.orphans):,} derived tasks have no parent here, which is allowed: {some}, ...")
 
 
-def _some(told: Sequence[str], lines: int) -> None:
-    for line in told[:lines]:
+def _print_some(entries: Sequence[str], lines: int) -> None:
+    for line in entries[:lines]:
         print(f"      {line}")
-    if len(told) > lines:
-        print(f"      and {len(told) - lines:,} more (--lines)")
+    if len(entries) > lines:
+        print(f"      and {len(entries) - lines:,} more (--lines)")

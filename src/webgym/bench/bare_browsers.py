@@ -1,7 +1,7 @@
-"""The ceiling: nothing but Chromium and its protocol.
+"""Chromium without a browser server: the highest speed that a server could reach.
 
-A step is an input event, a fixed pause for the page to react, and a picture. No lease, no HTTP, no
-observation, no waiting for the page to be quiet; tabs of one browser are not isolated from each other.
+A step is an input event, a fixed pause for the page to react, and a screenshot, without leases, HTTP,
+observations, or waiting for the page to settle. The tabs of a browser are not isolated from each other.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
 
 PAUSE_SECONDS = 0.05
+"""Pause between input and screenshot."""
 _CALL_SECONDS = 60.0
 _WIDTH, _HEIGHT = 1280, 768
 
@@ -28,7 +29,7 @@ class _Attached(CdpMessage, frozen=True):
 
 
 class BareTab:
-    """A tab in a context of its own."""
+    """A tab in its own browser context."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -37,15 +38,19 @@ class BareTab:
         await self._session.do(method, params, seconds=_CALL_SECONDS)
 
     async def open(self, url: str) -> None:
-        """Go to a page and wait for its load event."""
+        """Navigate to a URL and wait for the load event."""
         loaded = asyncio.Event()
-        forget = self._session.on("Page.loadEventFired", EmptyReply, lambda _: loaded.set())
+        unsubscribe = self._session.on("Page.loadEventFired", EmptyReply, lambda _: loaded.set())
         await self._do("Page.navigate", url=url)
         await loaded.wait()
-        forget()
+        unsubscribe()
 
     async def step(self, number: int) -> bytes:
-        """Click or scroll in turn, pause, and take a picture (PNG, lossless, fast)."""
+        """Click or scroll in turn, pause, and take a screenshot.
+
+        Returns:
+            A PNG, encoded for speed.
+        """
         if number % 2:
             await self._do(
                 "Input.dispatchMouseEvent", type="mousePressed", x=40, y=400, button="left", clickCount=1
@@ -67,12 +72,12 @@ class BareTab:
                     "Page.captureScreenshot", params, reply=Screenshot, seconds=_CALL_SECONDS
                 )
             except CommandFailed:
-                continue  # another tab comes or goes in this moment
+                continue  # fails while another tab opens or closes
             return shot.data
 
 
 class BareBrowsers:
-    """Browsers with tabs. Stopped while others are measured."""
+    """Browsers with tabs, whose processes are stopped while others are measured."""
 
     def __init__(self, processes: list[BrowserProcess], tabs: list[BareTab]) -> None:
         self._processes = processes
@@ -80,12 +85,12 @@ class BareBrowsers:
 
     @property
     def pids(self) -> list[int]:
-        """Of the browsers."""
+        """Process ids of the browsers."""
         return [process.pid for process in self._processes]
 
     @contextmanager
-    def awake(self) -> Iterator[None]:
-        """Let them run for the block."""
+    def running(self) -> Iterator[None]:
+        """Let the browsers run until the block ends."""
         for process in self._processes:
             process.thaw()
         yield
@@ -93,18 +98,18 @@ class BareBrowsers:
             process.freeze()
 
 
-async def _tab(process: BrowserProcess) -> BareTab:
+async def _open_tab(process: BrowserProcess) -> BareTab:
     connection = process.connection
     context = await connection.call(
         "Target.createBrowserContext", reply=BrowserContext, seconds=_CALL_SECONDS
     )
-    wanted = {
+    params = {
         "url": "about:blank",
         "browserContextId": context.browser_context_id,
         "width": _WIDTH,
         "height": _HEIGHT,
     }
-    target = await connection.call("Target.createTarget", wanted, reply=CreatedTarget, seconds=_CALL_SECONDS)
+    target = await connection.call("Target.createTarget", params, reply=CreatedTarget, seconds=_CALL_SECONDS)
     attach = {"targetId": target.target_id, "flatten": True}
     attached = await connection.call("Target.attachToTarget", attach, reply=_Attached, seconds=_CALL_SECONDS)
     session = Session(connection, attached.session_id)
@@ -118,7 +123,14 @@ async def _tab(process: BrowserProcess) -> BareTab:
 async def bare_browsers(
     executable: Path, browsers: int, tabs: int, config: BrowserConfig
 ) -> AsyncIterator[BareBrowsers]:
-    """So many browsers with so many tabs each, for the length of the block."""
+    """Run browsers with tabs until the block ends.
+
+    Args:
+        executable: the browser.
+        browsers: their number.
+        tabs: the number of tabs of each.
+        config: of the browsers.
+    """
     async with AsyncExitStack() as stack:
         egress = await stack.enter_async_context(Egress(config.egress))
         processes = []
@@ -126,4 +138,6 @@ async def bare_browsers(
             process, _ = await launch_sandboxed(config, executable, ProfileRoot(), None, egress.main)
             stack.push_async_callback(process.kill)
             processes.append(process)
-        yield BareBrowsers(processes, [await _tab(process) for process in processes for _ in range(tabs)])
+        yield BareBrowsers(
+            processes, [await _open_tab(process) for process in processes for _ in range(tabs)]
+        )

@@ -1,4 +1,4 @@
-"""What a solver does on a page: look, point, act."""
+"""An episode of a task, with the functions of solvers: read the page, point, act."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from webgym.core.observation import Element, Observation
 CALL_SECONDS = 20.0
 MAX_STEPS = 100
 EPISODE_MILLISECONDS = 2**31 - 1
-"""The pages' limit is for people and fast scripts; the longest that a timer takes."""
+"""Time limit of episodes: the greatest value of a timer. That of the pages is for people and fast scripts."""
 
 Box: TypeAlias = tuple[float, float, float, float]
 Point: TypeAlias = tuple[float, float]
@@ -56,28 +56,28 @@ if (window.shapes) {
     const render = shapes.renderGrid;
     shapes.renderGrid = (svg, grid) => { window.__grid = grid; return render(svg, grid); };
 }"""
-"""What a person reads from the picture, kept for the scripts: what lights up, which shapes are drawn."""
+"""Script that records what a person sees in the picture: elements that light up, shapes that are drawn."""
 
 
 class MissingMark(Exception):
-    """An element that the task needs has no number."""
+    """An element that the task requires has no mark."""
 
 
 class OutOfSpace(Exception):
-    """The script needs an action, or a way to point, that the action space does not have."""
+    """The script requires an action or a kind of target that the action space does not have."""
 
 
 class Unsolved(Exception):
-    """A solver does not find its way on the page."""
+    """A solver cannot continue on the page."""
 
 
 class Finished(Exception):
-    """The page has given its reward."""
+    """The page has given a reward, so the episode has ended."""
 
 
 @dataclass(frozen=True)
 class At:
-    """An element of the page: by a selector, the text that it shows, and which of those that fit."""
+    """An element of the page: by a selector, its text, and its index among the matching elements."""
 
     css: str
     text: str | None = None
@@ -107,23 +107,24 @@ def is_inside(point: Point, box: Box) -> bool:
 
 
 def overlap(one: Box, other: Box) -> float:
-    """The area that both cover as a share of what they cover together."""
+    """The intersection over union of two boxes."""
     wide = min(one[0] + one[2], other[0] + other[2]) - max(one[0], other[0])
     tall = min(one[1] + one[3], other[1] + other[3]) - max(one[1], other[1])
     common = max(wide, 0) * max(tall, 0)
     return common / max(one[2] * one[3] + other[2] * other[3] - common, 1e-9)
 
 
-class Hand:
-    """An open episode of one task. Every action is one that an agent's reply could name; what is read is the
-    page itself.
+class Episode:
+    """An episode of a task. Actions are those of agents; reading uses the document of the page.
 
-    By marks, a click needs the number of the element. In the extended space a drag, a hover, or a place in a
-    drawing may be a point there too, as ``docs/actions.md`` says.
+    In marks mode, a click requires the mark of the element. In the extended action space, the target of a
+    drag, a hover, or a place in a drawing may be a point; see ``docs/actions.md``.
 
     Raises:
-        Finished: by every action after which the page has given its reward.
-        MissingMark, OutOfSpace, Unsolved: as they say.
+        Finished: by every action after which the page has given a reward.
+        MissingMark: by actions, if the target has no mark.
+        OutOfSpace: by actions that the action space does not have.
+        Unsolved: if the page is not as expected, or the episode takes too many steps.
     """
 
     def __init__(self, slot: Slot, mode: Mode, space: Space) -> None:
@@ -134,16 +135,16 @@ class Hand:
         self.steps = 0
         self.query = ""
         self.fields: dict[str, str] = {}
-        """What the page says the instruction asks, where that is in a person's own words."""
+        """The values that the instruction asks for, as given by the page, if the instruction is free text."""
 
     async def start(self, url: str, seed: int) -> None:
-        """Open the page and begin its task."""
+        """Open the page and start its task."""
         await self.slot.open(self.options)
         await self.slot.step(Navigate(url))
         await self.js(WATCH)
         await self.js(f"core.EPISODE_MAX_TIME = {EPISODE_MILLISECONDS}; Math.seedrandom({seed})")
         await self.js("core.startEpisodeReal()")
-        self.seen = (await self.slot.step(Wait(0))).observation  # which waits until the page is quiet
+        self.seen = (await self.slot.step(Wait(0))).observation  # waits until the page is settled
         said = await self.js("core.getUtterance()")
         if isinstance(said, dict):
             self.fields = said["fields"]
@@ -151,7 +152,7 @@ class Hand:
         self.query = said
 
     async def js(self, expression: str) -> Any:
-        """What an expression is in the page."""
+        """Evaluate an expression in the page."""
         asked = {"expression": expression, "returnByValue": True}
         session = self.slot.page.session
         answer = await session.call("Runtime.evaluate", asked, reply=_Result, seconds=CALL_SECONDS)
@@ -160,7 +161,7 @@ class Hand:
         return answer.result.value
 
     async def reward(self) -> float | None:
-        """The page's, in [-1, 1], without what time takes off; None before it is given."""
+        """The reward of the page in [-1, 1], without the deduction for time; ``None`` before it is given."""
         reward: float | None = await self.js("WOB_DONE_GLOBAL ? WOB_RAW_REWARD_GLOBAL : null")
         return reward
 
@@ -181,10 +182,10 @@ class Hand:
         if await self.reward() is not None:
             raise Finished
 
-    # --- what is there ------------------------------------------------------------------------------
+    # --- reading ------------------------------------------------------------------------------------
 
     async def boxes(self, css: str, text: str | None = None) -> list[Box]:
-        """Where the elements of a selector are that are drawn."""
+        """The boxes of the visible elements of a selector."""
         found = await self.js(f"({FIND})({json.dumps(css)}, {json.dumps(text)})")
         return [(x, y, width, height) for x, y, width, height in found]
 
@@ -203,12 +204,12 @@ class Hand:
         return bool(await self.boxes(css, text))
 
     async def texts(self, css: str) -> list[str]:
-        """What elements say, white space folded."""
+        """The texts of elements, with normalised white space."""
         script = f"[...document.querySelectorAll({json.dumps(css)})].map(one => one.textContent)"
         return [re.sub(r"\s+", " ", text).strip() for text in await self.js(script)]
 
     def quoted(self) -> list[str]:
-        """What stands between double quotes in the instruction."""
+        """The texts in double quotes in the instruction."""
         return re.findall(r'"([^"]*)"', self.query)
 
     def asked(self, pattern: str) -> tuple[str, ...]:
@@ -218,7 +219,7 @@ class Hand:
             raise Unsolved(f"the instruction is {self.query!r}")
         return found.groups()
 
-    # --- where to point -----------------------------------------------------------------------------
+    # --- pointing -----------------------------------------------------------------------------------
 
     def at_point(self, point: Point) -> Target:
         wide, tall = self.options.viewport
@@ -226,7 +227,7 @@ class Hand:
         return Target(coordinate=(min(max(x, 0), GRID), min(max(y, 0), GRID)))
 
     def mark(self, box: Box) -> Element | None:
-        """The numbered element at this box: the one that covers it best, if it is not beside it."""
+        """The marked element that covers a box best, if one overlaps with it."""
         assert self.seen is not None
         fitting = [
             one
@@ -236,7 +237,7 @@ class Hand:
         return max(fitting, key=lambda one: overlap(one.box, box), default=None)
 
     async def target(self, where: Where, *, or_point: bool = False) -> Target:
-        """Where to point, in the mode of the episode."""
+        """The target of an action, in the mode of the episode."""
         if isinstance(where, tuple):
             return self.at_point(where)
         box = await self.box(where)
@@ -247,7 +248,7 @@ class Hand:
             raise MissingMark(f"{where}")
         return Target(element=mark.number) if mark else self.at_point(middle(box))
 
-    # --- what to do ---------------------------------------------------------------------------------
+    # --- acting -------------------------------------------------------------------------------------
 
     async def click(self, where: Where, *modifiers: Modifier) -> None:
         await self.act(LeftClick(await self.target(where), modifiers))
@@ -265,7 +266,7 @@ class Hand:
         await self.act(Hover(await self.target(where, or_point=True)))
 
     async def move(self, where: Where) -> None:
-        """Bring the mouse here, where a click on the way does no harm: the paper's space has no other way."""
+        """Move the mouse; in the paper's space by a click, so only where a click has no effect."""
         await (self.click(where) if self.space == "paper" else self.hover(where))
 
     async def drag(self, start: Where, end: Where, *between: Point) -> None:
@@ -274,14 +275,14 @@ class Hand:
         await self.act(Drag(start_target, await self.target(end, or_point=True), path))
 
     async def type(self, where: Where, text: str, *, enter: bool = False) -> None:
-        """Write here. The paper's space always presses Enter at the end."""
+        """Type text into an element. In the paper's space, Enter is always pressed at the end."""
         await self.act(Type(await self.target(where), text, enter or self.space == "paper"))
 
     async def press(self, *keys: str) -> None:
         await self.act(Press(keys))
 
     async def scroll(self, side: Side, where: Where) -> None:
-        """Turn the wheel here; in the paper's space, wherever the page then scrolls."""
+        """Scroll at a place; in the paper's space, anywhere on the page."""
         await self.act(
             Scroll(side, None if self.space == "paper" else await self.target(where, or_point=True))
         )
@@ -290,7 +291,7 @@ class Hand:
         await self.act(Wait(seconds))
 
     async def choose(self, css: str, text: str) -> None:
-        """An option of a list that opens."""
+        """Choose an option of a drop-down list."""
         await self.click(css)
         assert self.seen is not None
         for _ in range(20):

@@ -1,4 +1,4 @@
-"""A server in a process of its own, as users have it: what is measured shares nothing with who measures."""
+"""A browser server in a separate process, so that the benchmark does not share its event loop."""
 
 from __future__ import annotations
 
@@ -17,8 +17,14 @@ from webgym.server.gateway import RunningGateway, running_gateway
 from webgym.server.run_worker import RunningServer, running_server
 
 
-class Address(msgspec.Struct, frozen=True):
-    """Of a server, and which process it is."""
+class ServerAddress(msgspec.Struct, frozen=True):
+    """The address of a server.
+
+    Attributes:
+        url: its base URL.
+        token: of every call.
+        pid: its process id.
+    """
 
     url: str
     token: str
@@ -29,47 +35,49 @@ _STOP_SECONDS = 60.0
 
 
 class _Settings(msgspec.Struct, frozen=True):
-    """As JSON each. Without a fleet it is one worker alone."""
+    """Both as JSON. Without a fleet, the server is a single worker."""
 
     config: str
     fleet: str | None
 
 
 @asynccontextmanager
-async def server_apart(config: ServerConfig) -> AsyncIterator[Address]:
-    """Run a server in a process of its own for the length of the block."""
-    process, address = await start_apart(config)
+async def server_process(config: ServerConfig) -> AsyncIterator[ServerAddress]:
+    """Run a server in a separate process until the block ends."""
+    process, address = await start_server(config)
     try:
         yield address
     finally:
-        await stop_apart(process)
+        await stop_server(process)
 
 
-async def start_apart(
+async def start_server(
     config: ServerConfig, fleet: GatewayConfig | None = None, log: int | None = None
-) -> tuple[Process, Address]:
-    """Start a server as a process of its own: one worker, or a gateway where there is a fleet.
+) -> tuple[Process, ServerAddress]:
+    """Start a server in a separate process.
 
     Args:
-        log: descriptor that its log goes to; ``None`` for where ours goes.
+        config: of the server.
+        fleet: of a gateway; without it, the server is a single worker.
+        log: file descriptor of its log; ``None`` for our stderr.
 
     Raises:
-        ServerUnreachable: it does not come up.
+        ServerUnreachable: it does not start.
     """
     settings = _Settings(config.model_dump_json(), fleet.model_dump_json() if fleet else None)
     command = (sys.executable, "-m", __name__)
     process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, stderr=log)
     try:
-        return process, await _address(process, settings)
+        return process, await _configure(process, settings)
     except BaseException:
-        await stop_apart(process)
+        await stop_server(process)
         raise
 
 
-async def stop_apart(process: Process) -> None:
-    """Tell it to end, and wait until it has."""
+async def stop_server(process: Process) -> None:
+    """Stop a server and wait until its process has ended."""
     assert process.stdin is not None
-    process.stdin.close()  # the end of its input is its end
+    process.stdin.close()  # the server stops at the end of its input
     try:
         async with asyncio.timeout(_STOP_SECONDS):
             await process.wait()
@@ -78,15 +86,15 @@ async def stop_apart(process: Process) -> None:
         await process.wait()
 
 
-async def _address(process: Process, settings: _Settings) -> Address:
+async def _configure(process: Process, settings: _Settings) -> ServerAddress:
     assert process.stdin is not None
     assert process.stdout is not None
     process.stdin.write(msgspec.json.encode(settings) + b"\n")
     line = await process.stdout.readline()
     if not line:
-        raise ServerUnreachable("the server did not come up", hint="see `webgym doctor`")
-    said = msgspec.json.decode(line, type=dict[str, str])
-    return Address(said["url"], said["token"], process.pid)
+        raise ServerUnreachable("the server did not start", hint="see `webgym doctor`")
+    reply = msgspec.json.decode(line, type=dict[str, str])
+    return ServerAddress(reply["url"], reply["token"], process.pid)
 
 
 async def _serve() -> None:
@@ -102,7 +110,7 @@ async def _serve() -> None:
     )
     async with running as server:
         print(msgspec.json.encode({"url": server.url, "token": server.token}).decode(), flush=True)
-        await reader.read()  # until its end
+        await reader.read()  # until the end of the input
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A task set that looks like the paper's and means nothing: for measuring, at any size."""
+"""Synthetic task sets with the statistics of the paper's, for benchmarks."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from webgym.tasks.taxonomy import DOMAIN_OF
 
 
 class Shape(msgspec.Struct, frozen=True, kw_only=True):
-    """How large the set is.
+    """The size of a set.
 
     Attributes:
-        tasks: of all sources together, none of them derived.
-        websites: registrable domains that they are on.
-        seed: of everything.
+        tasks: number of tasks of all sources; none is derived.
+        websites: number of registrable domains.
+        seed: of everything that is random.
     """
 
     tasks: int = 300_000
@@ -26,7 +26,7 @@ class Shape(msgspec.Struct, frozen=True, kw_only=True):
     seed: int = 0
 
 
-_SOURCES: Final = {  # paper Table 1: tasks, and the websites that are not everybody's
+_SOURCES: Final = {  # paper Table 1: tasks, and websites of their own
     "insta-v3": (146_441, 0),
     "pae-webvoyager": (128_499, 13),
     "agentsynth-web": (2_086, 328),
@@ -39,11 +39,11 @@ _SOURCES: Final = {  # paper Table 1: tasks, and the websites that are not every
     "gaia-web": (87, 1),
 }
 _LEVELS: Final = ((0.80, (1, 3)), (0.15, (4, 6)), (0.05, (7, 10)))
-"""Share of the tasks and their least and most facts: about 80 % are easy (paper §3)."""
+"""Share of the tasks, and their range of facts: about 80 % are easy (paper §3)."""
 _GROUPS: Final = (1,) * 30 + (2,) * 18 + (3, 4)
-"""Facts of a group. Few are large, for the paper's set has about one derived task in twenty."""
+"""Numbers of facts of a group. Few are large, as about one task in twenty of the paper's set is derived."""
 _STEPS: Final[dict[Level, float]] = {"easy": 7.8, "medium": 9.9, "hard": 11.9}
-"""Mean steps of a trajectory (paper §3)."""
+"""Mean number of steps of a trajectory (paper §3)."""
 _SUFFIXES: Final = ("com",) * 12 + ("org", "net", "co.uk", "de", "io", "com.au", "edu", "fr", "info", "co.jp")
 _FORMS: Final = ("https://www.{}/", "https://{}/", "http://{}", "{}", "https://shop.{}/en/", "www.{}")
 
@@ -77,7 +77,7 @@ _WISHES: Final = (
 
 
 def make_tasks(shape: Shape) -> Iterator[Task]:
-    """The tasks, source by source. The same shape gives the same tasks."""
+    """Generate tasks, source by source; equal shapes give equal tasks."""
     rng = random.Random(f"task set/{shape.seed}")
     paper = sum(tasks for tasks, _ in _SOURCES.values())
     counts = {source: max(1, round(shape.tasks * tasks / paper)) for source, (tasks, _) in _SOURCES.items()}
@@ -103,7 +103,7 @@ def make_tasks(shape: Shape) -> Iterator[Task]:
 
 
 def make_lengths(trajectories: int = 5_000, seed: int = 0) -> dict[Level, list[int]]:
-    """Steps of trajectories whose means are near the paper's, and whose tails are long."""
+    """Numbers of steps of trajectories, with about the paper's means and long tails."""
     rng = random.Random(f"lengths/{seed}")
     return {
         level: [
@@ -119,7 +119,7 @@ def _domain(rng: random.Random, mark: str) -> str:
 
 
 def _site(rng: random.Random, sites: list[str], number: int) -> str:
-    """Every website once, and then the first more often than the last."""
+    """A website: each once, then the first ones more often than the last ones."""
     if number < len(sites):
         return sites[number]
     return sites[int(len(sites) * rng.random() ** 1.1)]

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
 from typing import Final, Protocol
 
-from webgym.core.background import beside
+from webgym.core.background import running_in_background
 
 _POLL_SECONDS: Final = 0.5
 _REPEAT_SECONDS: Final = 30.0
@@ -64,5 +64,5 @@ async def report_problems(problem: Callable[[], str], tell: Callable[[str], None
                 tell(told)
                 await asyncio.sleep(_REPEAT_SECONDS)
 
-    async with beside(look()):
+    async with running_in_background(look()):
         yield

@@ -14,7 +14,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from webgym.core.background import beside
+from webgym.core.background import running_in_background
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
 from webgym.core.text import plain
@@ -178,10 +178,10 @@ async def showing(progress: Progress, console: Console) -> AsyncIterator[None]:
     try:
         if console.is_terminal:
             with Live(panel(progress), console=console, auto_refresh=False, transient=True) as live:
-                async with beside(_refresh(live, progress)):
+                async with running_in_background(_refresh(live, progress)):
                     yield
         else:
-            async with beside(_print_lines(progress, console)):
+            async with running_in_background(_print_lines(progress, console)):
                 yield
     finally:  # also of a run that was stopped
         console.print(line(progress), highlight=False, soft_wrap=True, markup=False)

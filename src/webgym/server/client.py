@@ -424,10 +424,10 @@ class Session:
         reply = await self._call(STEP, StepReply, request, queue)
         calls, seen = self._client.calls, reply.observation
         calls[queue].waited_elsewhere(seen.seconds("queued"))
-        calls[queue].held(calls["metadata"], 0.0, seen.seconds("metadata"))
+        calls[queue].included(calls["metadata"], 0.0, seen.seconds("metadata"))
         if queue != "screenshot":
             waited = seen.seconds("queued_screenshot")
-            calls[queue].held(calls["screenshot"], waited, seen.seconds("screenshot"))
+            calls[queue].included(calls["screenshot"], waited, seen.seconds("screenshot"))
         name = seen.screenshot
         image = self._pictures.get(name) if reply.image is None else reply.image
         if image is None:

@@ -4,16 +4,14 @@ The parser is total: any text gives one or the other, never an exception, and ne
 does not state explicitly. It is linear in the length of the reply. Its rules:
 
 1. Thinking is ignored. It extends from ``<think>`` to the next ``</think>``, or from the beginning if the
-chat
-   template opens it. If the thinking does not end, there is no reply. If thinking begins or ends after the
-   tool call, it is unclear whether the call was part of it, so the call is rejected.
+   chat template opens it. If the thinking does not end, there is no reply. If thinking begins or ends after
+   the tool call, it is unclear whether the call was part of it, so the call is rejected.
 2. Outside of the thinking there is exactly one ``<tool_call>`` with its ``</tool_call>``. Text after it is
    ignored, unless it contains another call.
 3. The call is one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and an object as
    ``arguments``. Duplicate keys, NaN and infinity are invalid.
 4. The arguments are parsed by :mod:`webgym.agent.computer_use`. The compact formats have a line of text
-instead
-   of the call (:mod:`webgym.agent.compact`); the other rules apply to them too.
+   instead of the call (:mod:`webgym.agent.compact`); the other rules apply to them too.
 5. The sections before the call (Memory, Progress, Intention, Action) do not affect the call: one that is
    missing or invalid is ``None`` or empty.
 """

@@ -61,7 +61,7 @@ def test_the_limits_are_those_of_the_settings(tree: Path) -> None:
 
 
 def test_what_is_no_cgroup_of_ours_is_refused(tree: Path, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no cgroup that we may divide: No such file"):
+    with pytest.raises(ConfigError, match="is not a cgroup that can be divided: No such file"):
         new_cgroup(BrowserConfig(cgroup=tmp_path / "none"))
     (tree / "cgroup.controllers").write_text("cpu\n")
     with pytest.raises(ConfigError, match="neither the memory nor the pids controller"):

@@ -90,7 +90,7 @@ def command(
 
     import uvloop
 
-    from webgym.server.listening import open_as_many_files_as_may_be
+    from webgym.server.listening import raise_open_files_limit
     from webgym.settings import validated
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
@@ -105,7 +105,7 @@ def command(
     where = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
     beside = config.model_copy(update={"port": compat_port}) if compat else None
     key = _token_in(compat_key_file) if compat_key_file else None
-    open_as_many_files_as_may_be()
+    raise_open_files_limit()
     uvloop.run(_serve(config, fleet, cluster, where, beside, key))
     if cluster is not None:
         # All is done. Where the cluster's head is gone, Ray would hang or crash with the interpreter.

@@ -34,7 +34,7 @@ def real() -> Iterator[Path]:
     mounts = [line.split() for line in Path("/proc/self/mounts").read_text().splitlines()]
     found = next((Path(mount[1]) for mount in mounts if mount[2] == "cgroup2"), None)
     if found is None or not os.access(found, os.W_OK):
-        pytest.skip("there is no cgroup of version 2 that we may divide")
+        pytest.skip("there is no cgroup of version 2 that can be divided")
     path = found / f"webgym-test-{os.getpid()}"
     try:
         path.mkdir()

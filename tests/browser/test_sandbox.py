@@ -135,7 +135,7 @@ def test_a_wrapper_that_switches_it_off_is_found_out(containing: Path) -> None:
     wrapper.chmod(0o755)
     said = serve(containing, executable=wrapper)
     assert said["info"]["sandboxed"] is False
-    assert "the browser leaves it off" in said["info"]["reason"]
+    assert "the browser runs without it" in said["info"]["reason"]
     assert serve(containing, "on", executable=wrapper)["error"] == "browser_launch_failed"
 
 

@@ -1,4 +1,4 @@
-"""Style and writing of figures for a paper: the same data give the same bytes."""
+"""Styles and saves figures for a paper: the same data give the same bytes."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from matplotlib.figure import Figure
 from webgym.core.errors import UsageError
 
 COLUMN: Final = 3.4
-"""Width of a figure, inches: a column of a two-column paper."""
+"""Width of a figure that spans one column of a two-column paper, inches."""
 PAGE: Final = 7.0
-"""Both columns, inches."""
+"""Width of a figure that spans both columns, inches."""
 
 INK, MUTED, GRIDLINE = "#222222", "#666666", "#e4e4e4"
 CATEGORIES: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
-"""Okabe and Ito's colours, which people with any colour vision tell apart."""
+"""Okabe and Ito's palette, which is readable with colour blindness."""
 
-_DOTS: Final = 300
+_DPI: Final = 300
 _METADATA: Final[dict[str, dict[str, None]]] = {
     ".png": {"Software": None},
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
 }
-"""What would make two files of one figure differ."""
+"""Metadata to leave out, which would make two files of the same figure differ."""
 
 _STYLE: Final[dict[str, Any]] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib, so it is the same everywhere
@@ -65,13 +65,13 @@ _STYLE: Final[dict[str, Any]] = {
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Figures that are made and saved inside look alike."""
+    """Apply the common style to figures that are made and saved in this context."""
     with mpl.rc_context(_STYLE):  # type: ignore[arg-type]  # typed by 300 literal names
         yield
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure; inches."""
+    """An empty figure; width and height in inches."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -81,13 +81,13 @@ def save(figure: Figure, path: Path) -> None:
     """Write a figure in the format that its suffix names (``.png``, ``.svg``, ``.pdf``).
 
     Raises:
-        UsageError: it cannot be written there, or in no such format.
+        UsageError: the file cannot be written, or the format is unknown.
     """
     suffix = path.suffix.casefold()
     if suffix not in _METADATA:
         known = ", ".join(_METADATA)
         raise UsageError(f"{path.name} does not name a figure format", hint=f"end it in one of {known}")
     try:
-        figure.savefig(path, dpi=_DOTS, metadata=_METADATA[suffix])
+        figure.savefig(path, dpi=_DPI, metadata=_METADATA[suffix])
     except OSError as error:
         raise UsageError(f"cannot write {path}: {error.strerror}") from error

@@ -1,4 +1,4 @@
-"""Bootstrap intervals of rates: whole clusters are resampled, all resamples at once."""
+"""Bootstrap intervals of rates by resampling whole clusters."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ def resampled(
 ) -> Counts:
     """Draw clusters with replacement, as many as there are, and add up their counts.
 
-    Clusters with equal counts are one kind of cluster, and how often each kind is drawn is multinomial: that
-    is the same bootstrap, and takes no longer for many clusters than for few.
+    The number of times that each distinct cluster is drawn is multinomial, so drawing those numbers
+    is the same bootstrap, and its cost does not grow with the number of clusters.
 
     Args:
-        clusters: counts of each; ``width`` of them.
-        width: how many counts a cluster has.
-        resamples: how many draws.
-        generator: makes them.
+        clusters: the ``width`` counts of each cluster.
+        width: number of counts per cluster.
+        resamples: number of resamples.
+        generator: source of randomness.
 
     Returns:
         The sums of every resample, of shape (resamples, width).
     """
     if not clusters:
         return np.zeros((resamples, width), np.int64)
-    kinds, often = np.unique(np.array(clusters, np.int64), axis=0, return_counts=True)
-    drawn: Counts = generator.multinomial(len(clusters), often / often.sum(), size=resamples) @ kinds
+    kinds, counts = np.unique(np.array(clusters, np.int64), axis=0, return_counts=True)
+    drawn: Counts = generator.multinomial(len(clusters), counts / counts.sum(), size=resamples) @ kinds
     return drawn
 
 
 def percentiles(drawn: Values, confidence: float) -> tuple[float, float] | None:
-    """The percentile interval of a figure from its resamples, NaN where it is undefined in one.
+    """The percentile interval of a statistic from its resamples, which are NaN where it is undefined.
 
     Returns:
-        ``None`` where the resamples say nothing: the figure is undefined in more of them than the interval
-        leaves out, or the same in all.
+        ``None`` if there is no meaningful interval: the statistic is undefined in more than ``1 -
+        confidence`` of the resamples, or the same in all.
     """
     defined = drawn[~np.isnan(drawn)]
     if not len(defined) or len(defined) < confidence * len(drawn):

@@ -1,6 +1,6 @@
-"""Tables of text in every form in which they are shown: terminal, Markdown, LaTeX, CSV.
+"""Tables of text for the terminal, Markdown, LaTeX and CSV.
 
-Cells may come from others, such as a domain of a task: control characters never reach a terminal.
+Cells may hold untrusted text, such as a task's domain: control characters never reach a terminal.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ class Table(msgspec.Struct, frozen=True):
     """A table of text.
 
     Attributes:
-        title: a line above it; empty for none.
-        columns: their headers.
-        rows: a cell per column.
-        names: how many of the first columns hold names, aligned left; the others hold figures.
+        title: a line above the table; empty for none.
+        columns: the headers.
+        rows: the cells, one per column.
+        names: number of leading columns with names, aligned left; the others hold figures.
     """
 
     title: str
@@ -53,7 +53,7 @@ class Table(msgspec.Struct, frozen=True):
         return column < self.names
 
     def cells(self, row: Sequence[str]) -> tuple[str, ...]:
-        """A row for a reader: without control characters, whole numbers with thousands separators."""
+        """A row for display: without control characters, integers with thousands separators."""
         return tuple(
             cell if self.is_name(column) or not cell.isdecimal() else f"{int(cell):,}"
             for column, cell in enumerate(map(plain, row))
@@ -74,8 +74,8 @@ def grid(table: Table) -> RichTable:
     from rich.text import Text
 
     rich = RichTable(box=None, header_style="dim", pad_edge=False, padding=(0, 2, 0, 0))
-    for place, column in enumerate(table.columns):
-        rich.add_column(Text(plain(column)), justify="left" if table.is_name(place) else "right")
+    for index, column in enumerate(table.columns):
+        rich.add_column(Text(plain(column)), justify="left" if table.is_name(index) else "right")
     for row in table.rows:
         rich.add_row(*map(Text, table.cells(row)))
     return rich
@@ -85,7 +85,7 @@ def markdown(tables: Iterable[Table]) -> str:
     """Tables for a Markdown document."""
     parts = []
     for table in tables:
-        rules = ["---" if table.is_name(place) else "---:" for place in range(len(table.columns))]
+        rules = ["---" if table.is_name(index) else "---:" for index in range(len(table.columns))]
         lines = [table.columns, rules, *map(table.cells, table.rows)]
         title = f"**{plain(table.title)}**"
         parts.append("\n".join([title, "", *(f"| {' | '.join(line)} |" for line in lines)]))
@@ -93,7 +93,7 @@ def markdown(tables: Iterable[Table]) -> str:
 
 
 def csv_text(tables: Iterable[Table]) -> str:
-    """Tables as CSV, with a line for each title, figures as they are, and an empty line between two."""
+    """Tables as CSV: a line for each title, figures unformatted, and an empty line between tables."""
     parts = []
     for table in tables:
         text = io.StringIO()
@@ -104,7 +104,7 @@ def csv_text(tables: Iterable[Table]) -> str:
 
 
 def latex(tables: Iterable[Table]) -> str:
-    """Tables as LaTeX; they need the package booktabs."""
+    """Tables as LaTeX; the document needs the package booktabs."""
     return "\n\n".join(map(_latex, tables)) + "\n"
 
 

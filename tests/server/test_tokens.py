@@ -13,7 +13,7 @@ from tests.server.conftest import TOKEN
 from webgym.core.errors import ConfigError, TooManySessions, Unauthorized
 from webgym.server import BrowserClient, ClientLimits, GatewayConfig, ServerConfig, running_gateway
 from webgym.server.audit import audit_to
-from webgym.server.tokens import OWN, Tokens
+from webgym.server.tokens import SERVER_CALLER, Tokens
 
 ALICE, BOB, NEW = ("a" * 16, "b" * 20, "c" * 40)
 
@@ -36,9 +36,11 @@ async def until(holds: Callable[[], bool]) -> None:
 
 def test_everybody_has_a_name(file: Path) -> None:
     tokens = Tokens(TOKEN, file)
-    assert [name(tokens, each) for each in (TOKEN, ALICE, BOB, NEW, "", "é")] == [OWN, "alice", "bob"] + [
-        None
-    ] * 3
+    assert [name(tokens, each) for each in (TOKEN, ALICE, BOB, NEW, "", "é")] == [
+        SERVER_CALLER,
+        "alice",
+        "bob",
+    ] + [None] * 3
     assert tokens.name_of(ALICE) is None
 
 

@@ -135,7 +135,7 @@ async def test_what_is_used_wrongly_is_told() -> None:
         with pytest.raises(ConfigError, match="unknown option 'task'"):
             await env.reset(options={"task": "check-1"})
         await env.reset()
-        with pytest.raises(UsageError, match="int is no action"):
+        with pytest.raises(UsageError, match="int is not an action"):
             await env.step(3)  # type: ignore[arg-type]
     with pytest.raises(ConfigError, match="no tasks named 'online-v1'"):
         webgym.make("online-v1")

@@ -34,11 +34,11 @@ _FAULTS: Final = ("browser", "judge", "no_reward", "blocked", "unreadable")
 
 
 class StandInBrowsers:
-    """Stand-ins of browsers: every page is another picture, and every session has its own.
+    """Replaces browsers in checks: every observation has a different picture, and sessions share no state.
 
     Attributes:
-        open_now: sessions that nobody has given back.
-        steps: of every session, by its number.
+        open_now: numbers of the sessions that are not closed.
+        steps: observations of every session but the first, by the session's number.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class StandInBrowsers:
         self.entered = asyncio.Event()
 
     async def open(self, options: SessionOptions | None = None) -> _Session:
-        """A session of its own."""
+        """Open a new session."""
         del options
         session = _Session(self, len(self.steps))
         self.open_now.add(session.number)
@@ -71,18 +71,18 @@ class _Session:
             await asyncio.Event().wait()
         browsers.steps[self.number] += 1
         count = browsers.steps[self.number]
-        held = BytesIO()
-        Image.new("RGB", _SIZE, (count * 40 % 256, 0, 0)).save(held, "PNG")
-        name = hashlib.sha256(held.getvalue()).hexdigest()
+        buffer = BytesIO()
+        Image.new("RGB", _SIZE, (count * 40 % 256, 0, 0)).save(buffer, "PNG")
+        name = hashlib.sha256(buffer.getvalue()).hexdigest()
         seen = Observation(name, f"http://check.test/{count}", f"page {count}", _SIZE, status=200)
-        return View(seen, held.getvalue())
+        return View(seen, buffer.getvalue())
 
     async def close(self) -> None:
         self._browsers.open_now.discard(self.number)
 
 
 class StandInJudge:
-    """Right is 1, all else is 0, unless it is told to fail."""
+    """Rewards the answer ``right`` with 1 and everything else with 0, unless ``fault`` is set."""
 
     name = "check/1"
 
@@ -90,7 +90,7 @@ class StandInJudge:
         self.fault = ""
 
     async def judge(self, task: Task, episode: Episode, pictures: Pictures) -> Verdict:
-        """Look at the first picture, and at the answer."""
+        """Judge by the answer alone; the first picture is read, too, as a real judge would."""
         del task
         await pictures(episode.steps[0].observation.screenshot)
         if self.fault == "judge":
@@ -113,20 +113,20 @@ def _environment(browsers: StandInBrowsers, judge: StandInJudge, on_fault: OnFau
 
 
 def stand_in_environment(on_fault: OnFault = "nan") -> Environment:
-    """An environment without browsers and websites, for tests of what wraps one: twelve tasks of four steps
-    at most, pages of one colour, and a judge who gives 1 for the answer ``right``."""
+    """An environment without browsers and websites, for tests of wrappers: twelve tasks of at most four
+    steps, pages of a single colour, and a judge that gives 1 for the answer ``right``."""
     return _environment(StandInBrowsers(), StandInJudge(), on_fault)
 
 
-AdaptiveConcurrency = Callable[[Environment], Any]
-"""Makes what is checked of an environment that is open: it has ``reset(seed=…, options=…)``, ``step(action)``
-and, where it holds anything, ``close()``, as coroutines or not."""
+EnvironmentAdapter = Callable[[Environment], Any]
+"""Wraps an open environment in the object to check. That has ``reset(seed=…, options=…)``, ``step(action)``
+and, if it owns resources, ``close()``; each may be a coroutine function."""
 
 
 class _Check:
-    """The rules, one method each, and what was found."""
+    """The rules, one method each, and a line for every violation."""
 
-    def __init__(self, adapt: AdaptiveConcurrency) -> None:
+    def __init__(self, adapt: EnvironmentAdapter) -> None:
         self._adapt = adapt
         self.faults: list[str] = []
 
@@ -145,24 +145,24 @@ class _Check:
             self.faults.append(rule)
 
     async def rewards(self) -> None:
-        """Once, and only at the end."""
+        """The reward comes once, at the end."""
         for answer, wanted in ((_RIGHT, 1.0), ("wrong", 0.0), (None, 0.0)):
             async with self._opened() as (env, _, _):
                 await _call(env.reset, seed=1)
                 last = Scroll("down") if answer is None else Answer(answer)
                 actions = [Scroll("down")] * (_BUDGET - 1) + [last]
-                taken = [await _call(env.step, action) for action in actions]
-                given = [each[1] for each in taken]
-                self.expect(given[:-1] == [0.0] * (_BUDGET - 1), f"a reward before the end: {given}")
-                self.expect(given[-1] == wanted, f"the reward for the answer {answer!r} is {given[-1]}")
-                ends = [(bool(each[2]), bool(each[3])) for each in taken]
+                results = [await _call(env.step, action) for action in actions]
+                rewards = [each[1] for each in results]
+                self.expect(rewards[:-1] == [0.0] * (_BUDGET - 1), f"a reward before the end: {rewards}")
+                self.expect(rewards[-1] == wanted, f"the reward for the answer {answer!r} is {rewards[-1]}")
+                ends = [(bool(each[2]), bool(each[3])) for each in results]
                 self.expect(not any(map(any, ends[:-1])), "an episode is over before its end")
-                told = "an answer terminates an episode" if answer else "a budget that is spent truncates one"
-                self.expect(ends[-1] == ((True, False) if answer else (False, True)), told)
+                rule = "an answer terminates an episode" if answer else "a budget that is spent truncates one"
+                self.expect(ends[-1] == ((True, False) if answer else (False, True)), rule)
                 self.expect(await _raises(env.step, Scroll("down")), "a step after the end raises no error")
 
     async def faults_are_no_rewards(self) -> None:
-        """Whatever failed, it is not the policy's 0."""
+        """A fault never gives the reward 0."""
         for fault in _FAULTS:
             async with self._opened() as (env, browsers, judge):
                 await _call(env.reset, seed=1)
@@ -177,12 +177,12 @@ class _Check:
                     _, reward, terminated, truncated, info = await _call(env.step, action)
                     if terminated or truncated:
                         break
-                told = f"an episode without a reward ({fault})"
-                self.expect(math.isnan(reward), f"{told} has the reward {reward}, not NaN")
-                self.expect(not terminated and bool(truncated), f"{told} is not truncated")
+                prefix = f"an episode without a reward ({fault})"
+                self.expect(math.isnan(reward), f"{prefix} has the reward {reward}, not NaN")
+                self.expect(not terminated and bool(truncated), f"{prefix} is not truncated")
                 self.expect(
                     str(info.get("outcome")) not in ("success", "failure", "truncated", "None"),
-                    f"{told} has the outcome {info.get('outcome')}",
+                    f"{prefix} has the outcome {info.get('outcome')}",
                 )
 
     async def seeds(self) -> None:
@@ -196,10 +196,10 @@ class _Check:
         self.expect(orders[0] != orders[2], "another seed gives the same tasks")
         async with self._opened() as (env, _, _):
             chosen = (await _call(env.reset, options={"task_id": "check-7"}))[1]["task_id"]
-            self.expect(chosen == "check-7", "options={'task_id': …} is not heard")
+            self.expect(chosen == "check-7", "options={'task_id': …} is ignored")
 
     async def sessions_are_given_back(self) -> None:
-        """Whatever happens, nobody keeps a browser."""
+        """A browser session is closed however an episode ends."""
         async with self._opened() as (env, browsers, _):
             for _ in range(3):
                 await _call(env.reset)
@@ -239,27 +239,31 @@ class _Check:
 
     async def isolation(self) -> None:
         """Two environments never see each other's state."""
-        async with self._opened() as (one, seen_by_one, _), self._opened() as (other, seen_by_other, _):
-            await _call(one.reset, seed=1)
-            await _call(other.reset, seed=1)
+        async with (
+            self._opened() as (first, first_browsers, _),
+            self._opened() as (second, second_browsers, _),
+        ):
+            await _call(first.reset, seed=1)
+            await _call(second.reset, seed=1)
             for _ in range(_BUDGET - 1):
-                info = (await _call(one.step, Scroll("down")))[4]
-            quiet = max(seen_by_other.steps.values(), default=-1)
-            busy = max(seen_by_one.steps.values(), default=-1)
-            self.expect((busy, quiet) == (_BUDGET - 1, 0), "a step in one environment reaches another")
+                info = (await _call(first.step, Scroll("down")))[4]
+            second_steps = max(second_browsers.steps.values(), default=-1)
+            first_steps = max(first_browsers.steps.values(), default=-1)
+            steps = (first_steps, second_steps)
+            self.expect(steps == (_BUDGET - 1, 0), "a step in one environment reaches another")
             self.expect(info["step"] == _BUDGET - 1, "an environment does not count its own steps")
 
 
-async def check_environment(adapt: AdaptiveConcurrency = lambda env: env) -> list[str]:
-    """Check an environment, or what wraps one: the reward comes once and only at the end; faults never become
-    rewards; seeds reproduce; browsers are given back after an end, a failure, a cancelled step, and when they
-    are forgotten; two environments never see each other's state. Browsers and judge are stand-ins.
+async def check_environment(adapt: EnvironmentAdapter = lambda env: env) -> list[str]:
+    """Check an environment or a wrapper of one: the reward comes once, at the end; faults never become
+    rewards; seeds reproduce; browsers are closed after an end, a failure, a cancelled step, and when the
+    environment is garbage-collected; two environments share no state. Browsers and judge are stand-ins.
 
     Args:
         adapt: wraps an :class:`~webgym.environment.Environment`; by default that itself is checked.
 
     Returns:
-        A line for every rule that is broken; empty if there is none.
+        A line for every violation; empty if there is none.
     """
     check = _Check(adapt)
     rules = (

@@ -1,11 +1,11 @@
-"""The environment, for policies of your own: reset, step, and a reward at the end::
+"""The environment, to run your own policy or trainer: reset, step, and a reward at the end::
 
     async with webgym.make("offline-v1", split="train") as env:
         view, info = await env.reset(seed=7)
         while not info["is_over"]:
             view, reward, terminated, truncated, info = await env.step(act(info["messages"], info["images"]))
 
-An episode here and an attempt of a run are the same code: the same browser, parser, record and judge.
+Episodes run the same code as the attempts of a run: the same browser, parser, record and judge.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ from webgym.rollout.driver import Browsers, BrowserSession, EpisodeContext, Epis
 from webgym.rollout.judging import judge_episode
 from webgym.rollout.plan import Planned
 from webgym.run_config import RunConfig, Secrets, resolved
-from webgym.run_services import places
+from webgym.run_services import open_services
 from webgym.server.messages import View
 from webgym.task_choice import choose_tasks
 
 Info: TypeAlias = dict[str, Any]
-"""What :meth:`Environment.reset` and :meth:`Environment.step` tell beside the view:
+"""What :meth:`Environment.reset` and :meth:`Environment.step` return besides the view:
 
 ``task_id``, ``instruction``, ``website``
     of the task.
 ``step``, ``budget``
-    steps so far, and how many there may be.
+    steps so far, and their maximum.
 ``messages``, ``images``
     the request that WebGym's own agent would send now: memory, history and screenshots in its prompt
-    (:class:`~webgym.core.trajectory.Message`; pictures encoded, by name). Not there once the episode is over.
+    (:class:`~webgym.core.trajectory.Message`; pictures encoded, by name). Missing once the episode is over.
 ``parse_error``
     why the last reply held no action; empty if it did.
 ``is_over``
@@ -63,7 +63,7 @@ Info: TypeAlias = dict[str, Any]
 ``outcome``
     one of eight (:class:`~webgym.core.outcome.Outcome`),
 ``failure``
-    code and message of the error that kept the episode, or its verdict, from being, else ``None``,
+    code and message of the error that ended the episode or prevented its verdict, else ``None``,
 ``trajectory``
     the whole record (:class:`~webgym.core.trajectory.Trajectory`), as a run's folder would hold it,
 ``pictures``
@@ -82,7 +82,7 @@ OnFault: TypeAlias = Literal["nan", "raise"]
 
 @dataclass(frozen=True)
 class _Services:
-    """What several environments may share."""
+    """Services and tasks that several environments may share."""
 
     tasks: dict[str, Task]
     client: Browsers
@@ -99,16 +99,17 @@ class Environment:
         browsers: an open client of a browser server, which several environments may share; by default what
             ``config.server`` says: a server elsewhere, or a browser that is started here.
         judge: gives the reward; by default the one that ``config.judge`` names.
-        config: everything else that a run has settings for: agent (prompt, mode, actions), browser, budgets.
+        config: all other settings of a run: agent (prompt, mode, actions), browser, budgets.
         secrets: tokens of servers that run elsewhere.
         seed: of the order of tasks until :meth:`reset` is given one.
-        on_fault: what an episode gives that has no reward because the website blocked it or environment,
-            policy or judge failed. ``nan``: a reward of NaN, ``truncated``, and ``info["outcome"]`` tells.
-            ``raise``: :meth:`step` raises :class:`~webgym.core.errors.EpisodeLost`. It is never a 0.
+        on_fault: what :meth:`step` does at the end of an episode without a reward, because the website
+            blocked it or environment, policy or judge failed. ``nan``: it returns a reward of NaN and
+            ``truncated``, and ``info["outcome"]`` names the reason. ``raise``: it raises
+            :class:`~webgym.core.errors.EpisodeLost`. The reward is never 0.
 
     Attributes:
-        config: as it was resolved.
-        profile: of the family of models that the requests are made for.
+        config: the resolved config.
+        profile: the profile of the model family that the requests are made for.
     """
 
     def __init__(
@@ -126,7 +127,7 @@ class Environment:
         if isinstance(tasks, str | Path):
             chosen = config.tasks.model_copy(update={"file": Path(tasks)})
             config, tasks = config.model_copy(update={"tasks": chosen}), None
-        # All that there are, unless a number is asked for: nothing is spent on a task before it is drawn.
+        # All tasks by default: a task costs nothing before it is drawn.
         if config.tasks.count is None:
             config = config.model_copy(update={"tasks": config.tasks.model_copy(update={"count": "all"})})
         self.config = resolved(config, None, None)
@@ -137,7 +138,7 @@ class Environment:
         self._on_fault = on_fault
         self._stack = AsyncExitStack()
         self._services: _Services | None = None
-        self._seed_anew(seed)
+        self._restart_order(seed)
         self._episode: _Episode | None = None
 
     # --- open and close ---------------------------------------------------------------------------------
@@ -155,7 +156,7 @@ class Environment:
         await self.close()
 
     async def close(self) -> None:
-        """Give the browser back, and stop what was started for this environment. Safe to call twice."""
+        """Close the browser session, and stop what was started for this environment. Safe to call twice."""
         await self.abandon()
         self._services = None
         await self._stack.aclose()
@@ -173,21 +174,21 @@ class Environment:
             judge = await self._stack.enter_async_context(open_judge(config.judge))
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
-        held = {task.id: task for task in tasks}
+        by_id = {task.id: task for task in tasks}
         if self._browsers is None:
-            opened = places(config, self._secrets, tasks, None, calls)
+            opened = open_services(config, self._secrets, tasks, None, calls)
             site_state, client = await self._stack.enter_async_context(opened)
-            return _Services(held, client, site_state, judge)
+            return _Services(by_id, client, site_state, judge)
         if any(task.truth is not None and any(fact.state for fact in task.truth.facts) for task in tasks):
             raise ConfigError(
-                "some of these tasks are judged by what the offline web's servers hold, which a client of "
-                "browsers does not know",
+                "some of these tasks are judged by the state of the offline web's servers, which a client of "
+                "browsers cannot read",
                 hint="give config.server its address and the offline web's, in place of browsers",
             )
-        return _Services(held, self._browsers, None, judge)
+        return _Services(by_id, self._browsers, None, judge)
 
     def twin(self, seed: int) -> Environment:
-        """Another environment on the same browsers, websites, tasks and judge; this one outlives it.
+        """Another environment on the same browsers, websites, tasks and judge; this one must be closed last.
 
         Args:
             seed: of the order of tasks.
@@ -211,7 +212,7 @@ class Environment:
 
     @property
     def episode_id(self) -> str:
-        """A name for the episode that no other has; empty where there is none."""
+        """A unique name of the current episode; empty if there is none."""
         return self._episode.id if self._episode else ""
 
     # --- reset and step ---------------------------------------------------------------------------------
@@ -219,23 +220,24 @@ class Environment:
     async def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[View, Info]:
-        """Begin an episode; one that is not over is abandoned.
+        """Start an episode; one that is still running is abandoned.
 
         Args:
-            seed: begins the order of tasks anew: the same seed gives the same tasks. Without one, the next.
-            options: ``task_id``: this task.
+            seed: restarts the order of tasks: the same seed gives the same tasks. Without one, the order
+                continues.
+            options: ``task_id`` selects a task.
 
         Returns:
             The start page, as picture and description, and :data:`Info`.
 
         Raises:
             ConfigError: there is no such task or option.
-            WebGymError: the browser or the website failed, so that no episode began; reset again.
+            WebGymError: the browser or the website failed, and no episode started; reset again.
         """
         services = self._opened
         await self.abandon()
         if seed is not None:
-            self._seed_anew(seed)
+            self._restart_order(seed)
         task = self._choose(options or {})
         self._attempts[task.id] += 1
         episode = _Episode(self, services, Planned(task, self._attempts[task.id] - 1))
@@ -251,16 +253,16 @@ class Environment:
         """Carry out an action, or what a model replied.
 
         Args:
-            action: one of :mod:`webgym.core.action`; or a reply in the prompt's format, which the parser of
-                runs reads (one that holds no action is a step all the same, and ``info["parse_error"]`` says
-                why); or a :class:`~webgym.core.trajectory.Reply` with its tokens and weight version, which go
-                into the record.
+            action: one of :mod:`webgym.core.action`; or a reply in the prompt's format, read by the same
+                parser as in runs (a reply without a valid action counts as a step, and
+                ``info["parse_error"]`` gives the reason); or a :class:`~webgym.core.trajectory.Reply` with
+                its tokens and weight version, which go into the record.
 
         Returns:
-            view: what there is to see now; at the end, what was seen last.
-            reward: 0.0 until the end; then 1.0 or 0.0 by the judge, or NaN where there is none.
+            view: the new observation; at the end, the last one.
+            reward: 0.0 until the end; then the judge's 1.0 or 0.0, or NaN if there is no reward.
             terminated: the episode was answered and judged.
-            truncated: the budget is spent, or the episode has no reward.
+            truncated: the budget was used up, or the episode has no reward.
             info: :data:`Info`.
 
         Raises:
@@ -272,7 +274,7 @@ class Environment:
             raise UsageError("there is no episode to step", hint="call reset first")
         try:
             is_over = await episode.step(self._as_reply(action))
-        except BaseException:  # cancelled, or called wrongly: nobody can go on from here
+        except BaseException:  # cancelled or misused: the episode cannot continue
             await self.abandon()
             raise
         info = episode.info()
@@ -280,7 +282,7 @@ class Environment:
             return episode.view, 0.0, False, False, info
         reward, outcome = episode.reward, info["outcome"]
         if math.isnan(reward) and self._on_fault == "raise":
-            why = info["failure"]["message"] if info["failure"] else "the website kept the agent out"
+            why = info["failure"]["message"] if info["failure"] else "the website blocked the agent"
             raise EpisodeLost(f"the episode ended as {outcome}: {why}")
         terminated = outcome in ("success", "failure")
         return episode.view, reward, terminated, not terminated, info
@@ -290,38 +292,38 @@ class Environment:
             return action
         if not isinstance(action, str | Action):
             raise UsageError(
-                f"{type(action).__name__} is no action",
+                f"{type(action).__name__} is not an action",
                 hint="give one of webgym.core.action, or a reply's text",
             )
         if isinstance(action, str):
             return Reply(action, "external")
-        # By way of the format that replies are in: one parser says what an action may be.
+        # Rendered as a reply's text: a single parser decides what is a valid action.
         agent = self.config.agent
         sent = self.profile.picture_size(self.config.attempt.viewport, agent.image_max_side)
         screen = self.profile.screen(sent)
         return Reply(render_reply(action, agent.prompt_format, description="", screen=screen), "external")
 
     async def abandon(self) -> None:
-        """Give up the episode that is not over, and give its browser back. Safe to call at any time."""
+        """Abandon the running episode and close its browser session. Safe to call at any time."""
         episode, self._episode = self._episode, None
         if episode is not None:
             await asyncio.shield(episode.give_back())
 
-    def _seed_anew(self, seed: int) -> None:
+    def _restart_order(self, seed: int) -> None:
         self._seed = seed
         self._random = random.Random(seed)
-        self._waiting: list[str] = []
+        self._remaining: list[str] = []
         self._attempts: Counter[str] = Counter()
 
     def _choose(self, options: Mapping[str, Any]) -> Task:
         tasks = self._opened.tasks
         if unknown := options.keys() - {"task_id"}:
-            raise ConfigError(f"unknown option {sorted(unknown)[0]!r}", hint="options has task_id alone")
+            raise ConfigError(f"unknown option {sorted(unknown)[0]!r}", hint="the only option is task_id")
         task_id = options.get("task_id")
         if task_id is None:
-            if not self._waiting:
-                self._waiting = self._random.sample(list(tasks), len(tasks))
-            task_id = self._waiting.pop()
+            if not self._remaining:
+                self._remaining = self._random.sample(list(tasks), len(tasks))
+            task_id = self._remaining.pop()
         if task_id not in tasks:
             near = get_close_matches(str(task_id), tasks, 1)
             raise ConfigError(
@@ -331,17 +333,17 @@ class Environment:
 
 
 class _Pictures:
-    """Of one episode, in memory."""
+    """Stores an episode's pictures in memory, by name."""
 
     def __init__(self) -> None:
-        self.held: dict[str, bytes] = {}
+        self.by_name: dict[str, bytes] = {}
 
     async def put_image(self, name: str, data: bytes) -> None:
-        self.held[name] = data
+        self.by_name[name] = data
 
 
 class _Episode:
-    """From reset to the end."""
+    """An episode, from :meth:`Environment.reset` to its end."""
 
     def __init__(self, env: Environment, services: _Services, planned: Planned) -> None:
         config = env.config
@@ -361,9 +363,9 @@ class _Episode:
             elements=env.profile.mode == "marks",
         )
         self._driver = EpisodeDriver(context, planned)
-        # No policy is shown what proves that a task was done.
-        shown = msgspec.structs.replace(planned.task, truth=None)
-        self._dialogue = Dialogue(shown, self._driver.budget, config.agent, env.profile)
+        # A policy must not see how success is verified.
+        public_task = msgspec.structs.replace(planned.task, truth=None)
+        self._dialogue = Dialogue(public_task, self._driver.budget, config.agent, env.profile)
         self._session: BrowserSession | None = None
         self._finalizer: weakref.finalize[Any, _Episode] | None = None
         self._seen_at = 0.0
@@ -375,14 +377,14 @@ class _Episode:
     async def begin(self) -> View:
         """Open the start page."""
         session = self._session = await self._services.client.open(self._driver.options())
-        # An environment that is forgotten keeps no browser.
+        # An environment that is garbage-collected closes its browser session.
         self._finalizer = weakref.finalize(self, _close_later, asyncio.get_running_loop(), session)
         self._finalizer.atexit = False
         await self._see(await self._driver.start(session))
         return self.view
 
     async def step(self, reply: Reply) -> bool:
-        """A reply; whether the episode is over then."""
+        """Apply a reply, and return whether the episode is over."""
         driver = self._driver
         try:
             step = self._dialogue.receive(reply, self._seen_at)
@@ -391,7 +393,7 @@ class _Episode:
             if view is not None:
                 await self._see(view)
         except Exception as error:
-            driver.fail(error)  # whatever it is, it is never a reward of 0
+            driver.fail(error)  # no error may become a reward of 0
         if driver.is_over or driver.failure is not None:
             await self._end()
         return self.is_over
@@ -402,19 +404,19 @@ class _Episode:
             self.turn = await self._dialogue.request(view.observation, view.image)
 
     async def _end(self) -> None:
-        """Whatever became of it has an outcome."""
+        """Conclude the episode, judge it, and set its trajectory."""
         await self._driver.conclude()
         await self.give_back()
         episode = self._driver.episode()
         task = self._driver.planned.task
-        found = await judge_episode(self._services.judge, task, episode, self._picture, self._judge_seconds)
-        self._trajectory = Trajectory(episode, found.outcome, found.verdict, found.failure)
+        judged = await judge_episode(self._services.judge, task, episode, self._picture, self._judge_seconds)
+        self._trajectory = Trajectory(episode, judged.outcome, judged.verdict, judged.failure)
 
     async def _picture(self, name: str) -> bytes:
-        return self._pictures.held[name]
+        return self._pictures.by_name[name]
 
     async def give_back(self) -> None:
-        """Give the browser back. Safe to call twice."""
+        """Close the browser session. Safe to call twice."""
         if self._finalizer is not None:
             self._finalizer.detach()
         session, self._session = self._session, None
@@ -435,7 +437,7 @@ class _Episode:
         """See :data:`Info`."""
         driver, trajectory = self._driver, self._trajectory
         task = driver.planned.task
-        told: Info = {
+        info: Info = {
             "task_id": task.id,
             "instruction": task.instruction,
             "website": task.website,
@@ -445,13 +447,13 @@ class _Episode:
             "is_over": trajectory is not None,
         }
         if trajectory is None:
-            return told | {"messages": self.turn.messages, "images": dict(self.turn.images)}
+            return info | {"messages": self.turn.messages, "images": dict(self.turn.images)}
         failure = trajectory.episode.failure or trajectory.judge_failure
-        return told | {
+        return info | {
             "outcome": trajectory.outcome.value,
             "failure": msgspec.to_builtins(failure) if failure else None,
             "trajectory": trajectory,
-            "pictures": self._pictures.held,
+            "pictures": self._pictures.by_name,
         }
 
 
@@ -469,10 +471,10 @@ def _keep(task: asyncio.Task[None]) -> None:
 
 
 def random_action(seed: int) -> Action:
-    """An action of the paper's space, at random: mostly clicks and scrolls, now and then an answer.
+    """A random action of the paper's action space: mostly clicks and scrolls, sometimes an answer.
 
     Args:
-        seed: of it.
+        seed: of the random choice.
     """
     rng = random.Random(seed)
     match rng.choices(("click", "scroll", "back", "wait", "answer"), (10, 5, 1, 1, 1))[0]:
@@ -501,9 +503,9 @@ def make(
         name: ``offline-v1`` (655 websites as on the real web), ``offline-small-v1`` (360 websites of a few
             large signs), ``offline-cross-v1`` (tasks over two of the large collection's websites), or a task
             file's path.
-        split: which tasks; training never sees a test task unless it is asked for by this.
-        config: settings, in which the name and the split are set.
-        given: more of :class:`Environment`'s arguments.
+        split: which tasks; ``train`` excludes all test tasks.
+        config: other settings; its task set and split are replaced.
+        given: further arguments of :class:`Environment`.
 
     Raises:
         ConfigError: there are no tasks of this name.
@@ -514,7 +516,7 @@ def make(
 def config_of(
     name: str, split: Literal["train", "test", "all"], config: RunConfig | None = None
 ) -> RunConfig:
-    """Settings with the name and the split of the tasks set in them: see :func:`make`."""
+    """A config whose task set and split are those given; see :func:`make`."""
     config = config or RunConfig()
     tasks = config.tasks.model_copy(update={"split": split})
     if name in COLLECTIONS:
@@ -532,15 +534,15 @@ def config_of(
 
 @asynccontextmanager
 async def make_many(count: int, name: str = "offline-v1", **given: Any) -> AsyncIterator[list[Environment]]:
-    """Several environments on the same browsers, websites and judge, each with an order of tasks of its own::
+    """Several environments on the same browsers, websites and judge, each with its own order of tasks::
 
         async with webgym.make_many(8, "offline-v1") as envs:
             views = await asyncio.gather(*(env.reset() for env in envs))
 
     Args:
-        count: how many, and so how many browsers.
+        count: number of environments, and so of browsers.
         name: see :func:`make`.
-        given: more of :func:`make`'s arguments.
+        given: further arguments of :func:`make`.
     """
     config = given.pop("config", None) or RunConfig()
     seed = given.pop("seed", 0)
@@ -548,7 +550,7 @@ async def make_many(count: int, name: str = "offline-v1", **given: Any) -> Async
     config = config.model_copy(update={"collector": collector})
     async with AsyncExitStack() as stack:
         first = await stack.enter_async_context(make(name, config=config, seed=seed, **given))
-        others = [first.twin(seed + 1 + place) for place in range(count - 1)]
+        others = [first.twin(seed + 1 + index) for index in range(count - 1)]
         for other in others:
             await stack.enter_async_context(other)
         yield [first, *others]

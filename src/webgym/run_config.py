@@ -26,15 +26,14 @@ from webgym.settings import Settings, validated
 from webgym.tasks.selection import Selection
 
 FEW: Final = 20
-"""Tasks of a run that does not say how many, unless somebody has put a file of no more than :data:`MANY`
-together for it."""
+"""Number of tasks of a run that sets no count, unless its task file has at most :data:`MANY` tasks."""
 
 MANY: Final = 100
-"""Tasks that are attempted without being asked for by number."""
+"""Largest task file of which a run without a count attempts all tasks."""
 
 
 class TaskChoice(Selection):
-    """Which tasks. Training tasks, unless ``split`` says otherwise."""
+    """Which tasks; by default training tasks."""
 
     file: Path | None = None
     """Task file of any format, or a folder of them; without one, the offline web's tasks."""
@@ -47,23 +46,23 @@ class TaskChoice(Selection):
     """
 
     spread: bool = False
-    """Draw from every website, all of a brand's being one, before drawing from one again: small samples
-    then show all of them."""
+    """Draw from every website once (a brand's websites count as one) before drawing from any again: small
+    samples then cover all of them."""
 
     @model_validator(mode="after")
     def _check_count(self) -> TaskChoice:
         if self.ratio is not None and (not isinstance(self.count, int) or self.spread):
-            raise ValueError("a ratio needs a count, and goes without spread")
+            raise ValueError("a ratio needs a count, and excludes spread")
         return self
 
-    def drawn(self, there: int) -> int | None:
-        """How many are drawn of those that are there; ``None`` for all.
+    def drawn(self, available: int) -> int | None:
+        """Number of tasks to draw; ``None`` for all.
 
         Args:
-            there: tasks to draw from.
+            available: number of tasks to draw from.
         """
         if self.count is None:
-            return FEW if self.file is None or there > MANY else None
+            return FEW if self.file is None or available > MANY else None
         return None if self.count == "all" else self.count
 
 
@@ -81,8 +80,8 @@ class PolicyChoice(Settings):
     """Of the openai policy: endpoint and model."""
 
     check: bool = True
-    """Ask for a reply before anything else starts: one of the openai policy, which must hold an action
-    (:mod:`webgym.agent.preflight`), and one of every model of a rubric judge."""
+    """Request a test reply before anything else starts: from the openai policy, which must give an action
+    (:mod:`webgym.agent.preflight`), and from every model of a rubric judge."""
 
     @model_validator(mode="before")
     @classmethod
@@ -92,10 +91,10 @@ class PolicyChoice(Settings):
         return given
 
     @model_validator(mode="after")
-    def _is_whole(self) -> PolicyChoice:
-        # Else an oracle's success would stand under a model's name.
+    def _check_chat(self) -> PolicyChoice:
+        # Otherwise an oracle's success would be attributed to a model.
         if self.chat is not None and self.name in ("scripted", "random"):
-            raise ValueError(f"the {self.name} policy asks no model: leave chat out, or choose openai")
+            raise ValueError(f"the {self.name} policy uses no model: leave chat out, or choose openai")
         return self
 
 
@@ -106,24 +105,25 @@ class ServerChoice(Settings):
     """URL of a running browser server; without one, browsers are started here for the run."""
 
     queues: Queues = "per_operation"
-    """Of a server that is started here: ``per_operation``, or ``global``, the paper's baseline."""
+    """Queues of a server that is started here: ``per_operation``, or ``global``, the paper's baseline."""
 
     sites_url: str | None = None
     """URL of a running offline web, whose token is in WEBGYM_SITES_TOKEN; without one it is served here if
     needed."""
 
     static: bool = False
-    """No browsers (:mod:`webgym.static_browsers`): for studies on the small websites only."""
+    """Use no browsers (:mod:`webgym.static_browsers`); for studies on the small websites only."""
 
     pictures: Path = Path("runs/pictures")
-    """Folder for the pages that are drawn where there are no browsers."""
+    """Folder for screenshots that are rendered for ``static``."""
 
 
 class RunConfig(Settings):
-    """A whole run, resolved; ``config.yaml`` in the run folder holds it. No secrets."""
+    """The config of a run, stored in resolved form as ``config.yaml`` in the run folder. It holds no
+    secrets."""
 
     seed: int = 0
-    """Seed of the order of tasks and of everything random in the attempts."""
+    """Seed of the order of tasks and of all random choices in the attempts."""
 
     samples: int = Field(default=1, ge=1)
     """Attempts per task."""
@@ -144,33 +144,33 @@ class RunConfig(Settings):
     limits: ClientLimits = ClientLimits()
 
     trackers: tuple[TrackerName, ...] = ()
-    """Who gets the figures of ``metrics.jsonl`` while the run goes on: ``tensorboard``, ``wandb``."""
+    """Trackers that get the figures of ``metrics.jsonl`` during the run: ``tensorboard``, ``wandb``."""
 
     project: str = "webgym"
-    """In Weights & Biases."""
+    """Project name in Weights & Biases."""
 
 
 class Secrets(Settings):
-    """What a run needs and its folder must not hold."""
+    """Secrets that a run needs; they are never stored in its folder."""
 
     server_token: SecretStr | None = None
     sites_token: SecretStr | None = None
 
 
 Tell: TypeAlias = Callable[[str], None]
-"""Is told, a line at a time, what a person should know."""
+"""Called with each line that the user should read, such as a warning."""
 
 
 def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> RunConfig:
-    """The config with what the model's profile and the websites decide, as the run folder holds it.
+    """The config with the values that the model's profile and the websites determine, as stored in the run.
 
     Args:
-        config: as it was given.
-        policy: one of the caller's own, if there is one.
-        tell: is told if no profile knows the model.
+        config: as given.
+        policy: the caller's own policy, if any.
+        tell: called with a warning if no profile matches the model.
 
     Raises:
-        ConfigError: the config names a profile that is not there.
+        ConfigError: the config names an unknown profile.
     """
     from webgym.offline.web import COLLECTIONS  # costs what all families do; `--help` needs none of them
 
@@ -184,31 +184,31 @@ def resolved(config: RunConfig, policy: Policy | None, tell: Tell | None) -> Run
     chat = config.policy.chat
     if policy is None and chat is not None:
         if config.agent.profile is None and profile_of(chat.model) is None:
-            unknown = f"no profile knows the model {chat.model}: the profile {profile.name} is used"
-            say(tell, f"{unknown}; --profile chooses another")
+            warning = f"no profile knows the model {chat.model}: the profile {profile.name} is used"
+            say(tell, f"{warning}; --profile chooses another")
         chat = chat.model_copy(update={"sampling": profile.sampling_of(chat.sampling)})
         update["policy"] = config.policy.model_copy(update={"chat": chat})
     return config.model_copy(update=update)
 
 
 def profile_for(config: RunConfig, policy: Policy | None) -> Profile:
-    """Of the policy's family of models.
+    """The profile of the policy's model family.
 
     Raises:
-        ConfigError: the config names a profile that is not there.
+        ConfigError: the config names an unknown profile.
     """
     model = policy.name if policy else config.policy.chat.model if config.policy.chat else config.policy.name
     return choose_profile(config.agent.profile, model, config.agent.mode)
 
 
 def read_config(reader: RunReader) -> tuple[RunConfig, str]:
-    """A run's config and id, as its folder holds them.
+    """A run's config and id, read from its folder.
 
     Raises:
-        RunFolderError: ``config.yaml`` is not what a run of this version writes.
+        RunFolderError: ``config.yaml`` is not valid for this version.
     """
-    held = dict(reader.config)
-    run_id = str(held.pop("run_id", ""))
+    data = dict(reader.config)
+    run_id = str(data.pop("run_id", ""))
     for stamp in (
         "started",
         "software",
@@ -217,11 +217,11 @@ def read_config(reader: RunReader) -> tuple[RunConfig, str]:
         "left_out_tasks",
         "merged_runs",
     ):
-        held.pop(stamp, None)
-    return validated(RunConfig, held, f"{reader.path}/config.yaml", failure=RunFolderError), run_id
+        data.pop(stamp, None)
+    return validated(RunConfig, data, f"{reader.path}/config.yaml", failure=RunFolderError), run_id
 
 
 def say(tell: Tell | None, line: str) -> None:
-    """Pass a line on to whoever is told; to nobody if there is none."""
+    """Call ``tell`` with a line; do nothing if it is ``None``."""
     if tell is not None:
         tell(line)

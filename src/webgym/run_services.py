@@ -27,21 +27,21 @@ from webgym.static_browsers import StaticBrowsers
 
 
 @asynccontextmanager
-async def places(
+async def open_services(
     config: RunConfig,
     secrets: Secrets,
     tasks: Sequence[Task],
     tell: Tell | None,
     calls: dict[str, CallQueue],
 ) -> AsyncIterator[tuple[SiteState | None, Browsers]]:
-    """Websites and browsers, or what stands in for both, open until the block ends.
+    """The websites and browsers of a run, or :class:`StaticBrowsers` for both, open until the block ends.
 
     Args:
         config: of the run.
         secrets: tokens of servers that run elsewhere.
-        tasks: that are to be attempted, ``config.samples`` times each.
-        tell: is told, a line at a time, what a person should know.
-        calls: the queues in which a client waits, by kind of call.
+        tasks: the run's, attempted ``config.samples`` times each.
+        tell: called with each line that the user should read, such as a warning.
+        calls: queues that limit concurrent calls, by kind of call.
 
     Raises:
         WebGymError: they cannot be started or reached, or do not serve these tasks.
@@ -65,11 +65,11 @@ async def places(
 
 @asynccontextmanager
 async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[ServerChoice, Secrets]]:
-    """Browsers, and the offline web if the tasks are its, started once for many runs.
+    """Browsers, and the offline web if the tasks are on it, started once for many runs.
 
     Yields:
-        What :func:`collect` needs to use them: ``config.server`` and its secrets. Services that run elsewhere
-        already are passed on as they are.
+        The ``config.server`` and secrets with which :func:`~webgym.runs.collect` uses them. Services that run
+        elsewhere are passed on unchanged.
     """
     if config.server.url is not None or config.server.static:
         yield config.server, secrets
@@ -93,7 +93,7 @@ async def services(config: RunConfig, secrets: Secrets) -> AsyncIterator[tuple[S
 
 
 class _ServedState:
-    """The offline web as a collector knows it."""
+    """The :class:`SiteState` of a served offline web."""
 
     def __init__(self, sites: SitesClient) -> None:
         self._sites = sites
@@ -110,7 +110,7 @@ class _ServedState:
 async def _sites(
     config: RunConfig, secrets: Secrets, tasks: Sequence[Task]
 ) -> AsyncIterator[tuple[SiteState | None, tuple[str, ...]]]:
-    """The offline web, here or elsewhere, and the rules that lead browsers to it."""
+    """The offline web, here or elsewhere, and the egress rules that let browsers reach it."""
     if not any(task.truth for task in tasks):
         yield None, ()
     elif config.server.sites_url is not None:
@@ -125,8 +125,8 @@ async def _sites(
             yield _ServedState(client), ()
     elif config.server.url is not None:
         raise ConfigError(
-            "these tasks are the offline web's, and the browser server is elsewhere",
-            hint="start webgym sites serve where its browsers run, and give its address",
+            "these tasks are on the offline web, and the browser server runs elsewhere",
+            hint="start webgym sites serve where its browsers run, and set server.sites_url",
         )
     else:
         async with serving(config.sites) as sites, SitesClient(sites.url, sites.token) as client:
@@ -135,7 +135,7 @@ async def _sites(
 
 
 def _check_served(tasks: Sequence[Task], hosts: set[str]) -> None:
-    """Refuse tasks whose websites are not served: every attempt would be the environment's failure."""
+    """Refuse tasks whose websites are not served: every attempt would end as an error of the environment."""
     for task in tasks:
         if task.truth is not None and (missing := sorted(task.truth.hosts - hosts)):
             raise ConfigError(
@@ -153,7 +153,7 @@ async def _browsers(
     attempts: int,
     calls: dict[str, CallQueue],
 ) -> AsyncIterator[BrowserClient]:
-    """A client of a browser server, which is started here unless there is one, and no larger than needed."""
+    """A client of the configured browser server, or of one started here with as many slots as needed."""
     if config.server.url is not None:
         token = secrets.server_token
         if token is None:

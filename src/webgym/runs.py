@@ -64,7 +64,7 @@ from webgym.run_config import (
     resolved,
     say,
 )
-from webgym.run_services import places
+from webgym.run_services import open_services
 from webgym.server.client import BrowserClient
 from webgym.task_choice import choose_tasks, given_tasks
 from webgym.tasks.selection import BLOCKED
@@ -83,57 +83,60 @@ async def collect(
     tell: Tell | None = None,
     finishing: asyncio.Event | None = None,
 ) -> Summary:
-    """Make a run: every task attempted, judged and on disk when this returns.
+    """Collect a run: every task is attempted, judged and on disk when this returns.
 
     Args:
         config: of the run.
-        out: the run folder; does not exist yet or is empty.
-        tasks: drawn by the caller, in place of what ``config.tasks`` would choose; they must be of its split.
+        out: the run folder; it must be missing or empty.
+        tasks: replace those that ``config.tasks`` would choose; they must belong to its split.
         policy: one of your own, in place of the one that ``config.policy`` names.
         secrets: tokens of servers that run elsewhere.
         show: shows the progress while the run goes on.
-        tell: is told, a line at a time, what a person should know.
-        finishing: once it is set, no attempt is begun, and the run ends when those in flight have.
+        tell: called with each line that the user should read, such as a warning.
+        finishing: once set, no new attempt starts, and the run ends when those in progress have ended.
 
     Raises:
-        WebGymError: the run could not start, or could not go on; what was collected is on disk.
+        WebGymError: the run could not start or continue; what was collected is on disk.
     """
     check_installed(config.trackers)
-    refuse_taken(out)  # before anything is asked or started; the folder itself is made later
+    refuse_taken(out)  # before anything starts; the folder is created later
     if policy is not None:
         own = PolicyChoice(name=policy.name, check=config.policy.check)
         config = config.model_copy(update={"policy": own})
     config = resolved(config, policy, tell)
-    given = tasks
+    requested = tasks
     # A file of hundreds of thousands of tasks takes seconds, and the caller's loop has others to serve.
     chosen = await asyncio.to_thread(
-        lambda: choose_tasks(config, tell) if given is None else given_tasks(given, config)
+        lambda: choose_tasks(config, tell) if requested is None else given_tasks(requested, config)
     )
     tasks, selected = chosen.tasks, chosen.selected
     refuse_unjudgeable(config.judge, tasks)
-    # As it came out, for the record: what a set without splits was taken as, which subdomains were drawn.
+    # Record the resolved choices: the split that a set without splits counts as, and the drawn subdomains.
     update = {"split": selected.split, "without": selected.without}
     config = config.model_copy(update={"tasks": config.tasks.model_copy(update=update)})
-    if told := selected.told():
-        say(tell, f"{len(selected.tasks):,} tasks to draw from, split {selected.split!r}; left out: {told}")
+    if excluded := selected.told():
+        say(
+            tell,
+            f"{len(selected.tasks):,} tasks to draw from, split {selected.split!r}; left out: {excluded}",
+        )
     if BLOCKED in selected.left_out:
-        say(tell, f"left alone: {await asyncio.to_thread(Blocklist(config.blocklist).told)}")
-    if given is None and config.tasks.count is None and len(tasks) < len(selected.tasks):
-        told = f"{len(tasks):,} of {len(selected.tasks):,} tasks are drawn"
-        say(tell, f"{told}; --limit (tasks.count) takes another number, or all")
+        say(tell, f"left alone: {await asyncio.to_thread(Blocklist(config.blocklist).description)}")
+    if requested is None and config.tasks.count is None and len(tasks) < len(selected.tasks):
+        drawn = f"{len(tasks):,} of {len(selected.tasks):,} tasks are drawn"
+        say(tell, f"{drawn}; --limit (tasks.count) takes another number, or all")
     for line in chosen.broken:
         say(tell, f"skipped {line}")
-    if aside := chosen.set_aside:
-        say(tell, f"set aside {len(aside):,} tasks without a fact to judge; the first: {aside[0]}")
-    held = config.model_dump(mode="json", exclude={"sites": {"token"}})
+    if set_aside := chosen.set_aside:
+        say(tell, f"set aside {len(set_aside):,} tasks without a fact to judge; the first: {set_aside[0]}")
+    settings = config.model_dump(mode="json", exclude={"sites": {"token"}})
     stamp = {"run_id": uuid.uuid4().hex, "started": datetime.now(UTC).isoformat(timespec="seconds")}
     left_out: dict[str, Any] = {"left_out_tasks": dict(selected.left_out)}
     left_out |= {"skipped_records": len(chosen.broken), "set_aside_tasks": len(chosen.set_aside)}
     async with (
         _run_services(config, secrets or Secrets(), tasks, policy, tell) as run_services,
-        # Not before all else is there: a run that cannot start leaves no folder.
+        # Only once everything else is open: a run that cannot start leaves no folder.
         await RunWriter.create(
-            out, {**stamp, "software": run_services.software, **left_out, **held}, tasks
+            out, {**stamp, "software": run_services.software, **left_out, **settings}, tasks
         ) as store,
     ):
         run_id = stamp["run_id"]
@@ -152,7 +155,7 @@ async def resume(
     tell: Tell | None = None,
     finishing: asyncio.Event | None = None,
 ) -> Summary:
-    """Go on with a run that was interrupted: what is on disk is neither lost nor made again.
+    """Continue an interrupted run: attempts on disk are kept and not repeated.
 
     Args:
         out: the run folder.
@@ -163,12 +166,12 @@ async def resume(
         retry_errors: attempt again what ended in an error of the environment or the policy as often as the
             run allows; else what has exhausted its retries stays as it is.
         show: shows the progress while the run goes on.
-        tell: is told, a line at a time, what a person should know.
-        finishing: once it is set, no attempt is begun, and the run ends when those in flight have.
+        tell: called with each line that the user should read, such as a warning.
+        finishing: once set, no new attempt starts, and the run ends when those in progress have ended.
 
     Raises:
-        RunFolderError: the folder is no run.
-        StoreCorrupt: a record cannot be trusted.
+        RunFolderError: the folder is not a run folder.
+        StoreCorrupt: a record is damaged.
         WebGymError: as in :func:`collect`.
     """
     reader = RunReader(out)
@@ -192,7 +195,7 @@ async def resume(
 
 @dataclass(frozen=True)
 class _RunServices:
-    """Everything that a run talks to, and which versions of it."""
+    """The services that a run uses, and the versions of its software."""
 
     software: dict[str, Any]
     site_state: SiteState | None
@@ -223,17 +226,19 @@ async def _run_services(
                 await check_judge(config.judge)
         limits = {"policy": config.collector.policy_calls, "judge": config.collector.judges}
         calls = call_queues(config.limits.calls | limits)
-        site_state, client = await stack.enter_async_context(places(config, secrets, tasks, tell, calls))
+        site_state, client = await stack.enter_async_context(
+            open_services(config, secrets, tasks, tell, calls)
+        )
         yield _RunServices(await _software(client), site_state, client, agent, judge, calls, problem, tell)
 
 
 async def _software(client: Browsers) -> dict[str, Any]:
-    """What a run is made with, for its record."""
-    told: dict[str, Any] = {"webgym": version("webgym-rl")}
+    """The versions of a run's software, for its record."""
+    versions: dict[str, Any] = {"webgym": version("webgym-rl")}
     if isinstance(client, BrowserClient):
         info = await client.info()
-        told |= {"browser": info.browser, "sandboxed": info.sandboxed}
-    return told
+        versions |= {"browser": info.browser, "sandboxed": info.sandboxed}
+    return versions
 
 
 async def _carry_out(
@@ -304,7 +309,7 @@ async def _collected(
                 await Collector(context, judge, pictures, config.collector, blocklist).run(plan, finishing)
                 await judge_again(context, tasks, judge, pictures, config.collector, blocklist, plan)
     finally:
-        # Also of a run that was stopped: what is on disk has a summary.
+        # A stopped run gets a summary of what is on disk, too.
         elsewhere = Counter(task_id for task_id, _ in plan.elsewhere)
         summary = await asyncio.to_thread(_summarise, store.path, tasks, config, judge, elsewhere)
         await store.write_summary(summary)
@@ -315,18 +320,18 @@ async def _collected(
 async def _tracked(
     config: RunConfig, store: RunWriter, progress: Progress, tell: Tell | None
 ) -> AsyncIterator[None]:
-    """Let trackers have what the run has told so far, and what it tells until the block ends."""
+    """Send trackers the metrics recorded so far, and new ones until the block ends."""
     if not config.trackers:
         yield
         return
-    stack = ExitStack()  # in a thread: they read and write files, and may ask the network
+    stack = ExitStack()  # in a thread: trackers read and write files, and may use the network
 
     def begin() -> Callable[[Mapping[str, Any]], None]:
         rows = msgspec.json.Decoder(dict[str, Any]).decode_lines((store.path / METRICS).read_bytes())
         return stack.enter_context(tracking(config.trackers, store.path, config.project, rows, failed))
 
-    def failed(told: str) -> None:
-        progress.tracker_error = told
+    def failed(message: str) -> None:
+        progress.tracker_error = message
 
     store.on_metric = await asyncio.to_thread(begin)
     try:

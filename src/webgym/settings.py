@@ -1,8 +1,8 @@
 """Configuration: reading settings from files and options, merging them key by key, and reporting errors.
 
-Setting one key of a section keeps the rest of it, wherever the rest comes from: from the defaults of a
-settings class (:class:`Section`), from another file or from options (:func:`merged`), or from what a family
-of models is best sampled with (:meth:`webgym.llm.config.Sampling.over`).
+Setting one key of a section keeps its other keys, wherever they come from: from the defaults of a
+settings class (:class:`Section`), from another file or from options (:func:`merged`), or from the recommended
+sampling of a model family (:meth:`webgym.llm.config.Sampling.over`).
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ S = TypeVar("S", bound=BaseModel)
 
 
 class Settings(BaseModel):
-    """Immutable documented values; unknown keys are errors."""
+    """Base class of settings: immutable; unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
 class Section(Settings):
-    """Settings whose parts keep their defaults when some of their keys are set.
+    """Settings whose fields are merged with their defaults when only some of their keys are set.
 
-    Where the default of a field is itself a section that sets something, or a mapping, a value is laid over
-    that default. (Pydantic by itself would take the value in its place.)
+    If a field's default is a section that sets something, or a mapping, a value is merged into that default.
+    (Pydantic alone would replace the default.)
     """
 
     @model_validator(mode="before")
@@ -38,80 +38,86 @@ class Section(Settings):
     def _over_defaults(cls, given: Any) -> Any:
         if not isinstance(given, Mapping):
             return given
-        whole = dict(given)
+        values = dict(given)
         for name, field in cls.model_fields.items():
             default = field.get_default(call_default_factory=True, validated_data={})
-            if name in whole and isinstance(default, BaseModel | Mapping) and (held := _set_in(default)):
-                whole[name] = merged(held, _set_in(whole[name]))
-        return whole
+            if (
+                name in values
+                and isinstance(default, BaseModel | Mapping)
+                and (default_values := _set_values(default))
+            ):
+                values[name] = merged(default_values, _set_values(values[name]))
+        return values
 
 
-def merged(held: Any, over: Any) -> Any:
-    """What ``held`` says, with what ``over`` says laid over it; mappings are merged key by key.
+def merged(base: Any, over: Any) -> Any:
+    """``base`` overridden by ``over``; mappings are merged key by key.
 
-    ``None`` is a value like any other. Neither is changed.
+    ``None`` is a value like any other. Neither argument is changed.
     """
-    if not (isinstance(held, Mapping) and isinstance(over, Mapping)):
+    if not (isinstance(base, Mapping) and isinstance(over, Mapping)):
         return over
-    return {**held, **{key: merged(held.get(key), value) for key, value in over.items()}}
+    return {**base, **{key: merged(base.get(key), value) for key, value in over.items()}}
 
 
 def without_none(options: Mapping[str, Any]) -> dict[str, Any]:
-    """What options say, without those that were not given, and without sections that then say nothing."""
-    told = {key: without_none(each) if isinstance(each, Mapping) else each for key, each in options.items()}
-    return {key: each for key, each in told.items() if each is not None and each != {}}
+    """Options without those that are ``None``, and without sections that are empty then."""
+    given = {
+        key: without_none(value) if isinstance(value, Mapping) else value for key, value in options.items()
+    }
+    return {key: value for key, value in given.items() if value is not None and value != {}}
 
 
 def read_yaml(path: Path, hint: str) -> dict[str, Any]:
     """The settings in a YAML file, as plain data.
 
     Args:
-        path: of the file.
-        hint: where an example is, for a file that contains no settings.
+        path: the file.
+        hint: the error's hint for a file without settings, such as where an example is.
 
     Raises:
-        ConfigError: it cannot be read, or holds something else.
+        ConfigError: it cannot be read, or is not a YAML mapping.
     """
     try:
-        held = yaml.safe_load(path.read_text("utf-8")) or {}
+        data = yaml.safe_load(path.read_text("utf-8")) or {}
     except OSError as error:
         raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(held, dict):
+    if not isinstance(data, dict):
         raise ConfigError(f"{path} contains no settings", hint=hint)
-    return held
+    return data
 
 
 def read_files(files: Sequence[Path], hint: str) -> dict[str, Any]:
-    """Plain data from YAML files, each laid over those before it. Raises what :func:`read_yaml` does."""
-    held: dict[str, Any] = {}
+    """Plain data from YAML files, each overriding those before it. Raises the errors of :func:`read_yaml`."""
+    data: dict[str, Any] = {}
     for path in files:
-        held = merged(held, read_yaml(path, hint))
-    return held
+        data = merged(data, read_yaml(path, hint))
+    return data
 
 
 def load_settings(
     model: type[S], files: Sequence[Path], hint: str, overrides: Mapping[str, Any] | None = None
 ) -> S:
-    """Settings from YAML files, each laid over those before it, and from options, laid over all of them.
+    """Settings from YAML files, each overriding those before it, and from options, which override the files.
 
     Args:
         model: the settings' class.
-        files: in their order; none for the defaults.
-        hint: tells the user where an example is.
-        overrides: what options say, in the shape of the settings; ``None`` overrides nothing.
+        files: in order of increasing precedence; none for the defaults.
+        hint: the error's hint for a file without settings, such as where an example is.
+        overrides: options, in the structure of the settings; ``None`` values override nothing.
 
     Raises:
         ConfigError: a file cannot be read, or a setting is missing, unknown or out of range.
     """
-    held = merged(read_files(files, hint), without_none(overrides or {}))
-    return validated(model, held, ", ".join(map(str, files)) or "options")
+    data = merged(read_files(files, hint), without_none(overrides or {}))
+    return validated(model, data, ", ".join(map(str, files)) or "options")
 
 
 def validated(
     model: type[S],
-    held: Any,
+    data: Any,
     source: str = "",
     *,
     failure: type[WebGymError] = ConfigError,
@@ -121,53 +127,55 @@ def validated(
 
     Args:
         model: the settings' class.
-        held: the data, in its shape.
-        source: where the data come from, such as a file's name; the error's message starts with it.
+        data: in the structure of the settings.
+        source: origin of the data, such as a file's name; the error's message starts with it.
         failure: the error's class.
-        hint: what the user should do.
+        hint: the error's hint: what the user should do.
 
     Raises:
-        WebGymError: ``failure``; a setting is missing, unknown or out of range.
+        WebGymError: of the class ``failure``: a setting is missing, unknown or out of range.
     """
     try:
-        return model.model_validate(held)
+        return model.model_validate(data)
     except ValidationError as error:
         raise failure(f"{source}: {first_problem(error, model)}".removeprefix(": "), hint=hint) from error
 
 
 def first_problem(error: ValidationError, model: type[BaseModel]) -> str:
-    """What is wrong with settings, in one line; of a key that there is not, the nearest one that there is.
+    """A line about what is wrong with settings; for an unknown key, it names the most similar known one.
 
-    A key that there is not comes before one that is missing: it is often the same one, misspelt.
+    An unknown key is reported before a missing one: it is often the same key, misspelt.
 
     Args:
-        error: of their validation.
-        model: what they were to be.
+        error: from the validation.
+        model: the settings' class.
     """
     problems = error.errors()
-    found = next((each for each in problems if each["type"] == "extra_forbidden"), problems[0])
-    where = ".".join(map(str, found["loc"]))
-    if found["type"] != "extra_forbidden":
-        message = found["msg"].removeprefix("Value error, ")
+    problem = next(
+        (candidate for candidate in problems if candidate["type"] == "extra_forbidden"), problems[0]
+    )
+    where = ".".join(map(str, problem["loc"]))
+    if problem["type"] != "extra_forbidden":
+        message = problem["msg"].removeprefix("Value error, ")
         return f"{where}: {message}" if where else message
     nearest = _nearest(where, sorted(set(_keys(model))))
     return f"{where}: there is no such setting" + (f"; did you mean {nearest}?" if nearest else "")
 
 
 def _nearest(key: str, keys: list[str]) -> str | None:
-    """A key of the same section that is spelt alike, else one of another section that is."""
+    """A similarly spelt key of the same section, else one of another section; ``None`` if there is none."""
     section, _, name = key.rpartition(".")
-    beside = [each for each in keys if each.rpartition(".")[0] == section]
-    close = get_close_matches(name, [each.rpartition(".")[2] for each in beside], n=1)
+    siblings = [known for known in keys if known.rpartition(".")[0] == section]
+    close = get_close_matches(name, [known.rpartition(".")[2] for known in siblings], n=1)
     if close:
         return f"{section}.{close[0]}" if section else close[0]
-    alike = get_close_matches(name, {each.rpartition(".")[2] for each in keys}, n=1, cutoff=0.8)
-    named = [each for each in keys if each.rpartition(".")[2] in alike]
-    return min(named, key=len) if named else None
+    similar = get_close_matches(name, {known.rpartition(".")[2] for known in keys}, n=1, cutoff=0.8)
+    matches = [known for known in keys if known.rpartition(".")[2] in similar]
+    return min(matches, key=len) if matches else None
 
 
 def _keys(model: type[BaseModel], section: str = "") -> Iterator[str]:
-    """The keys of settings and of their sections, with dots."""
+    """The dotted keys of settings and of their sections."""
     for name, field in model.model_fields.items():
         key = f"{section}.{name}" if section else name
         yield key
@@ -176,13 +184,13 @@ def _keys(model: type[BaseModel], section: str = "") -> Iterator[str]:
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:
-    """The sections that a value of this type may be."""
+    """The settings classes that occur in a type annotation."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for part in get_args(annotation):
         yield from _models(part)
 
 
-def _set_in(value: Any) -> Any:
-    """What a section says, as plain data; anything else as it is."""
+def _set_values(value: Any) -> Any:
+    """The values that a section sets, as plain data; any other value unchanged."""
     return value.model_dump(exclude_unset=True) if isinstance(value, BaseModel) else value

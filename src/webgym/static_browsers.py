@@ -1,9 +1,9 @@
 """Attempts at the small websites without browsers: the real agent, pages and judge, many times faster.
 
-A page without scripts needs a browser only to be rendered, and each page needs to be rendered only once. What
-a policy is asked, what it sees and what its actions do are the same as with browsers. What is missing is what
-browsers add: elapsed time, failures, and whatever a page does by itself. Use it for studies and pretraining;
-measure results that matter with real browsers.
+A page without scripts needs a browser only for rendering, and only once. Prompts, observations and the
+effects of actions are the same as with browsers. What browsers add is missing: elapsed time, failures, and
+changes that a page makes by itself. Use this for studies and pretraining; measure results that matter with
+real browsers.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from webgym.server.messages import SessionOptions, View
 
 
 class PageImages:
-    """Screenshots of pages by their HTML, the same as a slot's. Entering the context starts a Chromium.
+    """Screenshots of pages by their HTML, identical to a slot's. Entering the context starts a Chromium.
 
     Args:
         folder: screenshots are stored here; those already there are not rendered again.
@@ -48,7 +48,7 @@ class PageImages:
     def __init__(self, folder: Path, viewport: tuple[int, int]) -> None:
         self._folder = folder
         self._viewport = viewport
-        self._known: dict[bytes, tuple[str, bytes]] = {}
+        self._by_page: dict[bytes, tuple[str, bytes]] = {}
         self._lock = asyncio.Lock()
         self._open = AsyncExitStack()
         self._page: Any = None
@@ -70,28 +70,28 @@ class PageImages:
         await self._open.aclose()
 
     async def of(self, body: bytes) -> tuple[str, bytes]:
-        """A page's picture.
+        """A page's screenshot.
 
         Args:
             body: its HTML.
 
         Returns:
-            The name (SHA-256, as a run's store names it) and a PNG.
+            Its name (SHA-256, as in a run's store) and the PNG.
         """
         page = hashlib.sha256(body).digest()
-        if page not in self._known:
+        if page not in self._by_page:
             async with self._lock:
-                if page not in self._known:
-                    png = await self._drawn(body, page.hex())
-                    self._known[page] = (_name(png), png)
-        return self._known[page]
+                if page not in self._by_page:
+                    png = await self._render(body, page.hex())
+                    self._by_page[page] = (_name(png), png)
+        return self._by_page[page]
 
     def pictures(self) -> dict[str, bytes]:
-        """All pictures in the folder, by name."""
-        found = (path.read_bytes() for path in sorted(self._folder.glob("*.png")))
-        return {_name(png): png for png in found}
+        """All screenshots in the folder, by name."""
+        images = (path.read_bytes() for path in sorted(self._folder.glob("*.png")))
+        return {_name(png): png for png in images}
 
-    async def _drawn(self, body: bytes, page: str) -> bytes:
+    async def _render(self, body: bytes, page: str) -> bytes:
         path = self._folder / f"{page}.png"
         if path.exists():
             return path.read_bytes()
@@ -106,15 +106,15 @@ def _name(png: bytes) -> str:
 
 
 class StaticBrowsers:
-    """Stands in for a browser server and for the served offline web.
+    """Replaces a browser server and the served offline web for the small websites.
 
     Args:
         web: the websites, of the small collection.
-        pictures: folder for screenshots; ``None`` if the policy reads only elements: then nothing is rendered
-            and screenshots are empty.
+        pictures: folder for screenshots; ``None`` if the policy reads only elements: nothing is rendered
+            then, and screenshots are empty.
 
     Attributes:
-        signs: for every screenshot that was taken, its texts with their upper left corners, CSS pixels.
+        signs: the texts of every screenshot, by its name, with their upper left corners in CSS pixels.
     """
 
     def __init__(self, web: OfflineWeb, pictures: Path | None) -> None:
@@ -142,12 +142,12 @@ class StaticBrowsers:
         return StaticSession(self, visitor)
 
     async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
-        """What a website's server holds for a visitor whose session is not closed yet."""
+        """A website's server state for a visitor whose session is open; ``None`` if there is none."""
         browser = self._visits.get(visitor)
         return browser.site.report(browser.state) if browser and browser.site.host == host else None
 
     def visit(self, visitor: str, url: str) -> StaticBrowser:
-        """The visitor's browser, at the start page of a website.
+        """Open a website's start page in a new browser for the visitor.
 
         Raises:
             NavigationFailed: there is no such website.
@@ -162,15 +162,15 @@ class StaticBrowsers:
         """Forget a visitor."""
         self._visits.pop(visitor, None)
 
-    async def look(self, browser: StaticBrowser) -> View:
-        """What a visitor sees."""
-        seen, image = browser.observe(), b""
+    async def observe(self, browser: StaticBrowser) -> View:
+        """The observation of a visitor's page, with its screenshot."""
+        observation, image = browser.observe(), b""
         if self.page_images is not None:
             name, image = await self.page_images.of(browser.body)
-            seen = msgspec.structs.replace(seen, screenshot=name)
-        if seen.screenshot not in self.signs:
-            self.signs[seen.screenshot] = read_page(browser.body).signs
-        return View(seen, image)
+            observation = msgspec.structs.replace(observation, screenshot=name)
+        if observation.screenshot not in self.signs:
+            self.signs[observation.screenshot] = read_page(browser.body).signs
+        return View(observation, image)
 
 
 class StaticSession:
@@ -182,18 +182,18 @@ class StaticSession:
         self._browser: StaticBrowser | None = None
 
     async def step(self, action: BrowserAction | None = None) -> View:
-        """Carry an action out and look.
+        """Carry out an action and observe the page.
 
         Raises:
-            NavigationFailed: nothing was opened yet, or there is no such website.
+            NavigationFailed: no page is open yet, or there is no such website.
         """
         if isinstance(action, Navigate):
             self._browser = self._browsers.visit(self.id, action.url)
         elif self._browser is None:
-            raise NavigationFailed("nothing is open yet")
+            raise NavigationFailed("no page is open yet")
         elif action is not None:
             self._browser.act(action)
-        return await self._browsers.look(self._browser)
+        return await self._browsers.observe(self._browser)
 
     async def close(self) -> None:
         """Forget the visitor."""
@@ -201,11 +201,11 @@ class StaticSession:
 
 
 class StaticCollector:
-    """Makes single attempts outside a run; only the episode is returned, nothing is stored.
+    """Makes single attempts outside a run; returns their episodes and stores nothing.
 
     Args:
         browsers: where the attempts take place.
-        agent: decides the actions.
+        agent: chooses the actions.
         config: budgets and limits of an attempt.
         seed: of the policy's random choices.
     """
@@ -215,7 +215,7 @@ class StaticCollector:
         self._context = AttemptContext(
             client=browsers,
             agent=agent,
-            store=_KeepsNothing(),
+            store=_NoStore(),
             config=config,
             progress=Progress(total=0),
             site_state=browsers,
@@ -224,10 +224,10 @@ class StaticCollector:
         )
 
     async def make(self, planned: Planned) -> Episode:
-        """An attempt, as a collector would have recorded it.
+        """Make an attempt.
 
         Raises:
-            PolicyError: it did not come to an end of its own, and not because no reply held an action.
+            PolicyError: the attempt ended early, for a reason other than replies without a valid action.
         """
         attempt = Attempt(self._context, planned)
         session = await self._browsers.open(attempt.options())
@@ -237,13 +237,13 @@ class StaticCollector:
             await session.close()
         episode = attempt.episode()
         failure = episode.failure
-        # A model that is only beginning may never say what to do.
-        said_nothing = failure is not None and failure.code == PolicyBadReply.code
-        if episode.ending not in JUDGED and not said_nothing:
+        # A model early in training may never give a valid action.
+        has_no_action = failure is not None and failure.code == PolicyBadReply.code
+        if episode.ending not in JUDGED and not has_no_action:
             raise PolicyError(f"{planned.attempt_id}: {failure.message if failure else episode.ending}")
         return episode
 
 
-class _KeepsNothing:
+class _NoStore:
     async def put_image(self, name: str, data: bytes) -> None:
         pass

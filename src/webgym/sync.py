@@ -18,10 +18,10 @@ T = TypeVar("T")
 
 
 class LoopThread:
-    """An event loop in a thread of its own, which goes on between calls: leases of browsers are renewed.
+    """An event loop in its own thread. It also runs between calls, so that browser leases are renewed.
 
     Args:
-        closing: is run at the end: when this is closed or forgotten, or Python exits.
+        closing: run at the end: when this is closed or garbage-collected, or Python exits.
     """
 
     def __init__(self, closing: Callable[[], Coroutine[Any, Any, object]]) -> None:
@@ -34,17 +34,17 @@ class LoopThread:
         """Wait for a coroutine's result, or raise what it raises.
 
         Args:
-            work: to be run on the thread's loop, from another thread.
+            work: the coroutine; call this from another thread than the loop's.
         """
         future = asyncio.run_coroutine_threadsafe(work, self._loop)
         try:
             return future.result()
-        except BaseException:  # Ctrl-C while it waits: what was begun is not left running
+        except BaseException:  # such as Ctrl-C: do not leave the coroutine running
             future.cancel()
             raise
 
     def close(self) -> None:
-        """Run what is to be run at the end, and stop. Safe to call twice."""
+        """Run ``closing`` and stop the loop. Safe to call twice."""
         self._ending()
 
 
@@ -55,23 +55,23 @@ def _end(
 ) -> None:
     closed = asyncio.run_coroutine_threadsafe(closing(), loop)
     closed.add_done_callback(lambda _: loop.call_soon_threadsafe(loop.stop))
-    if threading.current_thread() is not thread:  # where garbage may be collected, too
+    if threading.current_thread() is not thread:  # garbage may be collected on the loop's thread, too
         thread.join()
         loop.close()
         closed.result()
 
 
 class SyncEnvironment:
-    """An :class:`~webgym.environment.Environment` on an event loop in a thread of its own::
+    """A blocking :class:`~webgym.environment.Environment`, on an event loop in its own thread::
 
         with webgym.SyncEnvironment(webgym.make("offline-v1")) as env:
             view, info = env.reset(seed=7)
             view, reward, terminated, truncated, info = env.step(Scroll("down"))
 
-    Works where an event loop runs already, as in a notebook. Not for several threads at once.
+    Works where an event loop is already running, as in a notebook. Not thread-safe.
 
     Args:
-        env: not open yet; it is opened by the first :meth:`reset`, or by entering this one.
+        env: not open yet; the first :meth:`reset`, or entering this object, opens it.
     """
 
     def __init__(self, env: Environment) -> None:
@@ -105,5 +105,5 @@ class SyncEnvironment:
         return self._loop.run(self._env.step(action))
 
     def close(self) -> None:
-        """Give everything back. Safe to call twice."""
+        """Close the environment and stop the thread. Safe to call twice."""
         self._loop.close()

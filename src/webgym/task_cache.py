@@ -1,4 +1,4 @@
-"""Tasks of the offline web, kept on disk between commands: making all takes many seconds, reading one."""
+"""Caches the offline web's tasks on disk: generating them takes many seconds, reading them one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from webgym.rollout.files import write_whole
 _log = logging.getLogger(__name__)
 
 KEPT_FILES = 8
-"""In the folder; the longest unused goes first."""
+"""Most files in the folder; the least recently used are deleted first."""
 
 
 def cached_tasks(
@@ -32,19 +32,19 @@ def cached_tasks(
 ) -> list[Task]:
     """The tasks of a web, as :meth:`OfflineWeb.tasks` makes them.
 
-    They are read from a file whose name says what they were made from: the web's settings and the content
+    The cache file's name is a digest of what the tasks are generated from: the web's settings and the content
     of every file of ``webgym.offline`` and ``webgym.core``. A file that is missing or damaged is made anew;
-    where none can be written, nothing is kept.
+    if it cannot be written, the tasks are not cached.
 
     Args:
-        web: one of the collections.
-        split: the split, or all.
-        folder: of the files; by default ``webgym/tasks`` in the user's cache folder.
-        tell: is told if tasks have to be made, before it takes that long.
+        web: the offline web.
+        split: only tasks of this split; by default all.
+        folder: of the cache files; by default ``webgym/tasks`` in the user's cache folder.
+        tell: called with a message if tasks have to be made, before it takes that long.
     """
     folder = folder or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "webgym" / "tasks"
-    said = f"{_digest_of_code()} {web.seed} {web.per_family} {web.collection} {split}"
-    file = folder / f"{hashlib.sha256(said.encode()).hexdigest()[:32]}.msgpack"
+    inputs = f"{_digest_of_code()} {web.seed} {web.per_family} {web.collection} {split}"
+    file = folder / f"{hashlib.sha256(inputs.encode()).hexdigest()[:32]}.msgpack"
     try:
         tasks = _checked(file.read_bytes())
         os.utime(file)
@@ -53,38 +53,38 @@ def cached_tasks(
             count = sum(split in (None, spec.split) for spec in web.specs.values())
             tell(f"making the tasks of {count} websites, once for this version of the offline web")
         tasks = list(web.tasks(split))
-        _keep(tasks, file)
+        _store(tasks, file)
     return tasks
 
 
 def _checked(raw: bytes) -> list[Task]:
-    """The tasks of a file, which begins with the digest of what follows.
+    """The tasks in a file, which begins with the SHA-256 of the rest.
 
     Raises:
         ValueError: it is damaged.
     """
     digest, body = raw[:32], raw[32:]
     if hashlib.sha256(body).digest() != digest:
-        raise ValueError("the digest does not fit")
+        raise ValueError("the checksum does not match")
     return msgspec.msgpack.decode(body, type=list[Task])
 
 
-def _keep(tasks: list[Task], file: Path) -> None:
+def _store(tasks: list[Task], file: Path) -> None:
     body = msgspec.msgpack.encode(tasks)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(file, hashlib.sha256(body).digest() + body, durable=False)
-        # All files: also what a process that was killed had begun to write.
-        kept = sorted(file.parent.iterdir(), key=lambda each: each.stat().st_mtime)
-        for old in kept[:-KEPT_FILES]:
+        # All files, including those that a killed process left half-written.
+        files = sorted(file.parent.iterdir(), key=lambda path: path.stat().st_mtime)
+        for old in files[:-KEPT_FILES]:
             old.unlink(missing_ok=True)
-    except OSError as error:  # a full disk, a folder that may not be written
-        _log.debug("tasks are not kept in %s: %s", file.parent, error)
+    except OSError as error:  # such as a full disk or a read-only folder
+        _log.debug("tasks are not cached in %s: %s", file.parent, error)
 
 
 @lru_cache(maxsize=1)
 def _digest_of_code() -> str:
-    """Of all files that tasks are made by."""
+    """Digest of all files that generate tasks."""
     digest = hashlib.sha256(sys.version.encode())
     for file in _files():
         digest.update(f"{file.name} {file.stat().st_size}\n".encode())

@@ -1,4 +1,4 @@
-"""The tasks of a run: read, selected and drawn as its settings say."""
+"""The tasks of a run: read, selected and drawn according to its settings."""
 
 from __future__ import annotations
 
@@ -46,15 +46,15 @@ def choose_tasks(config: RunConfig, tell: Tell | None = None) -> Chosen:
         ConfigError: no task is left, or there is no such domain.
     """
     choice = config.tasks
-    one = choice.split if choice.split in ("train", "test") else None
-    found = _read(config, one, tell)
-    selected = select(found.tasks, choice, Blocklist(config.blocklist).blocked())
+    split = choice.split if choice.split in ("train", "test") else None
+    available = _read(config, split, tell)
+    selected = select(available.tasks, choice, Blocklist(config.blocklist).blocked())
     if not selected.tasks:
         raise ConfigError(
             f"there is no task to attempt for the split {choice.split!r}: {selected.told()}",
             hint="choose another split or more domains",
         )
-    return Chosen(_drawn(selected.tasks, config), found.broken, found.set_aside, selected)
+    return Chosen(_drawn(selected.tasks, config), available.broken, available.set_aside, selected)
 
 
 def all_tasks(config: RunConfig, tell: Tell | None = None) -> list[Task]:
@@ -71,7 +71,7 @@ def all_tasks(config: RunConfig, tell: Tell | None = None) -> list[Task]:
 
 
 def _read(config: RunConfig, split: Split | None, tell: Tell | None) -> TaskFile:
-    """A file is read whole; of the offline web only the split that is asked for."""
+    """All tasks of the file, or the offline web's tasks of a split."""
     if config.tasks.file is not None:
         return read_tasks(config.tasks.file)
     sites = config.sites
@@ -80,26 +80,25 @@ def _read(config: RunConfig, split: Split | None, tell: Tell | None) -> TaskFile
 
 
 def given_tasks(tasks: Sequence[Task], config: RunConfig) -> Chosen:
-    """Tasks that somebody else has drawn.
+    """Tasks that the caller has drawn.
 
     Raises:
-        ConfigError: some are not what the config lets through: of another split, or without anything to
-        judge.
+        ConfigError: the config excludes some of them, or they have nothing to judge.
     """
     selected = select(tasks, config.tasks)
     if len(selected.tasks) != len(tasks):
         raise ConfigError(f"of {len(tasks)} given tasks some cannot be attempted: {selected.told()}")
     for task in tasks:
-        if why := unfit(task):
-            raise ConfigError(f"the task {task.id[:80]} cannot be attempted: {why}")
+        if reason := unfit(task):
+            raise ConfigError(f"the task {task.id[:80]} cannot be attempted: {reason}")
     return Chosen(list(tasks), [], [], selected)
 
 
 def _drawn(tasks: list[Task], config: RunConfig) -> list[Task]:
     choice, count = config.tasks, config.tasks.drawn(len(tasks))
     if choice.ratio is not None and count is not None:
-        selected_already = SamplerConfig(split="all", ratio=choice.ratio, seed=config.seed)
-        return Sampler(tasks, selected_already).draw(count)
+        sampler_config = SamplerConfig(split="all", ratio=choice.ratio, seed=config.seed)
+        return Sampler(tasks, sampler_config).draw(count)
     if choice.spread:
         return draw_spread(tasks, count, config.seed, key=lambda task: brand_or_text(task.website))
     return draw(tasks, count, config.seed)

@@ -1,9 +1,10 @@
-"""Checks for websites and environments of your own.
+"""Checks for your own websites and environments.
 
-:func:`check_family` plays the tasks of a family of websites by following their solutions, and judges what
-comes of it: the solution must pass, and a wrong answer, an answer without evidence, a premature answer and an
-empty trajectory must not. Small websites are played without a browser, others in Chromium.
-:func:`check_environment` plays a few episodes on stand-ins: faults are no rewards, and no browser is kept.
+:func:`check_family` follows the solutions of a website family's tasks and judges the results: the solution
+must pass; a wrong answer, an answer without evidence, a premature answer and an empty trajectory must not.
+Small websites are played without a browser, others in Chromium.
+:func:`check_environment` plays a few episodes on stand-ins: faults must not become rewards, and every browser
+must be closed.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from webgym.offline.small.site import SmallWebsite
 from webgym.offline.static_browser import StaticBrowser
 from webgym.offline.web import OfflineWeb
 from webgym.offline.website import Website
-from webgym.validation import check_in_browsers, spoilt, typed
+from webgym.validation import check_in_browsers, degraded_solutions, typed
 
 __all__ = ["check_environment", "check_family", "check_tasks", "play", "stand_in_environment"]
 
@@ -34,16 +35,16 @@ def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:
     """Play a task's solution on a website without a browser.
 
     Returns:
-        The attempt as a collector would have recorded it, but for messages, replies and times.
+        The episode as a collector would record it, except for messages, replies and times.
     """
     assert task.truth is not None
     browser, solver = StaticBrowser(site, viewport), Solver(task.website, task.truth.moves)
     steps: list[Step] = []
     answer = final = None
     for index in range(StepBudget().for_task(task)):
-        seen = browser.observe()
-        act = solver.next(seen, "coordinates")
-        step = Step(index, seen, (), Reply(act.description, "scripted"), action=act.action)
+        observation = browser.observe()
+        act = solver.next(observation, "coordinates")
+        step = Step(index, observation, (), Reply(act.description, "scripted"), action=act.action)
         if isinstance(act.action, Answer):
             answer = act.action.text
         else:
@@ -71,25 +72,27 @@ def play(site: Website, task: Task, viewport: tuple[int, int]) -> Episode:
 
 
 async def check_tasks(site: Website, tasks: Iterable[Task], viewport: tuple[int, int]) -> list[str]:
-    """A line for every task that its solution does not solve, or that something less than it solves."""
+    """A line for every task whose solution fails, or for which a degraded solution passes."""
     judge, faults = OfflineJudge(), list[str]()
     for task in tasks:
         episode = play(site, task, viewport)
         verdict = await judge.judge(task, episode, _no_picture)
         if verdict.reward != 1:
-            found = [verdict.reference, verdict.response, *(fact.judgement for fact in verdict.facts)]
-            reasons = [each.reason for each in found if each is not None and not each.passed]
+            judgements = [verdict.reference, verdict.response, *(fact.judgement for fact in verdict.facts)]
+            reasons = [
+                judgement.reason for judgement in judgements if judgement is not None and not judgement.passed
+            ]
             faults.append(f"{task.id}: {'; '.join(reasons)} (answer: {episode.answer!r})")
             continue
         faults += [f"{task.id}: {line}" for line in _weaknesses(task, episode)]
-        for what, less in spoilt(task, episode):
-            if (await judge.judge(task, less, _no_picture)).reward == 1:
+        for what, degraded in degraded_solutions(task, episode):
+            if (await judge.judge(task, degraded, _no_picture)).reward == 1:
                 faults.append(f"{task.id}: {what} passes")
     return faults
 
 
 def _weaknesses(task: Task, episode: Episode) -> Iterator[str]:
-    """What a faultless solution does not do."""
+    """A line for every weakness of a solution that passes."""
     dead = [step.index + 1 for step in episode.steps if step.changed is False]
     if dead:
         yield f"step {dead[0]} of the solution changes nothing"
@@ -102,14 +105,15 @@ def _weaknesses(task: Task, episode: Episode) -> Iterator[str]:
 async def check_family(
     family: type[Website], *, seed: int = 7, websites: int = 2, tasks_per_website: int | None = None
 ) -> list[str]:
-    """Check some websites of a family: tasks have ids and instructions of their own, and are what they claim.
+    """Check some websites of a family: ids and instructions are unique, and every task is solvable only by
+    its solution.
 
     Args:
         family: small websites (:class:`webgym.offline.small.site.SmallWebsite`) are played without a
             browser, all others in Chromium.
         seed: of the websites.
-        websites: how many, for training and for testing each.
-        tasks_per_website: so many of its tasks, evenly spread; all if not given.
+        websites: number of websites of each of the splits ``train`` and ``test``.
+        tasks_per_website: about this many tasks of each website, evenly spread; by default all.
 
     Returns:
         A line for every fault; empty if there is none.

@@ -5,9 +5,9 @@
         for row in rollout.rows:
             ...  # row.prompt_ids, row.reply_ids, row.logprobs, row.images
 
-One row per step, because WebGym's history is a window: no two steps share a prompt. All rows of an episode
-have its reward. What was sampled is what is trained on: the ids go from the engine to the record and from
-there to the row, and a row that does not hold together is dropped and counted (:mod:`webgym.train.samples`).
+There is one row per step, because WebGym's history is a window: no two steps share a prompt. All rows of an
+episode have its reward. The ids that the engine sampled go unchanged into the record and from there into the
+row; inconsistent rows are dropped and counted (:mod:`webgym.train.samples`).
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from webgym.train.samples import SampleMaker
 
 @dataclass(frozen=True)
 class TokenRequest:
-    """What an inference engine is asked.
+    """A request to an inference engine.
 
     Attributes:
-        id: of the episode: requests of one episode share most of their pictures, so an engine may send
-            them to the same place.
-        prompt_ids: token ids, image tokens expanded: what is trained on.
-        short_prompt_ids: the same with one image token for each picture, for engines that expand themselves.
+        id: of the episode: requests of an episode share most of their pictures, so an engine may route them
+            to the same replica.
+        prompt_ids: token ids, image tokens expanded; these are trained on.
+        short_prompt_ids: the same with one image token per picture, for engines that expand them.
         images: the pictures in the order of the prompt, encoded (PNG), at the size at which they are read.
         messages: the request before it was rendered.
     """
@@ -61,15 +61,17 @@ class TokenRequest:
 
 @dataclass(frozen=True)
 class Sampled:
-    """What the engine sampled.
+    """A reply that the engine sampled.
 
     Attributes:
         reply_ids: token ids, the end token included if it was sampled.
-        logprobs: log-probability of each of them under the distribution that it was drawn from.
-        finish_reason: ``stop``: it ended by itself; ``length``: it was cut off.
-        weight_version: of the weights that sampled it; empty where the engine does not say.
-        prompt_ids: that the engine read, where it says so; they are trained on then.
-        sampling: parameters, for the record; what alters log-probabilities (``top_k``, ...) has to be told.
+        logprobs: of ``reply_ids``, under the distribution that they were drawn from.
+        finish_reason: ``stop``: the model ended the reply; ``length``: it was cut off.
+        weight_version: of the weights that sampled it; empty if the engine does not report it.
+        prompt_ids: those that the engine read, if it reports them; they are trained on instead of the
+            request's.
+        sampling: parameters, for the record; those that alter log-probabilities (``top_k``, ...) are
+            required.
     """
 
     reply_ids: Sequence[int]
@@ -85,13 +87,13 @@ Generate = Callable[[TokenRequest], Awaitable[Sampled]]
 
 @dataclass(frozen=True)
 class TokenRow:
-    """One step, ready for a trainer.
+    """A step as a training sample.
 
     Attributes:
         step: its number, from 0.
         prompt_ids: token ids, image tokens expanded.
         reply_ids: token ids that were sampled.
-        logprobs: one for each of ``reply_ids``; ``None`` where the engine gave none.
+        logprobs: of ``reply_ids``; ``None`` if the engine gave none.
         weight_version: of the weights that sampled them.
         images: the pictures in the order of the prompt, encoded (PNG), at the size at which they were read.
         messages: of the request.
@@ -106,30 +108,30 @@ class TokenRow:
     messages: tuple[Message, ...]
 
     def pixels(self, renderer: Renderer) -> Pixels | None:
-        """The pictures as the vision tower reads them; ``None`` if there is none.
+        """The pictures as input of the vision tower; ``None`` if there are none.
 
         Args:
             renderer: of the model that the row is for.
         """
         refs = pictures_of(self.messages)
-        held = {ref.screenshot: data for ref, data in zip(refs, self.images, strict=True)}
-        return renderer.pixels(self.messages, held)
+        images = {ref.screenshot: data for ref, data in zip(refs, self.images, strict=True)}
+        return renderer.pixels(self.messages, images)
 
 
 @dataclass(frozen=True)
 class TokenRollout:
-    """An episode for a trainer.
+    """An episode as training samples.
 
     Attributes:
         task_id: of its task.
-        reward: 1.0 or 0.0; ``None`` where there is none (blocked, or an error of environment, policy or
-            judge): such an episode has no rows, and must not become a 0.
+        reward: 1.0 or 0.0; ``None`` if there is none (blocked, or an error of environment, policy or judge):
+            such an episode has no rows and must not count as 0.
         outcome: one of eight.
-        rows: a row per step that can be trained on.
+        rows: one per step that can be trained on.
         dropped: steps without a row, by reason: ``no_reward``, and :data:`~webgym.train.samples.DropReason`.
-        failure: what kept the episode, or its verdict, from being.
-        trajectory: the whole record; ``None`` where no browser was to be had.
-        seconds: that it took.
+        failure: the error that ended the episode or prevented its verdict; ``None`` if there was none.
+        trajectory: the whole record; ``None`` if the episode could not start.
+        seconds: duration, wall time.
     """
 
     task_id: str
@@ -156,12 +158,12 @@ async def roll_out(
 
     Args:
         env: open, with ``on_fault="nan"``.
-        generate: asks the engine. What it raises is raised, and the episode is abandoned.
-        renderer: of the model's tokenizer and image processor.
+        generate: calls the engine. Its exceptions are passed on, and the episode is abandoned.
+        renderer: with the model's tokenizer and image processor.
         task_id: the task; by default the environment's next.
         policy: its name, for the record.
-        cutoff_tokens: longest prompt and reply together; longer rows are dropped, never cut.
-        needs_logprobs: drop rows without log-probabilities, or with those of another distribution.
+        cutoff_tokens: most tokens of prompt and reply together; longer rows are dropped, never truncated.
+        needs_logprobs: drop rows without log-probabilities of the distribution that was sampled from.
 
     Raises:
         ConfigError: there is no such task.
@@ -208,12 +210,12 @@ def _request(episode_id: str, info: dict[str, Any], renderer: Renderer) -> Token
     messages, images = info["messages"], info["images"]
     short = renderer.short_prompt_ids(messages)
     prompt_ids = renderer.expanded(short, renderer.image_tokens(messages))
-    shown = tuple(images[ref.screenshot] for ref in pictures_of(messages))
-    return TokenRequest(episode_id, prompt_ids, short, shown, messages)
+    shown_images = tuple(images[ref.screenshot] for ref in pictures_of(messages))
+    return TokenRequest(episode_id, prompt_ids, short, shown_images, messages)
 
 
 def _reply(request: TokenRequest, sampled: Sampled, renderer: Renderer, policy: str) -> Reply:
-    read = request.prompt_ids if sampled.prompt_ids is None else sampled.prompt_ids
+    prompt_ids = request.prompt_ids if sampled.prompt_ids is None else sampled.prompt_ids
     return Reply(
         renderer.decode(sampled.reply_ids),
         policy=policy,
@@ -221,7 +223,7 @@ def _reply(request: TokenRequest, sampled: Sampled, renderer: Renderer, policy: 
         sampling=sampled.sampling,
         prompt_tokens=len(request.prompt_ids),
         completion_tokens=len(sampled.reply_ids),
-        tokens=ReplyTokens.of(read, sampled.reply_ids, sampled.logprobs),
+        tokens=ReplyTokens.of(prompt_ids, sampled.reply_ids, sampled.logprobs),
         weight_version=sampled.weight_version,
     )
 
@@ -246,13 +248,13 @@ def _rows(trajectory: Trajectory, requests: Sequence[TokenRequest], maker: Sampl
 
 
 def _no_picture(name: str) -> bytes:
-    raise AssertionError(f"the rows hold the pictures themselves; {name} is not looked up")
+    raise AssertionError(f"rows hold their pictures; {name} must not be looked up")
 
 
 class EnvironmentPool:
-    """Environments for a trainer that begins many episodes at the same time, on one set of browsers.
+    """Environments for a trainer that plays many episodes concurrently, on a shared set of browsers.
 
-    They are opened with the first episode, on the event loop that asks for it, and stay until :meth:`close`::
+    They are opened for the first episode, on the calling event loop, and stay open until :meth:`close`::
 
         pool = webgym.EnvironmentPool("offline-v1", size=32)
 
@@ -262,10 +264,10 @@ class EnvironmentPool:
 
     Args:
         name: of the tasks, as for :func:`webgym.make`.
-        size: browsers, and so episodes at the same time; more of them wait.
+        size: number of browsers, and so of concurrent episodes; further episodes wait.
         split: of the tasks.
-        config: settings.
-        given: more of :class:`~webgym.Environment`'s arguments.
+        config: other settings of the environments.
+        given: further arguments of :class:`~webgym.Environment`.
     """
 
     def __init__(
@@ -281,7 +283,7 @@ class EnvironmentPool:
         collector = config.collector.model_copy(update={"sessions": size})
         self._first = Environment(config=config.model_copy(update={"collector": collector}), **given)
         self._stack = AsyncExitStack()
-        self._places = asyncio.Semaphore(size)
+        self._free_browsers = asyncio.Semaphore(size)
         self._opening = asyncio.Lock()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._is_open = False
@@ -289,24 +291,24 @@ class EnvironmentPool:
 
     @asynccontextmanager
     async def environment(self) -> AsyncIterator[Environment]:
-        """An environment for one episode or several; waits while all browsers are taken.
+        """An environment for one or more episodes; waits while all browsers are in use.
 
         Raises:
             UsageError: the pool was opened on another event loop.
         """
         await self.open()
-        async with self._places, self._first.twin(next(self._seeds)) as env:
+        async with self._free_browsers, self._first.twin(next(self._seeds)) as env:
             yield env
 
     async def open(self) -> None:
-        """Start what the first episode would start.
+        """Start the browsers and services now, instead of with the first episode.
 
         Raises:
             UsageError: the pool was opened on another event loop.
         """
         loop = asyncio.get_running_loop()
         if self._loop not in (None, loop):
-            raise UsageError("the pool was opened on another event loop", hint="make one for each")
+            raise UsageError("the pool was opened on another event loop", hint="make a pool for each loop")
         self._loop = loop
         async with self._opening:
             if not self._is_open:
@@ -338,7 +340,7 @@ def task_rows(
     Args:
         name: as for :func:`webgym.make`.
         split: of the tasks.
-        count: how many, drawn as for a run.
+        count: number of tasks, drawn as for a run.
         config: settings of the draw: ``tasks``, ``seed``.
 
     Raises:

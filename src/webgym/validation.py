@@ -1,6 +1,6 @@
-"""Validation of the offline web's tasks: the known solution passes, and nothing less does.
+"""Validation of the offline web's tasks: the known solution must pass, and degraded versions of it must not.
 
-``webgym sites check`` plays every solution in real browsers and asks here what to make of it.
+``webgym sites check`` plays every solution in real browsers and evaluates the results with this module.
 """
 
 from __future__ import annotations
@@ -36,22 +36,23 @@ from webgym.tasks.formats import write_tasks
 
 
 def unexpected(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
-    """A line for every task whose solution did not end as its truth expects, and why."""
-    seen: set[str] = set()
+    """A line for every task whose solution did not end in the expected outcome, with the reason."""
+    attempted: set[str] = set()
     for trajectory in trajectories:
         episode = trajectory.episode
         task = tasks[episode.task_id]
         assert task.truth is not None
-        seen.add(task.id)
+        attempted.add(task.id)
         if trajectory.outcome != task.truth.expects:
-            expected = f"expected {task.truth.expects}, came to {trajectory.outcome}"
+            expected = f"expected {task.truth.expects}, got {trajectory.outcome}"
             yield f"{task.id}: {expected} after {len(episode.steps)} steps: {_why(trajectory)}"
-    for task_id in tasks.keys() - seen:
+    for task_id in tasks.keys() - attempted:
         yield f"{task_id}: was not attempted"
 
 
 def typed(web: OfflineWeb, tasks: Iterable[Task]) -> Iterator[str]:
-    """A line for all that an agent could prove by typing it, on these tasks' websites."""
+    """A line for every piece of evidence that an agent could produce by typing it, on these tasks'
+    websites."""
     hosts: dict[str, None] = {}
     for task in tasks:
         assert task.truth is not None
@@ -64,7 +65,7 @@ def typed(web: OfflineWeb, tasks: Iterable[Task]) -> Iterator[str]:
 
 
 def cut_off(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> Iterator[str]:
-    """A line for all evidence that a page holds and cuts off, wherever one scrolls. Needs ``record_cuts``."""
+    """A line for all evidence that a page truncates at every scroll position. Needs ``record_cuts``."""
     for trajectory in trajectories:
         task = tasks[trajectory.episode.task_id]
         assert task.truth is not None
@@ -78,18 +79,19 @@ def cut_off(tasks: Mapping[str, Task], trajectories: Iterable[Trajectory]) -> It
 
 
 def _cuts(truth: Truth, evidence: Evidence, episode: Episode) -> Iterator[tuple[str, str, str]]:
-    """Page, text, and the line that holds it but does not show it; nor does anything else."""
+    """Path, text and visible part of every line that truncates a text which is visible nowhere on the
+    page."""
     pages: dict[str, tuple[list[str], set[tuple[str, str]]]] = {}
-    for seen in episode.observations:
-        address = urlsplit(seen.url)
+    for observation in episode.observations:
+        address = urlsplit(observation.url)
         path = f"{address.path}?{address.query}" if address.query else address.path
         if address.hostname == (evidence.host or truth.host) and re.match(evidence.path, path):
             visible, cuts = pages.setdefault(path, ([], set()))
-            visible.append(fold(seen.text or ""))
-            cuts.update(seen.cuts)
+            visible.append(fold(observation.text or ""))
+            cuts.update(observation.cuts)
     for path, (visible, cuts) in pages.items():
         for text in evidence.texts:
-            if not any(says(look, text) for look in visible):
+            if not any(says(page_text, text) for page_text in visible):
                 for whole, shown in cuts:
                     if says(fold(whole), text) and not says(fold(shown), text):
                         yield path, text, shown
@@ -102,16 +104,18 @@ def _why(trajectory: Trajectory) -> str:
         return failure.message
     if verdict is None:
         return "it was not judged"
-    found = [verdict.reference, verdict.response, *(fact.judgement for fact in verdict.facts)]
-    reasons = [judgement.reason for judgement in found if judgement is not None and judgement.passed is False]
+    judgements = [verdict.reference, verdict.response, *(fact.judgement for fact in verdict.facts)]
+    reasons = [
+        judgement.reason for judgement in judgements if judgement is not None and judgement.passed is False
+    ]
     return f"{'; '.join(reasons)} (answer: {episode.answer!r})"
 
 
-def spoilt(task: Task, solved: Episode) -> Iterator[tuple[str, Episode]]:
-    """A solved episode, spoilt in every way that must cost it its success.
+def degraded_solutions(task: Task, solved: Episode) -> Iterator[tuple[str, Episode]]:
+    """A successful episode, degraded in every way that must make it fail.
 
     Yields:
-        What was spoilt, and the episode that is left.
+        What was changed, and the degraded episode.
     """
     change = msgspec.structs.replace
     assert task.truth is not None
@@ -123,22 +127,22 @@ def spoilt(task: Task, solved: Episode) -> Iterator[tuple[str, Episode]]:
             yield "an answer that names another candidate too", change(solved, answer=wrong)
     yield "no answer", change(solved, answer=None, ending=Ending.BUDGET_SPENT)
     yield "a right answer at first sight", change(solved, steps=solved.steps[:1], final=None)
-    yield "a right answer without a look", change(solved, steps=(), final=None)
+    yield "a right answer without an observation", change(solved, steps=(), final=None)
     nothing = change(solved, steps=(), final=None, answer=None, ending=Ending.BUDGET_SPENT, final_state={})
     yield "an empty trajectory", nothing
     if any(fact.state for fact in task.truth.facts):
         yield "nothing done on the server", change(solved, final_state={})
 
 
-async def pushovers(
+async def wrongly_accepted(
     tasks: Mapping[str, Task], trajectories: Iterable[Trajectory], judge: Judge
 ) -> AsyncIterator[str]:
-    """A line for every spoilt solution that the judge lets pass."""
+    """A line for every degraded solution that the judge accepts."""
     for trajectory in trajectories:
         if trajectory.outcome is not Outcome.SUCCESS:
             continue
         task = tasks[trajectory.episode.task_id]
-        for what, episode in spoilt(task, trajectory.episode):
+        for what, episode in degraded_solutions(task, trajectory.episode):
             try:
                 verdict = await judge.judge(task, episode, _no_picture)
             except JudgeError:
@@ -162,16 +166,16 @@ async def check_in_browsers(
 
     Args:
         web: the websites; they are served here.
-        tasks: on them.
-        folder: of the run that is made.
-        mode: of the agent.
-        sessions: browser sessions at the same time.
-        latency: scale of the simulated latency.
+        tasks: on these websites.
+        folder: of the run that is collected.
+        mode: the agent's action mode.
+        sessions: number of concurrent browser sessions.
+        latency: factor on the simulated latency; 0 for none.
         show, tell: as for :func:`webgym.runs.collect`.
 
     Returns:
-        A line for every task that its solution does not solve, that shows evidence cut off, or that something
-        less than the solution solves.
+        A line for every task whose solution fails, whose evidence is truncated on the page, or for which a
+        degraded solution passes.
     """
     file = folder.with_name(f"{folder.name}-tasks.jsonl")
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -193,7 +197,7 @@ async def check_in_browsers(
     return [
         *unexpected(reader.tasks, reader.trajectories()),
         *cut_off(reader.tasks, reader.trajectories()),
-        *[line async for line in pushovers(reader.tasks, reader.trajectories(), OfflineJudge())],
+        *[line async for line in wrongly_accepted(reader.tasks, reader.trajectories(), OfflineJudge())],
     ]
 
 

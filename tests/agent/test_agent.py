@@ -122,7 +122,7 @@ async def test_a_policys_own_errors_pass_and_others_are_wrapped() -> None:
     assert isinstance(caught.value.__cause__, KeyError)
     with pytest.raises(asyncio.CancelledError):
         await talk(Parrot(asyncio.CancelledError()), 0)
-    with pytest.raises(PolicyBadReply, match="no Unicode"):
+    with pytest.raises(PolicyBadReply, match="not valid Unicode"):
         await talk(Parrot("\ud800"), 0)
 
 

@@ -245,7 +245,7 @@ def test_a_file_has_a_plain_name(name: str) -> None:
 
 
 def test_files_of_a_task_have_bounds() -> None:
-    with pytest.raises(ValueError, match="share a name"):
+    with pytest.raises(ValueError, match="have the same name"):
         replace(TASK, files=(Attachment("a"), Attachment("a")))
     with pytest.raises(ValueError, match="bytes"):
         replace(TASK, files=(Attachment("a", text="x" * MAX_ATTACHED_BYTES), Attachment("b", text="x")))

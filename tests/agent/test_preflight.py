@@ -73,7 +73,7 @@ async def test_a_model_that_acts_is_asked_once(
     ("behaviour", "text", "told"),
     [
         ("401", CLICK, "401"),
-        ("fine", "I cannot help with that.", "replied 3 times about a test page and never with an action"),
+        ("fine", "I cannot help with that.", "replied 3 times to a test page, never with a valid action"),
         ("nothing", CLICK, "empty reply"),
     ],
 )

@@ -36,7 +36,7 @@ def real() -> Iterator[Path]:
     mounts = [line.split() for line in Path("/proc/self/mounts").read_text().splitlines()]
     found = next((Path(mount[1]) for mount in mounts if mount[2] == "cgroup2"), None)
     if found is None or not os.access(found, os.W_OK):
-        pytest.skip("there is no cgroup of version 2 that we may divide")
+        pytest.skip("there is no cgroup of version 2 that can be divided")
     path = found / f"webgym-test-{os.getpid()}"
     try:
         path.mkdir()
@@ -63,7 +63,7 @@ def test_the_limits_are_those_of_the_settings(tree: Path) -> None:
 
 
 def test_what_is_no_cgroup_of_ours_is_refused(tree: Path, tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="is no cgroup that we may divide: No such file"):
+    with pytest.raises(ConfigError, match="is not a cgroup that can be divided: No such file"):
         new_cgroup(BrowserConfig(cgroup=tmp_path / "none"))
     (tree / "cgroup.controllers").write_text("cpu\n")
     with pytest.raises(ConfigError, match="neither the memory nor the pids controller"):

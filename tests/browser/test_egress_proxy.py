@@ -632,7 +632,7 @@ def test_browsers_that_go_in_the_middle_leave_nothing(run: Run) -> None:
                 await until(lambda: not egress.waiting and not egress._connections.transports)
                 assert egress.load.results["abandoned"] >= 5
                 # Nobody waits for it: not asked any more, and forgotten a turn of the loop later.
-                await until(lambda: not egress._dialer._resolver._flights)
+                await until(lambda: not egress._dialer._resolver._lookups)
 
     run(scene())
 

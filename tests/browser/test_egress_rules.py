@@ -302,7 +302,7 @@ async def test_a_name_that_is_never_answered_is_given_up_and_asked_for_once() ->
     assert machine.asked == ["a.slow.test"]
     await asyncio.sleep(0)
     assert machine.given_up == 1
-    assert not resolver._flights
+    assert not resolver._lookups
     await resolver.close()
 
 
@@ -393,7 +393,7 @@ async def test_the_cache_is_bounded() -> None:
     for nth in range(50):
         await resolver.resolve(f"{nth}.test")
     assert len(resolver._cache) == 10
-    assert not resolver._flights
+    assert not resolver._lookups
     assert not resolver._waiting
     await resolver.close()
 

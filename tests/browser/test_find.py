@@ -137,7 +137,7 @@ def test_no_browser_is_an_error_that_says_what_to_do(machine: Machine) -> None:
     ("name", "script", "reason"),
     [
         ("missing", None, "there is no browser at"),
-        ("mute", "exit 0", "is no working Chromium, it says: nothing"),
+        ("mute", "exit 0", "is not a working Chromium, it printed: nothing"),
         ("other", "echo 'GNU bash, version 5.2.15'", "it says: GNU bash"),
         ("broken", "echo 'libnss3.so: cannot open' >&2; exit 127", "it says: libnss3.so"),
     ],
@@ -187,7 +187,7 @@ def test_a_browser_that_hangs_is_ended_with_its_children(machine: Machine) -> No
         machine.programs / "hangs", f"PATH={os.defpath}; (sleep 1; touch {marker}) & sleep 60"
     )
     started = time.monotonic()
-    with pytest.raises(BrowserNotFound, match=r"did not tell its version within 0\.3 s"):
+    with pytest.raises(BrowserNotFound, match=r"did not print its version within 0\.3 s"):
         find_browser(path, limits=FindLimits(version_seconds=0.3))
     assert time.monotonic() - started < 50, "it did not wait for the minute that the child sleeps"
     # The child would have written its file by the time that another such program has ended.

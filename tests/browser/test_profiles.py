@@ -97,5 +97,5 @@ async def test_a_temporary_folder_may_be_tidied_between_two_browsers(tmp_path: P
 def test_a_folder_of_somebody_elses_choosing_is_refused(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / f"webgym-{os.getuid()}").symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(BrowserLaunchFailed, match="somebody else"):
+    with pytest.raises(BrowserLaunchFailed, match="another user"):
         ProfileRoot(tmp_path)

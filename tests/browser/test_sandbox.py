@@ -14,7 +14,7 @@ from tests import seccomp, unprivileged
 from webgym.browser import sandbox
 from webgym.browser.config import BrowserConfig
 from webgym.browser.find import find_browser
-from webgym.browser.sandbox import SandboxState, is_to_blame, planned_sandbox
+from webgym.browser.sandbox import SandboxState, is_sandbox_failure, planned_sandbox
 from webgym.core.errors import BrowserLaunchFailed
 
 CONTAINED = Path(__file__).with_name("contained.py")
@@ -109,7 +109,7 @@ def test_where_it_cannot_be_built_the_server_runs_and_says_so(folder: Path, name
 def test_where_it_is_demanded_and_not_to_be_had_nothing_is_served(folder: Path, name: str) -> None:
     said = serve(folder, "on", refuse=REFUSALS[name])
     assert said["error"] == "browser_launch_failed"
-    assert "demanded" in said["message"]
+    assert "required" in said["message"]
     assert "seccomp=deploy/seccomp.json" in said["hint"] or "sysctl" in said["hint"]
 
 
@@ -135,7 +135,7 @@ def test_a_wrapper_that_switches_it_off_is_found_out(containing: Path) -> None:
     wrapper.chmod(0o755)
     said = serve(containing, executable=wrapper)
     assert said["info"]["sandboxed"] is False
-    assert "the browser leaves it off" in said["info"]["reason"]
+    assert "the browser runs without it" in said["info"]["reason"]
     assert serve(containing, "on", executable=wrapper)["error"] == "browser_launch_failed"
 
 
@@ -161,7 +161,7 @@ def test_serve_and_doctor_as_that_user(containing: Path) -> None:
     ],
 )
 def test_only_what_the_sandbox_did_is_blamed_on_it(said: str, blamed: bool) -> None:
-    assert is_to_blame(said) is blamed
+    assert is_sandbox_failure(said) is blamed
 
 
 def test_root_has_none_and_may_not_demand_it(monkeypatch: pytest.MonkeyPatch) -> None:

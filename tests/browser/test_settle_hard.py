@@ -190,9 +190,9 @@ async def test_code_whose_timers_bring_nothing_is_learned(site: Site, tab: Tab) 
     idlers = tab.slot.page.idlers
     for _ in range(2):
         await tab.step(NOWHERE)
-    assert set(idlers.vain.values()) == {2}
+    assert set(idlers.waits.values()) == {2}
     await tab.step(NOWHERE)
-    assert set(idlers.vain.values()) == {2}, "not waited for again"
+    assert set(idlers.waits.values()) == {2}, "not waited for again"
 
 
 async def test_the_page_sees_nothing_of_it(site: Site, tab: Tab) -> None:

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from webgym.browser.config import BrowserConfig
-from webgym.browser.keyboard import ENTER, key_of, runs, strokes
+from webgym.browser.keyboard import ENTER, key_of, runs, split_input
 from webgym.core.action import LeftClick, Target, Type
 
 from .conftest import Open, Site, Tab
@@ -443,8 +443,8 @@ async def test_texts_are_cut_by_the_way_they_are_typed() -> None:
 @pytest.mark.parametrize("text", TEXTS.values(), ids=TEXTS.keys())
 async def test_no_character_is_lost(text: str) -> None:
     for most in (1, 4, 100):
-        assert "".join(run for _, run in strokes(text, most)) == text
-        keys = sum(len(run) for way, run in strokes(text, most) if way == "keys")
+        assert "".join(run for _, run in split_input(text, most)) == text
+        keys = sum(len(run) for way, run in split_input(text, most) if way == "keys")
         assert keys <= max(1, most)
 
 

@@ -8,7 +8,7 @@ from asyncio.subprocess import PIPE
 
 import pytest
 
-from webgym.browser.memory import Census, MemoryWatch
+from webgym.browser.memory import MemoryWatch, ProcessTable
 from webgym.core.action import BrowserAction, Navigate, Wait
 from webgym.core.errors import BrowserOutOfMemory
 from webgym.core.observation import Notice
@@ -72,7 +72,7 @@ async def test_a_machine_without_memory_ends_the_largest(fault: Around) -> None:
         config = slot.config.model_copy(update={"reserve_bytes": 2**60})
         browsers = [each.process for each in bench.server.service.pool.slots if each.process is not None]
         with slot.awake():
-            await MemoryWatch(config, lambda: browsers).look()
+            await MemoryWatch(config, lambda: browsers).check()
         assert (await small.step()).observation.notices == ()
         [notice] = (await large.step()).observation.notices
         assert "the machine had only" in notice.text
@@ -88,13 +88,13 @@ async def test_a_renderer_is_known_as_one_also_if_it_was_met_as_it_was_forked(be
     )
     assert process.stdin is not None
     try:
-        census = Census()
-        assert census.sizes([process.pid])[process.pid].renderer is None
+        processes = ProcessTable()
+        assert processes.sizes([process.pid])[process.pid].renderer is None
         process.stdin.write(b"\n")
         async with asyncio.timeout(10):
-            while census.sizes([process.pid])[process.pid].renderer != process.pid:
+            while processes.sizes([process.pid])[process.pid].renderer != process.pid:
                 await asyncio.sleep(0.01)
-        size = census.sizes([process.pid])[process.pid]
+        size = processes.sizes([process.pid])[process.pid]
         assert size.standing == 0
         assert size.largest == size.total > 0
     finally:
@@ -109,7 +109,7 @@ async def test_a_browser_that_grew_is_replaced_at_the_end_of_the_episode(
         session, slot = await bench.open()
         process = slot.process
         assert process is not None
-        size = Census().sizes([process.pid])[process.pid]
+        size = ProcessTable().sizes([process.pid])[process.pid]
         assert 20 * MIB < size.standing < slot.config.recycle_bytes
         assert 5 * MIB < size.largest < size.total == size.standing + size.largest
         with slot.awake():

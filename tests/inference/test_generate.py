@@ -18,7 +18,7 @@ from webgym.agent.policy import PolicyInput  # noqa: E402
 from webgym.core.errors import ConfigError, PolicyError  # noqa: E402
 from webgym.core.task import FactGroup, Rubric, Task  # noqa: E402
 from webgym.core.trajectory import ImageRef, Message, TextPart  # noqa: E402
-from webgym.inference.generate import Draws, generate  # noqa: E402
+from webgym.inference.generate import SamplingParameters, generate  # noqa: E402
 from webgym.inference.local import LocalConfig, LocalPolicy  # noqa: E402
 from webgym.inference.model import Loaded  # noqa: E402
 from webgym.inference.sampling import draw, processed_logprobs  # noqa: E402
@@ -70,7 +70,7 @@ def encoded(loaded: Loaded) -> list[Any]:
 
 
 def test_a_batch_says_what_each_request_alone_would_say(loaded: Loaded) -> None:
-    draws = Draws(temperature=1.0, top_p=0.9, max_tokens=8)
+    draws = SamplingParameters(temperature=1.0, top_p=0.9, max_tokens=8)
     together = generate(loaded, encoded(loaded), [5, 6, 7], draws)
     for request, seed, reply in zip(encoded(loaded), [5, 6, 7], together, strict=True):
         (alone,) = generate(loaded, [request], [seed], draws)
@@ -81,7 +81,9 @@ def test_a_batch_says_what_each_request_alone_would_say(loaded: Loaded) -> None:
 def test_log_probabilities_are_those_of_the_whole_sequence(loaded: Loaded) -> None:
     """What is recorded step by step equals what training computes in one forward pass."""
     for request, reply in zip(
-        encoded(loaded), generate(loaded, encoded(loaded), [1, 2, 3], Draws(max_tokens=6)), strict=True
+        encoded(loaded),
+        generate(loaded, encoded(loaded), [1, 2, 3], SamplingParameters(max_tokens=6)),
+        strict=True,
     ):
         ids = torch.tensor([[*request.prompt_ids, *reply.ids]])
         vision = {}
@@ -154,7 +156,7 @@ async def test_published_weights_reply_from_then_on(folder: Path, tmp_path: Path
         after = await policy.reply(asked, 1)
         assert after.weight_version == "1"
         request = other.renderer.prompt(asked.messages, PICTURES)
-        (expected,) = generate(other, [request], [1], Draws(temperature=0, max_tokens=4))
+        (expected,) = generate(other, [request], [1], SamplingParameters(temperature=0, max_tokens=4))
         assert after.tokens is not None
         assert after.tokens.reply_ids == expected.ids
         assert before.weight_version == "0"

@@ -63,7 +63,7 @@ def test_a_picture_that_is_none_is_refused(instruct: Renderer) -> None:
 
 
 def test_a_picture_of_another_size_than_the_request_says_is_refused(instruct: Renderer) -> None:
-    with pytest.raises(PolicyError, match="was to be sent as 64 x 32"):
+    with pytest.raises(PolicyError, match="does not have the size 64 x 32"):
         instruct.prompt(REQUEST[1:2], {"a": IMAGES["b"]})
 
 

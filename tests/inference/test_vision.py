@@ -11,7 +11,7 @@ torch = pytest.importorskip("torch")
 
 from transformers import Qwen3VLVisionConfig, Qwen3VLVisionModel  # noqa: E402
 
-from webgym.inference.model import quick_attention, quicken_vision  # noqa: E402
+from webgym.inference.model import fast_backward_attention, speed_up_vision  # noqa: E402
 
 EQUAL, UNEQUAL = [[1, 4, 6], [1, 4, 6]], [[1, 4, 6], [1, 2, 4]]
 
@@ -22,7 +22,7 @@ def test_a_patch_embedding_gives_the_same_as_product_and_as_convolution() -> Non
     plain = torch.nn.Sequential(torch.nn.Conv3d(3, 8, kernel_size=size, stride=size))
     quick = torch.nn.Sequential(torch.nn.Conv3d(3, 8, kernel_size=size, stride=size))
     quick.load_state_dict(plain.state_dict())
-    quicken_vision(quick)
+    speed_up_vision(quick)
     assert list(quick.state_dict()) == list(plain.state_dict())
     patches = torch.randn(5, 3, *size)
     made = [model(patches) for model in (plain, quick)]
@@ -54,14 +54,14 @@ def test_pictures_are_attended_to_together(pictures: list[list[int]]) -> None:
             )
 
     plain, quick = made()
-    quicken_vision(quick)
+    speed_up_vision(quick)
     layers = [type(module).__name__ for module in quick.modules()]
     assert "_Together" in layers
     assert "Qwen3VLVisionAttention" not in layers
     grid = torch.tensor(pictures)
     patches = torch.randn(int(grid.prod(1).sum()), 3 * 2 * 4 * 4)
     seen = [plain(patches, grid_thw=grid)]
-    with quick_attention("cpu"):
+    with fast_backward_attention("cpu"):
         seen.append(quick(patches, grid_thw=grid))
     torch.testing.assert_close(seen[1].pooler_output, seen[0].pooler_output)
     for each in seen:

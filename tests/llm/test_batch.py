@@ -156,7 +156,7 @@ async def test_what_was_not_answered_is_told_and_asked_for_again(tmp_path: Path,
             assert reasons[number].startswith(f"{number + 2}: ")
             assert words in reasons[number]
         assert len(reasons) == 8
-        assert all("no result of a batch" in reason for reason in reasons[4:])
+        assert all("not a result of a batch" in reason for reason in reasons[4:])
         [again] = await write_batches(cache, tmp_path / "out")
         assert [line["custom_id"] for line in lines_of(again.path)] == [
             requests[number]["custom_id"] for number in (1, 2, 3)

@@ -18,7 +18,7 @@ from webgym.runs import collect
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
 from webgym.testing import play
-from webgym.validation import pushovers, unexpected
+from webgym.validation import unexpected, wrongly_accepted
 
 
 @pytest.mark.browser
@@ -42,7 +42,7 @@ async def test_a_sample_is_played_as_without_a_browser(tmp_path: Path) -> None:
     played = list(reader.trajectories())
     assert len(played) == len(tasks) == 2 * len(FAMILIES)
     assert list(unexpected(reader.tasks, played)) == []
-    assert [line async for line in pushovers(reader.tasks, played, OfflineJudge())] == []
+    assert [line async for line in wrongly_accepted(reader.tasks, played, OfflineJudge())] == []
     for trajectory in played:
         task = reader.tasks[trajectory.episode.task_id]
         assert task.truth is not None

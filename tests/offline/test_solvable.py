@@ -20,7 +20,7 @@ from webgym.run_config import PolicyChoice, RunConfig, TaskChoice
 from webgym.runs import collect
 from webgym.tasks.formats import write_tasks
 from webgym.tasks.sampling import draw
-from webgym.validation import cut_off, pushovers, spoilt, unexpected
+from webgym.validation import cut_off, degraded_solutions, unexpected, wrongly_accepted
 
 
 @pytest.mark.browser
@@ -52,9 +52,11 @@ async def test_a_sample_is_solvable_and_nothing_less_passes(tmp_path: Path, per_
     solved = [each for each in reader.trajectories() if each.outcome is not Outcome.ENVIRONMENT_ERROR]
     assert list(unexpected(reader.tasks, solved)) == []
     assert list(cut_off(reader.tasks, solved)) == []
-    assert [line async for line in pushovers(reader.tasks, solved, OfflineJudge())] == []
+    assert [line async for line in wrongly_accepted(reader.tasks, solved, OfflineJudge())] == []
     ways = Counter(
-        way for each in solved for way, _ in spoilt(reader.tasks[each.episode.task_id], each.episode)
+        way
+        for each in solved
+        for way, _ in degraded_solutions(reader.tasks[each.episode.task_id], each.episode)
     )
     assert len(ways) >= 7  # every way of spoiling was tried
 

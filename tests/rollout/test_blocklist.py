@@ -37,7 +37,7 @@ def test_a_website_is_left_out_for_twelve_hours(tmp_path: Path) -> None:
     assert not blocklist.is_blocked("https://other.example/")
     (block,) = blocklist.blocked().values()
     assert (block.host, block.at, block.reason) == ("shop.example", clock.now, "a challenge")
-    assert blocklist.told() == "shop.example until 1970-01-13 01:46 UTC"
+    assert blocklist.description() == "shop.example until 1970-01-13 01:46 UTC"
     clock.now += 11 * 3600
     assert blocklist.is_blocked("shop.example")
     made(file, clock).add("shop.example", "again")
@@ -50,11 +50,11 @@ def test_a_website_is_left_out_for_twelve_hours(tmp_path: Path) -> None:
 def test_of_many_the_last_are_told_by_name(tmp_path: Path) -> None:
     clock = Clock()
     blocklist = made(tmp_path / "blocked.jsonl", clock)
-    assert blocklist.told() == ""
+    assert blocklist.description() == ""
     for number in range(7):
         clock.now += 60
         blocklist.add(f"s{number}.example", "x")
-    told = blocklist.told().split(", ")
+    told = blocklist.description().split(", ")
     assert [each.partition(" ")[0] for each in told[:5]] == [
         f"s{number}.example" for number in (6, 5, 4, 3, 2)
     ]

@@ -71,7 +71,7 @@ def test_what_is_exported_for_imitation_is_success_in_training_alone(run: Path, 
     for each in told:
         marks = sum(message["content"].count("<image>") for message in each["messages"])
         assert marks == len(each["images"])
-    with pytest.raises(UsageError, match="nothing to imitate"):
+    with pytest.raises(UsageError, match="cannot be imitated"):
         export(run, tmp_path / "no", "sharegpt", outcomes=frozenset({Outcome.BLOCKED}))
 
 

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from webgym.core.outcome import Ending, Outcome
 from webgym.core.trajectory import Episode, Failure, Trajectory
-from webgym.rollout.grid import look
+from webgym.rollout.grid import style_of
 from webgym.rollout.live import duration, line, panel
 from webgym.rollout.progress import STATES, Progress, Queue
 
@@ -136,7 +136,7 @@ def _shown(progress: Progress, width: int, height: int) -> list[str]:
 def test_every_attempt_has_a_cell_with_its_state_and_its_steps() -> None:
     text = "\n".join(_shown(_many(30), 100, 30))
     cells = re.findall(r"\b([oatj])(\d\d)\b", text)
-    letters = [look(state)[0] for state in STATES]
+    letters = [style_of(state)[0] for state in STATES]
     assert cells == [(letters[number % len(STATES)], f"{number:02d}") for number in range(30)]
     assert "o opening 8" in text
 

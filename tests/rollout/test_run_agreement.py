@@ -86,7 +86,7 @@ def test_every_label_is_a_case_or_is_counted(run: Path) -> None:
         "the annotators do not agree": 1,
         "the annotators are unsure": 1,
         "not judged by every judge": 1,
-        "a label of an attempt that the run does not hold": 1,
+        "a label of an attempt that is not in the run": 1,
     }
     first_labels = pairs_of(run, [RECORDED], labels, "first")
     assert len(first_labels.cases) == 5

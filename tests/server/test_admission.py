@@ -326,5 +326,5 @@ async def test_the_share_of_busy_processors_is_measured() -> None:
         return processors.busy()
 
     busy = spin(0.3)
-    cores = len(processors.ours)
+    cores = len(processors.affinity)
     assert 0.5 / cores <= busy <= 1.0

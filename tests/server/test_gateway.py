@@ -368,7 +368,7 @@ async def test_nothing_is_done_twice_when_the_straight_way_breaks(site: Site, cl
     address = f"http://127.0.0.1:{carrier.sockets[0].getsockname()[1]}"
     async with carrier:
         session._route = SessionRoute(address, True)
-        with pytest.raises(ServerUnreachable, match="look before you act again"):
+        with pytest.raises(ServerUnreachable, match="observe the page before acting again"):
             await session.execute(LeftClick(Target(coordinate=(20, 20))))
         assert not session.is_direct
         assert (await session.metadata()).title == "1"
@@ -389,7 +389,7 @@ async def test_a_stranger_at_the_workers_address_is_not_taken_for_it(client: Bro
     session = await client.open()
     async with stranger:
         grant = msgspec.structs.replace(session.grant, endpoint=address)
-        assert not (await client._router.find(grant)).is_straight
+        assert not (await client._router.find(grant)).is_direct
     [request] = heard
     assert TOKEN.encode() not in request
 
@@ -442,7 +442,7 @@ async def test_a_worker_that_hangs_is_replaced(tmp_path: Path) -> None:
         os.kill(pid, signal.SIGSTOP)
         with pytest.raises(WorkerLost):
             await session.metadata()
-        assert (await client.health()).status == "no worker is up"
+        assert (await client.health()).status == "no worker is running"
         again = await client.open()
         assert (await again.metadata()).url == "about:blank"
         then = holder(gateway, again)
@@ -458,7 +458,7 @@ async def test_a_full_line_is_told_after_a_while() -> None:
         BrowserClient(gateway.url, token=TOKEN, limits=quick()) as client,
     ):
         await client.open()
-        with pytest.raises(NoCapacity, match="1 slots stayed taken"):
+        with pytest.raises(NoCapacity, match="1 slots were in use"):
             await client.open()
         assert gateway.gateway.workers[0].room == 0
 

@@ -274,7 +274,7 @@ async def test_health_is_503_where_no_browser_comes_up() -> None:
         async with httpx.AsyncClient(trust_env=False) as http:
             response = await http.get(f"{server.url}/healthz")
         assert response.status_code == 503
-        assert response.json() == {"status": "no browser comes up"}
+        assert response.json() == {"status": "no browser starts"}
 
 
 @pytest.mark.parametrize("part", ["line", "headers"])

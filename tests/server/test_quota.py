@@ -8,27 +8,27 @@ from webgym.core.errors import TooManySessions
 from webgym.server.quota import Quota
 
 
-def test_what_is_asked_for_counts_as_held() -> None:
+def test_a_requested_session_counts() -> None:
     quota = Quota(2)
-    with quota.asking("ann"):
+    with quota.requesting("ann"):
         quota.granted("ann", "1")
-    with quota.asking("ann"):  # still waits in line
-        with pytest.raises(TooManySessions, match="2 sessions"), quota.asking("ann"):
+    with quota.requesting("ann"):  # still waits in line
+        with pytest.raises(TooManySessions, match="2 sessions"), quota.requesting("ann"):
             raise AssertionError
-        with quota.asking("bob"):
+        with quota.requesting("bob"):
             pass
     quota.ended("1")
     quota.ended("1")
     quota.ended("nobody's")
     for name in ("2", "3"):
-        with quota.asking("ann"):
+        with quota.requesting("ann"):
             quota.granted("ann", name)
-    with pytest.raises(TooManySessions), quota.asking("ann"):
+    with pytest.raises(TooManySessions), quota.requesting("ann"):
         raise AssertionError
 
 
 def test_no_limit() -> None:
     quota = Quota(None)
     for number in range(1000):
-        with quota.asking("ann"):
+        with quota.requesting("ann"):
             quota.granted("ann", str(number))

@@ -233,7 +233,7 @@ async def test_a_node_whose_cpus_are_taken(client: BrowserClient, nodes: Nodes) 
         nonlocal told
         error = await refusal(nodes.address, place_seconds=2)
         told = error.hint
-        return "has not placed our actor" in error.message
+        return "did not start WebGym's actor" in error.message
 
     await until(is_placed_nowhere)
     assert "--ray-cpus" in told
@@ -275,7 +275,7 @@ async def test_a_killed_gateway_leaves_nothing_on_the_nodes(
 @pytest.mark.parametrize("address", ["nonsense", "127.0.0.1:1"])
 async def test_where_there_is_no_cluster_it_is_said(address: str) -> None:
     config, fleet = ServerConfig(slots=1, token=TOKEN), GatewayConfig()
-    with pytest.raises(ServerUnreachable, match=f"no Ray cluster takes us in at {address}"):
+    with pytest.raises(ServerUnreachable, match=f"cannot connect to a Ray cluster at {address}"):
         async with running_gateway(config, fleet, RayConfig(address=address)):
             raise AssertionError
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from webgym.server.routing import may_go_straight
+from webgym.server.routing import may_connect_directly
 
 
 @pytest.mark.parametrize(
@@ -30,4 +30,4 @@ from webgym.server.routing import may_go_straight
     ],
 )
 def test_where_the_straight_way_may_be_tried(known: str, offered: str, may: bool) -> None:
-    assert may_go_straight(known, offered) is may
+    assert may_connect_directly(known, offered) is may

@@ -15,7 +15,7 @@ from webgym.server.audit import audit_to
 from webgym.server.client import BrowserClient
 from webgym.server.config import ClientLimits, GatewayConfig, ServerConfig
 from webgym.server.gateway import running_gateway
-from webgym.server.tokens import OWN, Tokens
+from webgym.server.tokens import SERVER_CALLER, Tokens
 
 ALICE, BOB, NEW = ("a" * 16, "b" * 20, "c" * 40)
 
@@ -38,9 +38,11 @@ async def until(holds: Callable[[], bool]) -> None:
 
 def test_everybody_has_a_name(file: Path) -> None:
     tokens = Tokens(TOKEN, file)
-    assert [name(tokens, each) for each in (TOKEN, ALICE, BOB, NEW, "", "é")] == [OWN, "alice", "bob"] + [
-        None
-    ] * 3
+    assert [name(tokens, each) for each in (TOKEN, ALICE, BOB, NEW, "", "é")] == [
+        SERVER_CALLER,
+        "alice",
+        "bob",
+    ] + [None] * 3
     assert tokens.name_of(ALICE) is None
 
 
@@ -50,7 +52,7 @@ def test_everybody_has_a_name(file: Path) -> None:
         ("alice", "line 1 of"),
         ("alice short", "16 characters or more"),
         (f"alice {ALICE} more", "line 1 of"),
-        (f"server {ALICE}", "is the name of the server's own token"),
+        (f"server {ALICE}", "names the server's own token"),
         (f"al/ice {ALICE}", "line 1 of"),
         (f"alice {ALICE}\nbob {ALICE}", "bob has the same token as another name"),
         ("alice ééééééééééééééééé", "not plain ASCII"),
@@ -71,8 +73,8 @@ def test_no_file_is_said(tmp_path: Path) -> None:
 async def test_tokens_are_added_and_withdrawn_while_it_runs(
     file: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    tokens = Tokens(TOKEN, file, look_seconds=0.01)
-    async with tokens.kept_fresh():
+    tokens = Tokens(TOKEN, file, check_seconds=0.01)
+    async with tokens.watching_file():
         file.write_text(f"alice {ALICE}\nalice {NEW}\n")  # both are good while she changes over
         await until(lambda: name(tokens, NEW) == "alice")
         assert (name(tokens, ALICE), name(tokens, BOB)) == ("alice", None)

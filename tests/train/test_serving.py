@@ -22,7 +22,7 @@ from tests.train.updating import CASES, samples, updater
 from webgym.agent.openai_policy import OpenAIPolicy
 from webgym.core.errors import PublishError
 from webgym.core.trajectory import ImageRef, Message, Reply, TextPart
-from webgym.inference.generate import Draws, generate
+from webgym.inference.generate import SamplingParameters, generate
 from webgym.inference.local import LocalConfig, LocalPolicy
 from webgym.inference.model import load_model
 from webgym.inference.vllm import Served, VllmApi, VllmConfig, VllmPolicy
@@ -128,7 +128,9 @@ class ServesWeights(fake_vllm.FakeVllm):
         loaded, pictures = load_model(weights), dict[str, bytes]()
         messages = [Message(each["role"], self.parts(each["content"], pictures)) for each in body["messages"]]
         prompt = loaded.renderer.prompt(messages, pictures)
-        draws = Draws(body["temperature"], body["top_p"], max(body["top_k"], 0), body["max_tokens"])
+        draws = SamplingParameters(
+            body["temperature"], body["top_p"], max(body["top_k"], 0), body["max_tokens"]
+        )
         (made,) = generate(loaded, [prompt], [1], draws)
         choice = {
             "message": {"role": "assistant", "content": loaded.renderer.decode(made.ids)},

@@ -24,19 +24,18 @@ from webgym.core.trajectory import Reply, Revision, Step
 
 
 class Agent:
-    """A policy and how it is asked. Entering it enters the policy.
+    """A policy with the settings for querying it. Entering the agent enters the policy.
 
     Args:
-        policy: who replies.
+        policy: the policy that replies.
         config: prompt format, window, limits.
-        profile: of the policy's family of models, in place of the one that the config and the policy's name
-            lead to.
+        profile: profile of the policy's model family; by default chosen by the config and the policy's name.
 
     Attributes:
-        mode: how targets are named.
+        mode: how targets are named: by coordinates or by marks.
 
     Raises:
-        ConfigError: the config names a profile that is not there.
+        ConfigError: the config names an unknown profile.
     """
 
     def __init__(
@@ -53,15 +52,16 @@ class Agent:
         return self.policy.wants_elements or self.mode == "marks"
 
     def begin(self, task: Task, seed: int, budget: int) -> Conversation:
-        """A new attempt.
+        """Start a new attempt.
 
         Args:
-            task: what to do.
-            seed: of everything random in the policy's play.
-            budget: how many turns the attempt may take; the agent is told, the caller keeps to it.
+            task: the task to attempt.
+            seed: seed of everything random in the policy.
+            budget: number of turns that the attempt may take. It is stated in the prompt; the caller
+                enforces it.
 
         Raises:
-            PolicyError: the policy cannot play this task.
+            PolicyError: the policy cannot attempt this task.
         """
         return Conversation(self, task, seed, budget)
 
@@ -74,20 +74,20 @@ class Agent:
 
 
 class Dialogue:
-    """One attempt, seen from whoever replies: views go in as requests, replies come back as steps.
+    """One attempt without its policy: turns observations into requests, and replies into steps.
 
-    Keeps the records of all steps, but pictures of the last rounds only.
+    Keeps the records of all steps, but only the pictures that the next request may show.
 
     Args:
-        task: what to do.
-        budget: how many turns the attempt may take; the agent is told, the caller keeps to it.
+        task: the task to attempt.
+        budget: number of turns that the attempt may take. It is stated in the prompt; the caller enforces it.
         config: prompt format, window, limits.
-        profile: of the model that replies.
+        profile: profile of the model that replies.
 
     Attributes:
-        memory: what the agent has remembered.
-        progress: its latest statement of progress.
-        revisions: by step index, where a reply's memory broke the append-only rule.
+        memory: the agent's memory.
+        progress: the agent's latest statement of progress.
+        revisions: corrections to a reply's memory, by step index.
     """
 
     def __init__(self, task: Task, budget: int, config: AgentConfig, profile: Profile) -> None:
@@ -97,7 +97,7 @@ class Dialogue:
         self._profile = profile
         self._rounds: list[Round] = []
         self._images: dict[str, bytes] = {}
-        self._asked: _Asked | None = None
+        self._pending: _PendingRequest | None = None
         self.memory: dict[str, Any] = {}
         self.progress: dict[str, Any] = {}
         self.revisions: dict[int, Revision] = {}
@@ -108,11 +108,11 @@ class Dialogue:
         return [past.step for past in self._rounds]
 
     async def request(self, observation: Observation, image: bytes) -> PolicyInput:
-        """What to ask about this observation. Asking again, for the same or another, takes this one's place.
+        """Build the request for this observation. It replaces an earlier request that has no reply yet.
 
         Args:
-            observation: what there is to see.
-            image: its picture, encoded.
+            observation: the current observation.
+            image: its screenshot, encoded.
         """
         config, profile = self._config, self._profile
         past = _with_effect(self._rounds, observation)
@@ -123,12 +123,12 @@ class Dialogue:
         sent = profile.picture_size(observation.viewport, config.image_max_side)
         if observation.screenshot not in self._images and sent != observation.viewport:
             image = await asyncio.to_thread(fit, image, sent)
-        held = {observation.screenshot: image} | self._images
+        available = {observation.screenshot: image} | self._images
         turn = PolicyInput(
             task=self._task,
             observation=observation,
             messages=request.messages,
-            images={name: held[name] for name in picture_names(request.messages)},
+            images={name: available[name] for name in picture_names(request.messages)},
             steps=tuple(earlier.step for earlier in past),
             index=index,
             budget=self._budget,
@@ -137,35 +137,35 @@ class Dialogue:
             screen=profile.screen(sent),
             space=config.actions,
         )
-        # A compact reply lists what is new only.
+        # A compact reply lists new entries only, so a missing one is not a dropped one.
         unseen = list(self.memory)
         if config.prompt_format != "compact":
             unseen = unseen[: request.cut.entries]
-        self._asked = _Asked(turn, past, held, unseen)
+        self._pending = _PendingRequest(turn, past, available, unseen)
         return turn
 
     def receive(self, reply: Reply, at: float) -> Step:
-        """Take in the reply to the last request.
+        """Process the reply to the last request.
 
         Args:
-            reply: whole.
+            reply: the complete reply.
             at: seconds from the start of the attempt to the observation.
 
         Returns:
-            The step, with the exact request and reply, and the action or why there is none. ``changed``
-            is ``None``: only the next observation tells.
+            The step, with the exact request and reply, and the action or the reason why there is none.
+            ``changed`` is ``None``: it follows from the next observation.
 
         Raises:
-            PolicyBadReply: the reply is no text.
+            PolicyBadReply: the reply is not valid Unicode.
         """
-        assert self._asked is not None, "request comes first"
-        asked, turn = self._asked, self._asked.turn
+        assert self._pending is not None, "request comes first"
+        pending, turn = self._pending, self._pending.turn
         try:
             reply.text.encode()
         except UnicodeEncodeError as error:
-            raise PolicyBadReply(f"{reply.policy} replied with text that is no Unicode") from error
+            raise PolicyBadReply(f"{reply.policy} replied with text that is not valid Unicode") from error
         parsed = self._parse(reply, turn)
-        revision = self._remember(parsed, asked.unseen)
+        revision = self._remember(parsed, pending.unseen)
         if revision:
             self.revisions[turn.index] = revision
         step = Step(
@@ -175,15 +175,15 @@ class Dialogue:
             reply,
             at=at,
             revision=revision or None,
-            **_meaning(parsed),
+            **_action_fields(parsed),
         )
-        self._rounds = [*asked.past, Round(step, parsed)]
-        self._images = {name: asked.images[name] for name in self._in_sight()}
-        self._asked = None
+        self._rounds = [*pending.past, Round(step, parsed)]
+        self._images = {name: pending.images[name] for name in self._window_pictures()}
+        self._pending = None
         return step
 
-    def _in_sight(self) -> set[str]:
-        """The pictures that the next request may show again."""
+    def _window_pictures(self) -> set[str]:
+        """Names of the pictures that the next request may show again."""
         first = max(0, len(self._rounds) - self._config.rounds)
         return {past.step.observation.screenshot for past in self._rounds[first:]}
 
@@ -201,7 +201,7 @@ class Dialogue:
         return parsed
 
     def _remember(self, parsed: ParsedReply | ParseError, unseen: Sequence[str]) -> Revision:
-        """Take in a reply's memory and progress; how its memory had to be corrected."""
+        """Update memory and progress from a reply; returns the corrections to its memory."""
         revision = Revision()
         if isinstance(parsed, ParseError):
             return revision
@@ -214,9 +214,15 @@ class Dialogue:
 
 
 @dataclass(frozen=True)
-class _Asked:
-    """A request that waits for its reply: with the rounds before it, the pictures at hand, and the entries of
-    memory that it does not show."""
+class _PendingRequest:
+    """A request that waits for its reply.
+
+    Attributes:
+        turn: the request.
+        past: the rounds before it.
+        images: pictures of the window, by name.
+        unseen: keys of memory entries that the request does not show.
+    """
 
     turn: PolicyInput
     past: list[Round]
@@ -225,7 +231,7 @@ class _Asked:
 
 
 class Conversation(Dialogue):
-    """An attempt of the agent's: observations go in, steps come out, one after the other."""
+    """One attempt of an agent: takes observations and returns steps, one after the other."""
 
     def __init__(self, agent: Agent, task: Task, seed: int, budget: int) -> None:
         super().__init__(task, budget, agent.config, agent.profile)
@@ -234,11 +240,11 @@ class Conversation(Dialogue):
             self._session = agent.policy.begin(task, seed)
 
     async def turn(self, observation: Observation, image: bytes, at: float) -> Step:
-        """Ask the policy what to do about this observation: see :meth:`request` and :meth:`receive`.
+        """Get the policy's next step for this observation: :meth:`request`, the reply, :meth:`receive`.
 
         Raises:
-            PolicyError: the policy gave no reply. The conversation stands as it did before the call,
-                so the same observation may be tried again.
+            PolicyError: the policy gave no reply. The conversation is as it was before the call, so the same
+                observation may be tried again.
         """
         turn = await self.request(observation, image)
         with _policy_errors(self._name):
@@ -247,14 +253,14 @@ class Conversation(Dialogue):
 
 
 def _with_effect(rounds: list[Round], observation: Observation) -> list[Round]:
-    """The rounds, the last one now knowing whether it changed the screen."""
+    """The rounds, with ``changed`` of the last one set from the observation after it."""
     if not rounds:
         return []
     *earlier, last = rounds
     return [*earlier, Round(last.step.followed_by(observation), last.parsed)]
 
 
-def _meaning(parsed: ParsedReply | ParseError) -> dict[str, Any]:
+def _action_fields(parsed: ParsedReply | ParseError) -> dict[str, Any]:
     if isinstance(parsed, ParseError):
         return {"parse_error": str(parsed)}
     return {"action": parsed.action}
@@ -262,12 +268,12 @@ def _meaning(parsed: ParsedReply | ParseError) -> dict[str, Any]:
 
 @contextmanager
 def _policy_errors(name: str) -> Iterator[None]:
-    """Whatever a policy raises is the policy's error; what it raised stays the cause."""
+    """Turn any exception of a policy into a :class:`PolicyError`, with the exception as its cause."""
     try:
         yield
     except PolicyError:
         raise
     except Exception as error:
-        said = " ".join(str(error).split())[:300]
-        message = f"the policy {name} failed: {type(error).__name__}: {said}"
-        raise PolicyError(message, hint="this is a fault in the policy's own code") from error
+        detail = " ".join(str(error).split())[:300]
+        message = f"the policy {name} failed: {type(error).__name__}: {detail}"
+        raise PolicyError(message, hint="this is a bug in the policy's own code") from error

@@ -1,9 +1,9 @@
-"""How long a request is, and what is left out of one that is too long.
+"""Estimates the length of requests and trims those that are too long.
 
-Lengths are estimates that err upwards: what they let through, an endpoint takes. A request that is too long
-is trimmed in this order until it fits, and no further:
+Lengths are estimates that err upwards, so that an endpoint accepts every request that passes. A request that
+is too long is trimmed in this order until it fits, and no further:
 
-1. screenshots of the window, oldest first; their words and replies stay;
+1. screenshots of the window, oldest first; their text and replies stay;
 2. lines of the list of earlier actions, oldest first;
 3. rounds of the window, oldest first;
 4. entries of the memory as it is shown, oldest first; the memory itself keeps them.
@@ -27,28 +27,28 @@ from webgym.core.errors import PolicyError
 from webgym.core.trajectory import ImageRef, Message, TextPart
 
 _MESSAGE_TOKENS: Final = 6
-"""What a chat template writes around a message."""
+"""Tokens that a chat template adds to every message."""
 
 _PIECE = re.compile(
     r"(?P<word>(?<!\w)[A-Z]?[a-z]{1,12}(?!\w))|(?P<letters>[A-Za-z]+)"
-    r"|(?P<one> (?=[A-Za-z]))|(?P<space>\s+)|(?P<ascii>[\x00-\x7f])|(?P<other>.)",
+    r"|(?P<single> (?=[A-Za-z]))|(?P<space>\s+)|(?P<ascii>[\x00-\x7f])|(?P<other>.)",
     re.DOTALL,
 )
 _WORD_LETTERS: Final = 5
-"""Letters of a word per token. English has more, other languages that use the alphabet about as many."""
+"""Letters per token of a word. English has more, other languages in Latin script about as many."""
 
 _LETTERS: Final = 1.5
-"""Letters per token of what is no word: identifiers, capitals, base64; random letters have about 1.7."""
+"""Letters per token of other letters: identifiers, capitals, base64; random letters have about 1.7."""
 
 
 class Cut(msgspec.Struct, frozen=True):
-    """What is left out of a request, oldest first each.
+    """How many items are left out of a request, the oldest of each kind first.
 
     Attributes:
-        pictures: of the window.
-        rounds: of the window.
-        lines: of the list of earlier actions; it includes the rounds that are left out.
-        entries: of the memory.
+        pictures: screenshots of the window.
+        rounds: rounds of the window.
+        lines: lines of the list of earlier actions, which then includes the rounds that are left out.
+        entries: entries of the memory.
     """
 
     pictures: int = 0
@@ -61,10 +61,10 @@ Render: TypeAlias = Callable[[Cut], tuple[Message, ...]]
 
 
 def text_tokens(text: str) -> int:
-    """About how many tokens a text is; rather too many than too few.
+    """Estimated number of tokens of a text; rather too many than too few.
 
-    Byte-pair vocabularies differ, so this counts in what they have in common: words by their letters, digits
-    and signs one by one, other scripts by the bytes of a character.
+    Byte-pair vocabularies differ, so the estimate relies on what they have in common: words count by their
+    letters, digits and signs one by one, other scripts by the bytes of each character.
     """
     return sum(_piece_tokens(piece) for piece in _PIECE.finditer(text))
 
@@ -76,7 +76,7 @@ def _piece_tokens(piece: re.Match[str]) -> int:
             return math.ceil(length / _WORD_LETTERS)
         case "letters":
             return math.ceil(length / _LETTERS)
-        case "one":  # belongs to the word
+        case "single":  # a single space belongs to the word after it
             return 0
         case "space":
             return min(length, 2)
@@ -87,7 +87,7 @@ def _piece_tokens(piece: re.Match[str]) -> int:
 
 
 def request_tokens(messages: Sequence[Message], profile: Profile) -> int:
-    """About how many tokens a request is, pictures included."""
+    """Estimated number of tokens of a request, pictures included."""
     return sum(
         _MESSAGE_TOKENS + sum(_part_tokens(part, profile) for part in message.content) for message in messages
     )
@@ -112,19 +112,19 @@ def fit_request(
     """The longest request that the limits allow, and what was left out of it.
 
     Args:
-        render: makes the request without what is cut.
-        profile: knows what pictures cost.
-        rounds: in the window.
-        lines: in the list of earlier actions.
-        entries: in the memory.
-        most_tokens: longest request.
-        most_images: most pictures in it; ``None`` for any number.
+        render: builds the request with the given cut.
+        profile: the model's profile, for the cost of pictures.
+        rounds: number of rounds in the window.
+        lines: number of lines in the list of earlier actions.
+        entries: number of entries in the memory.
+        most_tokens: longest request, in estimated tokens.
+        most_images: most pictures in a request; ``None`` for no limit.
 
     Raises:
-        PolicyError: what must not be left out is too long.
+        PolicyError: the parts that are never left out are too long.
     """
-    spared = 0 if most_images is None else min(rounds, max(0, rounds + 1 - most_images))
-    cuts = [Cut(pictures=number) for number in range(spared, rounds + 1)]
+    excess = 0 if most_images is None else min(rounds, max(0, rounds + 1 - most_images))
+    cuts = [Cut(pictures=number) for number in range(excess, rounds + 1)]
     cuts += [Cut(pictures=rounds, lines=number) for number in range(1, lines + 1)]
     cuts += [Cut(rounds, number, lines + number) for number in range(1, rounds + 1)]
     cuts += [Cut(rounds, rounds, lines + rounds, number) for number in range(1, entries + 1)]
@@ -134,10 +134,10 @@ def fit_request(
 
     chosen = cuts[0] if fits(cuts[0]) else None
     if chosen is None:
-        place = bisect_left(cuts, True, key=fits)
-        if place == len(cuts):
+        position = bisect_left(cuts, True, key=fits)
+        if position == len(cuts):
             least = request_tokens(render(cuts[-1]), profile)
             message = f"the request is about {least} tokens at its shortest, and {most_tokens} are allowed"
             raise PolicyError(message, hint="raise agent.request_tokens, and the endpoint's context with it")
-        chosen = cuts[place]
+        chosen = cuts[position]
     return render(chosen), chosen

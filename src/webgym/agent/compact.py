@@ -1,15 +1,15 @@
-"""The compact prompt formats: the contract of the memory prompt in as few words as possible.
+"""The compact prompt formats: the content of the memory format in as few tokens as possible.
 
 For models so small that every token counts (``webgym.tiny``). A request is a system message of a few words
-and, for every round, the picture and one line of words; a reply is one line::
+and, for every round, the picture and one line of text; a reply is one line::
 
     memory 1 = 7 ; progress 1 + 2 - ; intention 2 red moon ; left_click 375 437
 
 Memory lists the new entries only; earlier ones stay (it is append-only anyway). Progress gives every
-subtask, ``+`` finished or ``-`` not. The intention is the subtask and what the action is aimed at, in words:
-a small model that has said what it looks for points at it far better. ``compact_official`` has intention and
-action alone. Keys and values that are more than words and digits are written as JSON strings. The text of
-``type``, ``navigate`` and ``answer`` runs to the end of the reply.
+subtask, ``+`` finished or ``-`` not. The intention is the subtask and the target of the action, in words: a
+small model that has named the target points at it far better. ``compact_official`` has only intention and
+action. Keys and values that are more than words and digits are written as JSON strings. The text of ``type``,
+``navigate`` and ``answer`` extends to the end of the reply.
 """
 
 from __future__ import annotations
@@ -50,19 +50,19 @@ def render_compact(
     intention: str,
     screen: Size = (GRID, GRID),
 ) -> str:
-    """A reply in the compact format; :func:`parse_compact` reads back what was put in.
+    """A reply in the compact format, the inverse of :func:`parse_compact`.
 
     Args:
-        action: what to do.
-        with_memory: whether memory and progress stand before intention and action.
-        memory: entries to add; values that are no texts are written as JSON.
-        progress: subtask to ``"finished"`` or anything else.
-        intention: the subtask that is worked on, and what is sought.
-        screen: where points end.
+        action: the action.
+        with_memory: whether memory and progress precede intention and action.
+        memory: entries to add; values that are not strings are written as JSON.
+        progress: state of each subtask: ``"finished"`` or anything else.
+        intention: the current subtask, and the target of the action.
+        screen: largest x and y of points.
     """
     sections = [_render_action(action, screen)]
     if intention or with_memory:
-        sections.insert(0, f"intention {_written(intention, spaces=True)}" if intention else "intention")
+        sections.insert(0, f"intention {_quoted(intention, spaces=True)}" if intention else "intention")
     if with_memory:
         notes = f"memory {memory_line(memory)}".rstrip(), f"progress {progress_line(progress)}".rstrip()
         sections = [*notes, *sections]
@@ -70,21 +70,23 @@ def render_compact(
 
 
 def memory_line(memory: Mapping[str, Any]) -> str:
-    """Entries as they stand in requests and replies: ``1 = 7 , 2 = red moon``."""
-    told = (f"{_written(key, spaces=True)} = {_written(value, spaces=True)}" for key, value in memory.items())
-    return " , ".join(told)
+    """Memory entries in the form of requests and replies: ``1 = 7 , 2 = red moon``."""
+    entries = (
+        f"{_quoted(key, spaces=True)} = {_quoted(value, spaces=True)}" for key, value in memory.items()
+    )
+    return " , ".join(entries)
 
 
 def progress_line(progress: Mapping[str, Any]) -> str:
-    """Subtasks as they stand in requests and replies: ``1 + 2 -``."""
+    """Subtasks in the form of requests and replies: ``1 + 2 -``."""
     return " ".join(
-        f"{_written(key, spaces=False)} {'+' if state == 'finished' else '-'}"
+        f"{_quoted(key, spaces=False)} {'+' if state == 'finished' else '-'}"
         for key, state in progress.items()
     )
 
 
 def action_line(action: Action, screen: Size = (GRID, GRID)) -> str:
-    """The action as a reply would write it."""
+    """The action in the form of a reply."""
     return _render_action(action, screen)
 
 
@@ -93,10 +95,10 @@ def parse_compact(
 ) -> tuple[Action, dict[str, Any] | None, dict[str, Any] | None, str]:
     """Action, memory, progress and intention of a reply without its thinking.
 
-    A section that is missing or unreadable is ``None`` or empty and never spoils the action.
+    A section that is missing or invalid is ``None`` or empty; the action is parsed all the same.
 
     Raises:
-        Refused: it holds no action.
+        Refused: the reply contains no valid action.
     """
     sections: dict[str, str] = {}
     at = 0
@@ -141,7 +143,9 @@ def _read_action(text: str, mode: Mode, screen: Size) -> Action:
             raise Refused("bad_arguments", f"{name} needs {_TEXT_ARGUMENT[name]}")
         arguments[_TEXT_ARGUMENT[name]] = rest
     elif rest:
-        raise Refused("unknown_action" if name != "go_back" else "bad_arguments", f"{name} takes nothing")
+        raise Refused(
+            "unknown_action" if name != "go_back" else "bad_arguments", f"{name} takes no arguments"
+        )
     return from_arguments(arguments, mode, screen)
 
 
@@ -150,26 +154,26 @@ def _target(name: str, rest: str, mode: Mode) -> dict[str, Any]:
         point = _POINT.fullmatch(rest)
         if point is None:
             raise Refused("bad_target", f"{name} needs two numbers, x y")
-        found: dict[str, Any] = {"coordinate": [point[1], point[2]]}
+        arguments: dict[str, Any] = {"coordinate": [point[1], point[2]]}
         text = point[3]
     else:
         element = _ELEMENT.fullmatch(rest)
         if element is None:
             raise Refused("bad_target", f"{name} needs the number of an element")
-        found = {"element": element[1]}
+        arguments = {"element": element[1]}
         text = element[2]
     if name == "type":
-        return found | {"text": text or ""}
-    return found | ({"text": text} if text else {})
+        return arguments | {"text": text or ""}
+    return arguments | ({"text": text} if text else {})
 
 
 def _entries(text: str) -> dict[str, Any] | None:
     """``1 = 7 , 2 = red moon``; ``None`` if it is anything else."""
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     sides: list[list[str]] = [[]]
     for word in [*(_tokens(text) or ["?"]), ","] if text else []:
-        if word == "," and len(sides) == 2 and all(sides) and (key := " ".join(sides[0])) not in found:
-            found[key] = " ".join(sides[1])
+        if word == "," and len(sides) == 2 and all(sides) and (key := " ".join(sides[0])) not in entries:
+            entries[key] = " ".join(sides[1])
             sides = [[]]
         elif word == "," or (word == "=" and len(sides) == 2):
             return None
@@ -177,7 +181,7 @@ def _entries(text: str) -> dict[str, Any] | None:
             sides.append([])
         else:
             sides[-1].append(_value(word))
-    return found
+    return entries
 
 
 def _subtasks(text: str) -> dict[str, Any] | None:
@@ -194,17 +198,17 @@ def _subtasks(text: str) -> dict[str, Any] | None:
 
 def _tokens(text: str) -> list[str] | None:
     """Words, JSON strings and the signs ``,`` and ``=``; ``None`` if a string does not end."""
-    found, at = [], 0
+    tokens, at = [], 0
     while token := _TOKEN.match(text, at):
         if token[1] == '"':
             return None
-        found.append(token[1])
+        tokens.append(token[1])
         at = token.end()
-    return found
+    return tokens
 
 
-def _written(value: Any, *, spaces: bool) -> str:
-    """A key or a value; quoted if it could be taken for something else."""
+def _quoted(value: Any, *, spaces: bool) -> str:
+    """A key or a value, as a JSON string if it is more than words and digits."""
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     is_plain = _PLAIN.fullmatch(text) and text == text.strip() and (spaces or " " not in text)
     if isinstance(value, str) and is_plain and "\n" not in text:

@@ -1,16 +1,16 @@
 """Actions as arguments of the ``computer_use`` tool, and back.
 
 The names and arguments follow the computer-use convention that Qwen3-VL was trained on:
-``{"action": "left_click", "coordinate": [x, y]}``. In marks mode ``element`` stands in place of
-``coordinate``; in the extended space beside it, for places that carry no number. Which actions there are, and
-what each takes, follows from :func:`webgym.core.action.actions_of`. Reading is strict:
+``{"action": "left_click", "coordinate": [x, y]}``. In marks mode ``element`` replaces ``coordinate``; in the
+extended space both are allowed, because some places carry no number. The actions and their arguments follow
+from :func:`webgym.core.action.actions_of`. Parsing is strict:
 
-- every argument that the action needs must be there, and none that it does not take (``null`` counts as
+- every required argument of the action must be present, and no other than its own (``null`` counts as
   absent);
 - a coordinate is a list of exactly two finite numbers from 0 to 1000, or to the size of the picture where
   the model points at pixels; an element is a whole number from 0;
 - a number may be written as a string of plain ASCII digits (``"512"``, ``"0.5"``), nothing looser;
-- a target of the other mode is refused, never converted.
+- a target of the other mode is rejected, never converted.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ TOOL_NAME: Final = "computer_use"
 
 ParseProblem: TypeAlias = Literal[
     "unfinished_thinking",  # the reply ended before the thinking did
-    "late_thinking",  # thinking after the tool call: was the call thought or meant?
+    "late_thinking",  # thinking after the tool call: it is unclear whether the call was part of the thinking
     "no_tool_call",
     "several_tool_calls",  # also one inside the other
     "unclosed_tool_call",  # cut off, or never closed
@@ -54,7 +54,8 @@ ParseProblem: TypeAlias = Literal[
 
 
 class Refused(Exception):
-    """A reply holds no action. Never leaves this package: the parser turns it into a value."""
+    """A reply contains no valid action. The parser turns it into a
+    :class:`~webgym.agent.parser.ParseError`."""
 
     def __init__(self, kind: ParseProblem, message: str) -> None:
         super().__init__(message)
@@ -62,71 +63,72 @@ class Refused(Exception):
         self.message = message
 
 
-_PLACES: Final = {"target": "", "start": "start_"}
-"""Fields that say where: what comes before ``coordinate`` and ``element`` in the names of their arguments."""
+_TARGET_PREFIXES: Final = {"target": "", "start": "start_"}
+"""Fields that are targets, with the prefix of ``coordinate`` and ``element`` in the names of their
+arguments."""
 
 _LARGEST_ELEMENT: Final = 2**53
-"""From here on, not every whole number is one of its own once it was read."""
+"""From here on, a float does not represent every whole number."""
 
 _NUMBER = re.compile(r"-?[0-9]{1,20}(\.[0-9]{1,20})?", re.ASCII)
 
 
 def keys_of(field: str, mode: Mode, space: Space) -> tuple[str, ...]:
-    """The arguments that give a field of an action, of which one is written."""
-    if field not in _PLACES:
+    """The names of the arguments that may give a field of an action, exactly one of which is used."""
+    if field not in _TARGET_PREFIXES:
         return (field,)
     names = ["coordinate"] if mode == "coordinates" else ["element"]
     if space == "extended" and mode == "marks":
         names.append("coordinate")
-    return tuple(_PLACES[field] + name for name in names)
+    return tuple(_TARGET_PREFIXES[field] + name for name in names)
 
 
 def to_arguments(action: Action, screen: Size = (GRID, GRID)) -> dict[str, Any]:
-    """The tool's arguments that mean this action, on a screen whose points end here."""
-    found: dict[str, Any] = {"action": name_of(action)}
+    """The tool's arguments for this action, its points scaled to ``screen`` (largest x and y)."""
+    arguments: dict[str, Any] = {"action": name_of(action)}
     for field, default in fields_of(type(action), "extended").items():
         value = getattr(action, field)
         if value == default:
             continue
         if field == "path":
-            found[field] = [_told_point(point, screen) for point in value]
+            arguments[field] = [_scaled_point(point, screen) for point in value]
         elif isinstance(value, Target):
-            told = _target_argument(value, screen)
-            found |= {_PLACES[field] + key: part for key, part in told.items()}
+            target = _target_argument(value, screen)
+            arguments |= {_TARGET_PREFIXES[field] + key: part for key, part in target.items()}
         else:
-            found[field] = list(value) if isinstance(value, tuple) else value
-    return found
+            arguments[field] = list(value) if isinstance(value, tuple) else value
+    return arguments
 
 
 def _target_argument(target: Target, screen: Size) -> dict[str, Any]:
     if target.coordinate is None:
         return {"element": target.element}
-    return {"coordinate": _told_point(target.coordinate, screen)}
+    return {"coordinate": _scaled_point(target.coordinate, screen)}
 
 
-def _told_point(coordinate: tuple[float, float], screen: Size) -> list[float]:
+def _scaled_point(coordinate: tuple[float, float], screen: Size) -> list[float]:
     point = [_rescaled(value, GRID, side) for value, side in zip(coordinate, screen, strict=True)]
     return [int(value) if value == int(value) else value for value in point]
 
 
 def _rescaled(value: float, old: int, new: int) -> float:
-    """The same place on a side of another length; exactly the same where the lengths are the same."""
+    """A position on an axis of length ``old``, scaled to length ``new``; unchanged if they are equal."""
     return value if old == new else min(float(new), value * new / old)
 
 
 def from_arguments(
     arguments: dict[str, Any], mode: Mode, screen: Size = (GRID, GRID), space: Space = "paper"
 ) -> Action:
-    """The action that these arguments mean.
+    """The action that these arguments describe.
 
     Args:
-        arguments: of the tool.
+        arguments: the arguments of the tool call.
         mode: how a target is named.
-        screen: where the points end, to the right and below.
-        space: which actions there are.
+        screen: largest x and y of points.
+        space: the action space.
 
     Raises:
-        Refused: they mean none.
+        Refused: they do not describe a valid action.
     """
     given = {key: value for key, value in arguments.items() if value is not None}
     name = given.pop("action", None)
@@ -151,9 +153,10 @@ def from_arguments(
 def _check_keys(
     name: str, given: set[str], keys: Mapping[str, tuple[str, ...]], fields: Mapping[str, Any]
 ) -> None:
-    for field in keys.keys() & _PLACES:
+    for field in keys.keys() & _TARGET_PREFIXES:
         options = keys[field]
-        for other in {_PLACES[field] + "coordinate", _PLACES[field] + "element"} - {*options}:
+        prefix = _TARGET_PREFIXES[field]
+        for other in {prefix + "coordinate", prefix + "element"} - {*options}:
             if other in given:
                 raise Refused("wrong_mode", f"{name} takes {options[0]} here, not {other}")
         if len(given & {*options}) > 1:
@@ -167,7 +170,7 @@ def _check_keys(
 
 
 def _read(name: str, field: str, key: str, value: Any, screen: Size, space: Space) -> Any:
-    """The value of a field, from the argument that gives it."""
+    """The value of an action's field, parsed from the argument ``key``."""
     match field:
         case "target" | "start":
             if key.endswith("element"):
@@ -186,7 +189,7 @@ def _read(name: str, field: str, key: str, value: Any, screen: Size, space: Spac
         case "enter":
             return _flag(key, value)
         case "modifiers":
-            return tuple(_choice(key, one, get_args(Modifier)) for one in _texts(key, value))
+            return tuple(_choice(key, name, get_args(Modifier)) for name in _texts(key, value))
         case _:
             return _texts(key, value)
 
@@ -217,7 +220,7 @@ def _point(key: str, point: Any, screen: Size) -> tuple[float, float]:
 
 
 def _number(value: Any) -> float | None:
-    """The finite number that was given, or ``None``. A boolean is not a number."""
+    """The value as a finite number, or ``None``. A boolean is not a number."""
     if isinstance(value, str) and _NUMBER.fullmatch(value):
         return float(value)
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -238,9 +241,9 @@ def _text(key: str, value: Any, *, empty: bool = False) -> str:
 
 
 def _texts(key: str, value: Any) -> tuple[str, ...]:
-    """A list of texts; one alone may stand without it. A space is the name of a key."""
+    """A list of non-empty strings; a single string is also accepted. A space is valid: it names a key."""
     values = [value] if isinstance(value, str) else value
-    if not isinstance(values, list) or not values or not all(isinstance(one, str) and one for one in values):
+    if not isinstance(values, list) or not values or not all(isinstance(v, str) and v for v in values):
         raise Refused("bad_arguments", f"{key} must be a list of strings")
     return tuple(values)
 

@@ -12,7 +12,7 @@ from webgym.settings import Settings
 
 PromptFormat: TypeAlias = Literal["memory", "official", "compact", "compact_official"]
 """``memory``: Memory, Progress, Intention, Action, tool call. ``official``: the last two (paper §5). The
-compact ones say the same in a line of words, for very small models (:mod:`webgym.agent.compact`)."""
+compact formats hold the same in one line, for very small models (:mod:`webgym.agent.compact`)."""
 
 WITH_MEMORY: Final = frozenset[PromptFormat]({"memory", "compact"})
 """The formats in which a reply states memory, progress and intention."""
@@ -34,36 +34,36 @@ class AgentConfig(Settings):
 
     actions: Space = "paper"
     """``paper``: the paper's seven actions. ``extended``: also hover, key chords, double, right and modified
-    clicks, drags, scrolling a box that is named, to all four sides, typing without Enter, and choosing files
-    of the task; in marks mode, points for places that carry no number."""
+    clicks, drags, scrolling a given element, scrolling left and right, typing without Enter, and uploading
+    files of the task; in marks mode, coordinates for places that carry no number."""
 
     rounds: int = Field(default=4, ge=0, le=50)
-    """Past rounds that are shown whole, as screenshot and reply, before the current screenshot. The paper
-    has 3, its authors' code 4. What is older is known from the memory and a list of actions alone."""
+    """Past rounds that are shown in full, as screenshot and reply, before the current screenshot. The paper
+    has 3, its authors' code 4. Older rounds appear only in the memory and a list of actions."""
 
     today: datetime.date | None = None
-    """The date that the agent is told; none is named by default, so that a run can be repeated."""
+    """The date stated in the prompt; by default none, so that a run is reproducible."""
 
     image_max_side: int | None = Field(default=None, ge=64)
-    """Longest side, in pixels, of the pictures that are sent; larger ones are scaled down. By default a
-    picture goes to the profile's rule as it was taken."""
+    """Longest side, in pixels, of the pictures that are sent; larger ones are scaled down before the
+    profile's rule is applied. By default there is no limit."""
 
     request_tokens: int | None = Field(default=None, ge=1)
-    """Longest request, in tokens by estimate; what is longer is trimmed, oldest screenshots first. By
-    default what the profile says. Set it to the context length of the endpoint less the longest reply."""
+    """Longest request, in estimated tokens; longer ones are trimmed, oldest screenshots first. By default
+    the profile's. Set it to the context length of the endpoint less the longest reply."""
 
     max_images: int | None = Field(default=None, ge=1)
-    """Pictures in a request at most, where an endpoint limits them. By default what the profile says."""
+    """Most pictures in a request, if the endpoint limits them. By default the profile's."""
 
     memory_max_chars: int = Field(default=8000, ge=0)
-    """How much memory, as JSON text, is carried forward. What would go beyond is not taken in, and the
-    agent is told."""
+    """Largest size of the memory, in characters of JSON. Entries that would exceed it are refused, and the
+    next prompt says so."""
 
     summary_line_max_chars: int = Field(default=200, ge=20)
     """Longest description of one older action in the list of actions."""
 
     @model_validator(mode="after")
-    def _has_words_for_its_actions(self) -> Self:
+    def _format_supports_actions(self) -> Self:
         if self.actions == "extended" and self.prompt_format.startswith("compact"):
-            raise ValueError(f"the prompt format {self.prompt_format} has the paper's actions only")
+            raise ValueError(f"the prompt format {self.prompt_format} supports the paper's actions only")
         return self

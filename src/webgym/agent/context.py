@@ -1,11 +1,11 @@
 """From a task and its past to the request that a policy answers (paper §5, appendix C).
 
 A request is a system message, then the last rounds as (screenshot, reply) pairs, then the current
-screenshot. The first user message opens with the task, the actions that are older than the window, in
-words and with their effect, and the current memory. Every observation is told in words as well: the
-address, how far the page is scrolled, and whatever happened that a picture does not show.
+screenshot. The first user message opens with the task, a list of the actions that are older than the window
+with their effects, and the current memory. Every observation is also described in text: the URL, the scroll
+position, and events that a picture does not show.
 
-A request that would be too long is trimmed by the rule of :mod:`webgym.agent.budget`.
+A request that would be too long is trimmed as :mod:`webgym.agent.budget` describes.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from webgym.agent.computer_use import to_arguments
 from webgym.agent.config import WITH_MEMORY, AgentConfig
 from webgym.agent.image_sizing import Size
 from webgym.agent.memory import to_json
-from webgym.agent.parser import ParsedReply, ParseError, said_aloud
+from webgym.agent.parser import ParsedReply, ParseError, without_thinking
 from webgym.agent.profile import Profile, Thinking
 from webgym.agent.prompts import system_prompt
 from webgym.core.action import GRID, Action
@@ -31,11 +31,11 @@ from webgym.core.trajectory import ImageRef, Message, Reply, Revision, Step, Tex
 
 
 class Round(msgspec.Struct, frozen=True):
-    """A past step as the context needs it.
+    """A past step with its parsed reply.
 
     Attributes:
-        step: the record, with ``changed`` filled in.
-        parsed: what its reply meant.
+        step: the record, with ``changed`` set.
+        parsed: the parsed reply.
     """
 
     step: Step
@@ -43,15 +43,15 @@ class Round(msgspec.Struct, frozen=True):
 
 
 class AttemptPosition(msgspec.Struct, frozen=True):
-    """Where the attempt stands.
+    """The current position in an attempt.
 
     Attributes:
-        observation: what is to be acted on.
+        observation: the current observation.
         index: number of this turn, from 0.
-        budget: turns in all.
-        memory: what has been remembered so far.
-        revision: how the last reply's memory had to be corrected.
-        progress: the agent's latest statement of it; the compact formats repeat it.
+        budget: total number of turns.
+        memory: the agent's memory.
+        revision: corrections to the last reply's memory.
+        progress: the agent's latest statement of progress, which the compact formats repeat.
     """
 
     observation: Observation
@@ -78,11 +78,11 @@ _NOTICES: dict[NoticeKind, str] = {
 
 
 class Request(msgspec.Struct, frozen=True):
-    """What a policy is asked.
+    """A request to a policy.
 
     Attributes:
-        messages: pictures stand in them by name.
-        cut: what was left out for length.
+        messages: the messages, with pictures by name.
+        cut: what was left out because the request was too long.
     """
 
     messages: tuple[Message, ...]
@@ -95,14 +95,14 @@ def build_request(
     """The request for the next reply.
 
     Args:
-        task: what the agent is to do; only its instruction and website are told.
+        task: the task; the request states its instruction, website and files only.
         past: all earlier rounds, oldest first.
         now: the current observation and memory.
         config: window, format, limits.
         profile: mode, picture sizes, grid.
 
     Raises:
-        PolicyError: even without all that may be left out, it is too long.
+        PolicyError: the parts that are never left out are too long.
     """
     rounds = min(config.rounds, len(past))
     messages, cut = fit_request(
@@ -134,7 +134,7 @@ def _render(
         text = opening + _observation_text(shown.step.observation, shown.step.index, now.budget, before)
         picture = None if number < blind else _picture(shown.step.observation, config, profile)
         messages.append(_user(text, picture))
-        reply = said_aloud(shown.step.reply.text, thinking_of(shown.step.reply, profile))
+        reply = without_thinking(shown.step.reply.text, thinking_of(shown.step.reply, profile))
         messages.append(Message("assistant", (TextPart(reply),)))
         opening, before = "", shown
     text = opening + _observation_text(seen, now.index, now.budget, before) + _revision_text(now.revision)
@@ -145,7 +145,7 @@ def _render(
 def _render_compact(
     task: Task, past: Sequence[Round], now: AttemptPosition, config: AgentConfig, profile: Profile, cut: Cut
 ) -> tuple[Message, ...]:
-    """As the full formats, but in single words: the picture first, the task in the last message."""
+    """The request in a compact format: the picture comes first, and the task is in the last message."""
     rounds = min(config.rounds, len(past)) - cut.rounds
     screen = profile.screen(profile.picture_size(now.observation.viewport, config.image_max_side))
     blind = cut.pictures - cut.rounds
@@ -153,7 +153,7 @@ def _render_compact(
     for number, shown in enumerate(past[len(past) - rounds :]):
         picture = () if number < blind else (_picture(shown.step.observation, config, profile),)
         messages.append(Message("user", (*picture, TextPart(f"step {shown.step.index + 1} of {now.budget}"))))
-        reply = said_aloud(shown.step.reply.text, thinking_of(shown.step.reply, profile))
+        reply = without_thinking(shown.step.reply.text, thinking_of(shown.step.reply, profile))
         messages.append(Message("assistant", (TextPart(reply),)))
     lines = [f"task {task.instruction}"]
     if config.prompt_format in WITH_MEMORY:
@@ -179,12 +179,13 @@ def _last_line(before: Round | None, screen: Size) -> str:
 
 
 def _compact_notices(observation: Observation) -> list[str]:
-    told = {notice.kind for notice in observation.notices} - {"unchanged", "no_effect", "reply_unreadable"}
-    return sorted(told)
+    kinds = {notice.kind for notice in observation.notices} - {"unchanged", "no_effect", "reply_unreadable"}
+    return sorted(kinds)
 
 
 def thinking_of(reply: Reply, profile: Profile) -> Thinking:
-    """How this reply's thinking is told from it. Where the endpoint took it out, none is left open."""
+    """How this reply marks its thinking. If the endpoint separated the thinking, none is open at the
+    start."""
     return "tagged" if reply.reasoning else profile.thinking
 
 
@@ -227,17 +228,17 @@ def _summary_line(past: Round, screen: Size, max_chars: int) -> str:
         case ParseError(kind=kind):
             return f"{past.step.index + 1}. Your reply held no action ({kind})."
         case ParsedReply(action=action, description=description):
-            said = _cut(description, max_chars) or describe(action, screen, max_chars)
+            sentence = _cut(description, max_chars) or describe(action, screen, max_chars)
             effect = {True: "the page changed", False: "nothing changed", None: "effect unknown"}
-            return f"{past.step.index + 1}. {said} - {effect[past.step.changed]}."
+            return f"{past.step.index + 1}. {sentence} - {effect[past.step.changed]}."
 
 
 def describe(action: Action, screen: Size = (GRID, GRID), max_chars: int = 200) -> str:
-    """The action in a few words, for people and for lists of actions."""
+    """A short text of the action, for people and for lists of actions; at most ``max_chars`` long."""
     arguments = to_arguments(action, screen)
     name = arguments.pop("action")
-    told = ", ".join(f"{key} {value!r}" for key, value in arguments.items())
-    return _cut(f"{name} {told}".strip(), max_chars)
+    arguments_text = ", ".join(f"{key} {value!r}" for key, value in arguments.items())
+    return _cut(f"{name} {arguments_text}".strip(), max_chars)
 
 
 def _cut(text: str, max_chars: int) -> str:
@@ -258,7 +259,7 @@ def _observation_text(observation: Observation, index: int, budget: int, before:
 
 
 def _notices(observation: Observation, before: Round | None) -> list[Notice]:
-    """What the observation says, and what follows from the step before if it does not say it."""
+    """The observation's notices, and those that follow from the previous step if they are missing."""
     notices = list(observation.notices)
     kinds = {notice.kind for notice in notices}
     if before is None or kinds & {"reply_unreadable", "unchanged", "no_effect"}:
@@ -271,22 +272,23 @@ def _notices(observation: Observation, before: Round | None) -> list[Notice]:
 
 
 def _notice_text(notice: Notice) -> str:
-    said = _cut(" ".join(notice.text.split()), 500)
+    detail = _cut(" ".join(notice.text.split()), 500)
     opening = _NOTICES[notice.kind]
-    return f"Note: {opening}: {said}" if said else f"Note: {opening}."
+    return f"Note: {opening}: {detail}" if detail else f"Note: {opening}."
 
 
 def _revision_text(revision: Revision) -> str:
     if not revision:
         return ""
-    told = []
+    corrections = []
     if revision.dropped:
-        told.append(f"left out {_keys(revision.dropped)}, which was kept")
+        corrections.append(f"left out {_keys(revision.dropped)}, which was kept")
     if revision.rewritten:
-        told.append(f"changed {_keys(revision.rewritten)}; the old value was kept and the new one added")
+        keys = _keys(revision.rewritten)
+        corrections.append(f"changed {keys}; the old value was kept and the new one added")
     if revision.refused:
-        told.append(f"is full, so {_keys(revision.refused)} was not taken in")
-    return "\nNote: The memory is append-only. Yours " + "; it ".join(told) + "."
+        corrections.append(f"is full, so {_keys(revision.refused)} was not taken in")
+    return "\nNote: The memory is append-only. Yours " + "; it ".join(corrections) + "."
 
 
 def _keys(keys: Sequence[str]) -> str:

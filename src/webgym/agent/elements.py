@@ -1,4 +1,4 @@
-"""Reading a page by its elements and its visible text, as scripts do. Models see the picture alone."""
+"""Finds elements and visible text in observations, for scripted policies. Models see only the picture."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TEXT_ROLES: Final = frozenset({"textbox", "searchbox", "combobox", "spinbutton",
 LIST_ROLES: Final = frozenset({"combobox", "listbox"})
 
 _SLIVER_PX: Final = 8
-"""An element cut off by the viewport's edge needs this much of its height visible to be hit safely."""
+"""The least visible height of an element at the viewport's edge that can be clicked safely, pixels."""
 
 
 def shows_all(observation: Observation, texts: Iterable[str]) -> bool:
@@ -37,7 +37,7 @@ def same_host(url: str, other: str) -> bool:
 
 
 def usable(observation: Observation) -> list[Element]:
-    """The elements that can be hit: not those of which an edge of the viewport leaves a sliver."""
+    """The elements that can be clicked: without those of which only a sliver is inside the viewport."""
     height = observation.viewport[1]
     return [
         element
@@ -53,9 +53,9 @@ def _is_sliver(element: Element, viewport_height: int) -> bool:
 
 
 def find_click(observation: Observation, move: Click) -> Element | None:
-    """The element that the move means: one to click before one to type into, then the first."""
-    found = [element for element in usable(observation) if _matches(element, move)]
-    return min(found, key=lambda element: element.role in TEXT_ROLES, default=None)
+    """The first element that matches the move; text fields only if nothing else matches."""
+    matching = [element for element in usable(observation) if _matches(element, move)]
+    return min(matching, key=lambda element: element.role in TEXT_ROLES, default=None)
 
 
 def _matches(element: Element, move: Click) -> bool:
@@ -87,12 +87,14 @@ def is_home(url: str, website: str) -> bool:
 def target_of(
     element: Element, observation: Observation, mode: Mode, *, at: Sequence[float] = (0.5, 0.5)
 ) -> Target:
-    """How an action names this element.
+    """The target of an action on this element.
 
     Args:
-        at: the point of its visible part to hit, as shares of width and height. The second try at an
-            element takes another point than its middle: the middle of a link that runs over two lines
-            may belong to its neighbour.
+        element: the element.
+        observation: the observation that contains it.
+        mode: how a target is named.
+        at: the point of its visible part to click, as fractions of width and height. A second attempt should
+            not click the middle again: the middle of a link that wraps over two lines may be another element.
     """
     if mode == "marks":
         return Target(element=element.number)

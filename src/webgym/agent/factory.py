@@ -1,4 +1,4 @@
-"""From a policy's name, as a person gives it, to the policy."""
+"""Creates a policy by its name."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def create_policy(
         name: one of :data:`POLICY_NAMES`.
         mistake_rate: for ``scripted``: share of attempts with a mistake.
         chat: for ``openai``: endpoint and model.
-        profile: for ``openai``: of the model's family; by default known by the model's name.
+        profile: for ``openai``: profile of the model family; by default chosen by the model's name.
 
     Raises:
-        ConfigError: there is no such policy, or it lacks what it needs.
+        ConfigError: the policy is unknown, or ``openai`` is given no endpoint.
     """
     match name:
         case "scripted":

@@ -1,4 +1,4 @@
-"""Pictures on their way to a model: their size and their kind."""
+"""Resizes pictures for a model and detects their media type."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ def media_type(data: bytes) -> str:
     """``image/png``, ``image/jpeg`` or ``image/webp``, by the first bytes.
 
     Raises:
-        ProtocolError: it is none of them.
+        ProtocolError: the data is none of these formats.
     """
-    for signature, found in _SIGNATURES.items():
+    for signature, kind in _SIGNATURES.items():
         if data.startswith(signature):
-            return found
+            return kind
     if data[:4] == b"RIFF" and data[8:12] == b"WEBP":
         return "image/webp"
     raise ProtocolError("a screenshot is not a PNG, JPEG or WebP image", hint="is the server up to date?")
 
 
 def fit(data: bytes, size: Size) -> bytes:
-    """The picture itself if it has this size, else a PNG of it at this size. Takes milliseconds of CPU.
+    """The data unchanged if the picture has this size, else a PNG of it at this size. Takes milliseconds of
+    CPU.
 
-    Bicubic, as the processors of vision-language models do. Equal pictures give equal bytes, so that what was
-    sent can be made again from what is stored.
+    Bicubic, as the processors of vision-language models resize. Equal pictures give equal bytes, so that a
+    sent picture can be reproduced from the stored one.
 
     Raises:
-        ProtocolError: the bytes are no picture.
+        ProtocolError: the data cannot be read as a picture.
     """
     try:
         with Image.open(io.BytesIO(data)) as picture:

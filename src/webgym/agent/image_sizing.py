@@ -1,7 +1,7 @@
-"""How families of models scale the pictures that they are sent, and what a picture costs.
+"""How model families scale pictures, and how many tokens a picture costs.
 
-A picture is sent at the very size that the model's own processor would have made of it. The processor then
-leaves it alone, so that the model sees the pixels that were recorded and points where the record says.
+A picture is sent at exactly the size to which the model's own processor would scale it. The processor then
+does not change it: the model sees the recorded pixels, and its coordinates refer to them.
 """
 
 from __future__ import annotations
@@ -16,40 +16,40 @@ Size: TypeAlias = tuple[int, int]
 
 
 class PictureRule(Protocol):
-    """What a family does with a picture. ``size`` leaves alone what it has made: it is idempotent."""
+    """How a model family scales pictures. ``size`` must be idempotent."""
 
     def size(self, size: Size) -> Size:
         """The size at which the model sees a picture of this size."""
         ...
 
     def tokens(self, size: Size) -> int:
-        """What a picture of this size costs, in tokens; rather too many than too few."""
+        """Cost of a picture of this size, in tokens; rather too many than too few."""
         ...
 
 
 class Unscaled(msgspec.Struct, frozen=True, kw_only=True):
-    """A picture is sent as it is, and costs a token per square.
+    """A picture is sent unchanged, and costs a token per square.
 
     Attributes:
-        square: side of the square that is taken for a token, pixels.
+        square: side of the square that counts as one token, pixels.
     """
 
     square: int = 28
 
     def size(self, size: Size) -> Size:
-        """The same."""
+        """The given size."""
         return size
 
     def tokens(self, size: Size) -> int:
-        """A token per square, begun ones included."""
+        """One token per square, partial ones included."""
         return math.ceil(size[0] / self.square) * math.ceil(size[1] / self.square)
 
 
 class MultipleOf(msgspec.Struct, frozen=True, kw_only=True):
-    """Both sides become multiples of a factor, the shape nearly stays, the area is kept between two bounds.
+    """Both sides are rounded to multiples of a factor, and the area is kept between two bounds.
 
-    This is what the Qwen-VL processors do (``smart_resize`` in their configuration files' terms): patches
-    of 14 or 16 pixels, of which two by two become one token.
+    This is ``smart_resize`` of the Qwen-VL processors: patches of 14 or 16 pixels, of which two by two become
+    one token.
 
     Attributes:
         factor: patch side times merge size, pixels.
@@ -61,7 +61,7 @@ class MultipleOf(msgspec.Struct, frozen=True, kw_only=True):
     max_pixels: int
 
     def size(self, size: Size) -> Size:
-        """The nearest multiples; if they leave the bounds, the picture is scaled to them first."""
+        """The nearest multiples; a picture outside of the bounds is scaled to them first."""
         factor, area = self.factor, size[0] * size[1]
         near = [round(side / factor) * factor for side in size]
         if near[0] * near[1] > self.max_pixels:
@@ -73,7 +73,7 @@ class MultipleOf(msgspec.Struct, frozen=True, kw_only=True):
         return near[0], near[1]
 
     def tokens(self, size: Size) -> int:
-        """A token per square of the factor, and one at each end."""
+        """One token per square of the factor, and one before and after the picture."""
         width, height = self.size(size)
         return (width // self.factor) * (height // self.factor) + 2
 
@@ -84,10 +84,10 @@ class TiledScaling(msgspec.Struct, frozen=True, kw_only=True):
     The rule of GPT-4o, GPT-4.1 and GPT-5 at ``detail: high``, after OpenAI's guide to images.
 
     Attributes:
-        base_tokens: for any picture.
-        tile_tokens: for every tile, begun ones included.
-        box: longest side, pixels.
-        short_side: longest shorter side, pixels.
+        base_tokens: cost of any picture.
+        tile_tokens: additional cost of each tile, partial ones included.
+        box: upper limit of the longer side, pixels.
+        short_side: upper limit of the shorter side, pixels.
         tile: side of a tile, pixels.
     """
 
@@ -103,20 +103,20 @@ class TiledScaling(msgspec.Struct, frozen=True, kw_only=True):
         return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
 
     def tokens(self, size: Size) -> int:
-        """The base and every tile."""
+        """Cost of the picture and its tiles."""
         width, height = self.size(size)
         tiles = math.ceil(width / self.tile) * math.ceil(height / self.tile)
         return self.base_tokens + self.tile_tokens * tiles
 
 
 class Patches(msgspec.Struct, frozen=True, kw_only=True):
-    """A picture is scaled down until it is covered by so many patches at most.
+    """A picture is scaled down until a limited number of patches cover it.
 
     The rule of GPT-4.1 mini, GPT-5 mini and o4-mini, after OpenAI's guide to images.
 
     Attributes:
-        patch_tokens: what a patch costs, in tokens.
-        most: patches at most.
+        patch_tokens: cost of a patch, tokens.
+        most: largest number of patches.
         patch: side of a patch, pixels.
     """
 
@@ -134,7 +134,7 @@ class Patches(msgspec.Struct, frozen=True, kw_only=True):
         return max(1, math.floor(size[0] * scale)), max(1, math.floor(size[1] * scale))
 
     def tokens(self, size: Size) -> int:
-        """What the patches cost."""
+        """Cost of the patches."""
         return math.ceil(self._patches(self.size(size)) * self.patch_tokens)
 
     def _patches(self, size: Size) -> int:
@@ -142,7 +142,7 @@ class Patches(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def within(size: Size, max_side: int | None) -> Size:
-    """A size as it is, or scaled down until its longest side is ``max_side``."""
+    """The size, scaled down if its longer side exceeds ``max_side``."""
     width, height = size
     longest = max(width, height)
     if max_side is None or longest <= max_side:

@@ -1,17 +1,17 @@
-"""The agent's memory: what it carries from step to step beyond the screenshots that it still sees.
+"""The agent's memory: notes that it carries from step to step beyond the screenshots that it still sees.
 
-The window of recent screenshots is no sufficient statistic of the past, so the agent writes a memory,
-m_t = VLM(o_t, m_{t-1}, task), and reads it back (paper §5). It is append-only. A model does not always
-keep to that, so every reply's memory is merged into the one before by this rule:
+The window of recent screenshots is not a sufficient statistic of the past, so the agent writes a memory,
+m_t = VLM(o_t, m_{t-1}, task), and reads it back (paper §5). It is append-only. Models do not always follow
+this rule, so every reply's memory is merged into the previous one:
 
-- a new key is taken in;
-- a key that is gone from the reply is kept (*dropped*);
-- a value that continues the old one replaces it: a text that begins with the old text, a list that begins
-  with the old items, an object whose own values do so;
-- any other new value (*rewritten*) is kept beside the old one, under ``"key (2)"``, ``"key (3)"``, ...;
-- what would make the memory larger than its limit is not taken in (*refused*).
+- a new key is added;
+- a key that the reply leaves out is kept (*dropped*);
+- a value that extends the old one replaces it: a text that begins with the old text, a list that begins with
+  the old items, an object whose values all extend the old ones;
+- any other new value (*rewritten*) is added under ``"key (2)"``, ``"key (3)"``, ...; the old one is kept;
+- an entry that would make the memory exceed its limit is not added (*refused*).
 
-Progress is not merged: it may be refined, so the latest counts.
+Progress is not merged: it may be refined, so the latest statement counts.
 """
 
 from __future__ import annotations
@@ -26,48 +26,48 @@ from webgym.core.trajectory import Revision
 def merge(
     old: Mapping[str, Any], new: Mapping[str, Any], *, max_chars: int, unseen: Collection[str] = ()
 ) -> tuple[dict[str, Any], Revision]:
-    """``old`` with what ``new`` adds, and what the rule had to correct.
+    """The memory after a reply, and the corrections that the append-only rule required.
 
     Args:
-        old: the memory so far; left as it is.
-        new: the memory of a reply.
-        max_chars: the most that the memory may measure as JSON text.
-        unseen: keys that the reply's writer was not shown, and so may leave out.
+        old: the memory before the reply; not modified.
+        new: the memory in the reply.
+        max_chars: largest size of the memory, in characters of JSON.
+        unseen: keys that the request did not show, so that leaving them out is no violation.
     """
     merged = dict(old)
     rewritten, refused = [], []
     room = max_chars - len(to_json(old))
     for key, value in new.items():
-        place = key
-        if key in old and not _continues(old[key], value):
-            if _stands_beside(merged, key, value):
+        target = key
+        if key in old and not _extends(old[key], value):
+            if _is_stored_variant(merged, key, value):
                 continue
-            place = _free_key(merged, key)
+            target = _free_key(merged, key)
             rewritten.append(key)
-        before = len(to_json({place: merged[place]})) if place in merged else 0
-        room -= (cost := len(to_json({place: value})) - before)
+        before = len(to_json({target: merged[target]})) if target in merged else 0
+        room -= (cost := len(to_json({target: value})) - before)
         if cost > 0 and room < 0:
             room += cost
             refused.append(key)
             continue
-        merged[place] = value
+        merged[target] = value
     missing = (key for key in old if key not in new and key not in unseen)
     dropped = tuple(key for key in missing if not _is_variant(key, old))
     return merged, Revision(dropped, tuple(rewritten), tuple(refused))
 
 
 def to_json(memory: Mapping[str, Any]) -> str:
-    """The memory as the agent reads it."""
+    """The memory as JSON, as prompts show it."""
     return json.dumps(memory, ensure_ascii=False)
 
 
-def _continues(old: Any, new: Any) -> bool:
+def _extends(old: Any, new: Any) -> bool:
     if isinstance(old, str) and isinstance(new, str):
         return new.startswith(old)
     if isinstance(old, list) and isinstance(new, list):
         return new[: len(old)] == old
     if isinstance(old, dict) and isinstance(new, dict):
-        return all(key in new and _continues(value, new[key]) for key, value in old.items())
+        return all(key in new and _extends(value, new[key]) for key, value in old.items())
     return bool(old == new) and type(old) is type(new)
 
 
@@ -82,8 +82,8 @@ def _free_key(memory: Mapping[str, Any], key: str) -> str:
     return _variant(key, count)
 
 
-def _stands_beside(memory: Mapping[str, Any], key: str, value: Any) -> bool:
-    """Whether an earlier rewrite already put this value beside the key."""
+def _is_stored_variant(memory: Mapping[str, Any], key: str, value: Any) -> bool:
+    """Whether an earlier rewrite already stored this value under a variant of the key."""
     count = 2
     while (variant := _variant(key, count)) in memory:
         if memory[variant] == value:
@@ -93,6 +93,6 @@ def _stands_beside(memory: Mapping[str, Any], key: str, value: Any) -> bool:
 
 
 def _is_variant(key: str, memory: Mapping[str, Any]) -> bool:
-    """Whether the key is one that a rewrite made; its absence from a reply is no news."""
+    """Whether a rewrite created this key, so that its absence from a reply is no violation."""
     base, separator, count = key.rpartition(" (")
     return bool(separator) and count[:-1].isdecimal() and base in memory

@@ -1,4 +1,4 @@
-"""Any model behind any endpoint that speaks the OpenAI chat API."""
+"""A policy that is a model behind an endpoint with the OpenAI chat API."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ from webgym.llm.config import ChatConfig, Sampling, altering
 
 
 class OpenAIPolicy:
-    """A model that knows nothing but the request; it plays every attempt the same way.
+    """A model behind an endpoint. It has no state between turns: the request contains everything.
 
     Args:
-        config: endpoint, model, sampling and limits. Its sampling is laid over the profile's.
-        profile: of the model's family; by default the one that the model's name leads to.
-        api_key: used in place of the environment variable that the config names.
-        processed_logprobs: whether log-probabilities that the endpoint gives are of the distribution that
-            was sampled from (vLLM: ``--logprobs-mode processed_logprobs``). They are else kept only where
-            sampling leaves the model's distribution as it is.
+        config: endpoint, model, sampling and limits. Its sampling overrides the profile's.
+        profile: profile of the model family; by default chosen by the model's name.
+        api_key: used instead of the environment variable that the config names.
+        processed_logprobs: whether the endpoint's log-probabilities are those of the distribution that was
+            sampled from (vLLM: ``--logprobs-mode processed_logprobs``). Otherwise they are kept only if the
+            sampling parameters do not alter the model's distribution.
     """
 
     wants_elements = False
@@ -62,11 +62,11 @@ class OpenAIPolicy:
 
     @property
     def problem(self) -> str:
-        """What holds its requests up at this moment; empty for nothing."""
+        """Why requests are delayed at this moment; empty if they are not."""
         return self._client.problem
 
     def begin(self, task: Task, seed: int) -> OpenAIPolicy:  # noqa: ARG002
-        """Itself: nothing is kept from turn to turn, and an endpoint draws its own random numbers."""
+        """The policy itself: it has no state between turns, and the endpoint draws its own random numbers."""
         return self
 
     async def reply(self, turn: PolicyInput) -> Reply:
@@ -75,19 +75,19 @@ class OpenAIPolicy:
         Raises:
             PolicyUnreachable: nothing answers at the endpoint.
             PolicyTimeout: no complete reply came in time.
-            PolicyBadReply: what came is no completion.
+            PolicyBadReply: the endpoint's answer is not a completion.
         """
         return await self.ask(turn.messages, turn.images)
 
     async def ask(
         self, messages: Sequence[Message], images: Mapping[str, bytes], sampling: Sampling | None = None
     ) -> Reply:
-        """The model's reply to a request of one's own.
+        """The model's reply to any request.
 
         Args:
-            messages: of the request.
+            messages: the messages of the request.
             images: its pictures by name, encoded.
-            sampling: laid over the policy's.
+            sampling: overrides the policy's parameters.
 
         Raises:
             PolicyError: as :meth:`reply`.
@@ -107,14 +107,16 @@ class OpenAIPolicy:
             completion_tokens=completion.completion_tokens,
             seconds=completion.seconds,
             reasoning=completion.reasoning,
-            tokens=self._own_tokens(completion.tokens, body),
+            tokens=self._with_valid_logprobs(completion.tokens, body),
             weight_version=", ".join(dict.fromkeys(completion.weight_versions)),
         )
 
-    def _own_tokens(self, tokens: ReplyTokens | None, sampling: Mapping[str, object]) -> ReplyTokens | None:
-        """Tokens without log-probabilities of another distribution than was sampled from.
+    def _with_valid_logprobs(
+        self, tokens: ReplyTokens | None, sampling: Mapping[str, object]
+    ) -> ReplyTokens | None:
+        """The tokens, without log-probabilities unless they are those of the distribution sampled from.
 
-        The likeliest tokens, at temperature 0, have the model's own with every endpoint.
+        At temperature 0, every endpoint gives the log-probabilities of the unaltered model.
         """
         is_plain = not altering(sampling) and sampling.get("temperature") in (0, 1)
         if tokens is None or is_plain or self._processed_logprobs:
@@ -130,7 +132,7 @@ class OpenAIPolicy:
 
 
 def as_policy_error(error: LLMError) -> PolicyError:
-    """What a failure of a model's endpoint means when the model is the policy."""
+    """The policy error for an error of a model's endpoint."""
     if isinstance(error, LLMUnreachable):
         return PolicyUnreachable(error.message, hint=error.hint)
     if isinstance(error, LLMTimeout):

@@ -1,19 +1,19 @@
-"""From a reply to an action, or to the reason why there is none.
+"""Parses a reply into an action, or into the reason why it contains none.
 
-The parser is total: any text gives one or the other, never an exception and never an action that the
-text does not spell out. It is linear in the length of the reply. Its rules:
+The parser is total: any text gives one or the other, never an exception, and never an action that the text
+does not state explicitly. It is linear in the length of the reply. Its rules:
 
-1. Thinking says nothing. It runs from ``<think>`` to the next ``</think>``; where a chat template has opened
-   it, from the beginning. Thinking that never ends leaves no reply. Thinking that begins or ends after the
-   tool call leaves open whether the call was meant, so it is none.
-2. Outside of the thinking there is exactly one ``<tool_call>`` with its ``</tool_call>``. What follows it is
-   ignored, unless it holds another.
-3. Between the two stands one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and
-   an object as ``arguments``. No key stands twice; NaN and infinity are no JSON.
-4. The arguments are read by :mod:`webgym.agent.computer_use`.
-   The compact formats have a line in their place (:mod:`webgym.agent.compact`); the rest holds for them too.
-5. The sections before the call (Memory, Progress, Intention, Action) never spoil a good call: one that
-   is missing or unreadable is ``None`` or empty.
+1. Thinking is ignored. It extends from ``<think>`` to the next ``</think>``, or from the beginning if the
+   chat template opens it. If the thinking does not end, there is no reply. If thinking begins or ends after
+   the tool call, it is unclear whether the call was part of it, so the call is rejected.
+2. Outside of the thinking there is exactly one ``<tool_call>`` with its ``</tool_call>``. Text after it is
+   ignored, unless it contains another call.
+3. The call is one JSON object, bare or in a code fence, with ``name`` ``"computer_use"`` and an object as
+   ``arguments``. Duplicate keys, NaN and infinity are invalid.
+4. The arguments are parsed by :mod:`webgym.agent.computer_use`. The compact formats have a line of text
+   instead of the call (:mod:`webgym.agent.compact`); the other rules apply to them too.
+5. The sections before the call (Memory, Progress, Intention, Action) do not affect the call: one that is
+   missing or invalid is ``None`` or empty.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ _FENCE = re.compile(r"```[a-zA-Z]{0,16}\s*\n?")
 
 
 class ParsedReply(msgspec.Struct, frozen=True):
-    """What a reply says.
+    """The content of a reply.
 
     Attributes:
-        action: what to do.
-        memory: the Memory object; ``None`` if it was missing or no JSON object.
+        action: the action.
+        memory: the Memory object; ``None`` if it was missing or not a JSON object.
         progress: the Progress object; ``None`` likewise.
-        intention: the subtask that is worked on; empty if none was named.
+        intention: the current subtask; empty if none was named.
         description: the Action sentence; empty if there was none.
     """
 
@@ -60,11 +60,11 @@ class ParsedReply(msgspec.Struct, frozen=True):
 
 
 class ParseError(msgspec.Struct, frozen=True):
-    """Why a reply holds no action.
+    """Why a reply contains no valid action.
 
     Attributes:
-        kind: for counting.
-        message: for the agent, one sentence.
+        kind: category of the problem.
+        message: one sentence for the agent.
     """
 
     kind: ParseProblem
@@ -83,15 +83,15 @@ def parse_reply(
     thinking: Thinking = "tagged",
     space: Space = "paper",
 ) -> ParsedReply | ParseError:
-    """What ``text`` says. Never raises.
+    """Parse a reply. Never raises.
 
     Args:
-        text: a reply.
+        text: the reply.
         mode: how a target is named.
-        prompt_format: which sections are read.
-        screen: where the reply's points end, to the right and below.
-        thinking: whether a chat template has opened the thinking.
-        space: which actions there are; the compact formats have the paper's.
+        prompt_format: the format that the prompt asked for.
+        screen: largest x and y of the reply's points.
+        thinking: whether the chat template opens the thinking.
+        space: the action space; the compact formats always have the paper's.
     """
     try:
         if prompt_format in COMPACT_FORMATS:
@@ -115,41 +115,41 @@ def parse_reply(
 def _read_compact(
     text: str, mode: Mode, prompt_format: PromptFormat, screen: Size, thinking: Thinking
 ) -> ParsedReply:
-    start, unfinished = _thought(text, thinking)
+    start, unfinished = _reply_start(text, thinking)
     if unfinished is not None:
         raise Refused("unfinished_thinking", "the reply ended before the thinking did")
     with_memory = prompt_format in WITH_MEMORY
     return ParsedReply(*parse_compact(text[start:], mode, with_memory=with_memory, screen=screen))
 
 
-def said_aloud(text: str, thinking: Thinking = "tagged") -> str:
-    """The reply without its thinking, as it stands in the history; empty where the thinking never ends.
+def without_thinking(text: str, thinking: Thinking = "tagged") -> str:
+    """The reply without its thinking, as the history shows it; empty if the thinking does not end.
 
-    Chat templates do the same to earlier turns. What looks like thinking inside of a tool call is the call's.
+    Chat templates do the same to earlier turns. Tags inside of a tool call belong to the call.
     """
-    start, unfinished = _thought(text, thinking)
+    start, unfinished = _reply_start(text, thinking)
     return text[start:unfinished].strip()
 
 
-def _thought(text: str, thinking: Thinking) -> tuple[int, int | None]:
-    """Where the reply proper begins; and where thinking begins that does not end, if there is any.
+def _reply_start(text: str, thinking: Thinking) -> tuple[int, int | None]:
+    """Offsets of the end of the thinking, and of the start of thinking that does not end (or ``None``).
 
-    Looks no further than to the tool call.
+    Stops at the tool call.
     """
-    start, began = 0, 0 if thinking == "opened" else None
+    start, unfinished = 0, 0 if thinking == "opened" else None
     for tag in _TAG.finditer(text):
         if tag[0] == _END_THINK:
-            start, began = tag.end(), None
-        elif began is None and tag[0] == _CALL:
+            start, unfinished = tag.end(), None
+        elif unfinished is None and tag[0] == _CALL:
             break
-        elif began is None:
-            began = tag.start()
-    return start, began
+        elif unfinished is None:
+            unfinished = tag.start()
+    return start, unfinished
 
 
 def _split(text: str, thinking: Thinking) -> tuple[str, str]:
-    """The reply proper up to its tool call, and what stands in the call."""
-    start, unfinished = _thought(text, thinking)
+    """The text between the thinking and the tool call, and the content of the call."""
+    start, unfinished = _reply_start(text, thinking)
     if unfinished is not None:
         raise Refused("unfinished_thinking", "the reply ended before the thinking did")
     before, opened, rest = text[start:].partition(_CALL)
@@ -185,14 +185,14 @@ def _without_fence(text: str) -> str:
 
 
 def _read_json(text: str) -> Any:
-    """JSON without the liberties of :mod:`json`: no NaN, no doubled key, no half of a surrogate pair."""
+    """Parse JSON more strictly than :mod:`json`: no NaN, no duplicate key, no lone surrogate."""
     try:
         value = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_object)
         text.encode()
         json.dumps(value, ensure_ascii=False).encode()
     except (ValueError, RecursionError) as error:
         reason = getattr(error, "msg", None) or "it cannot be read"
-        raise Refused("bad_json", f"the tool call is no valid JSON: {reason}") from error
+        raise Refused("bad_json", f"the tool call is not valid JSON: {reason}") from error
     return value
 
 
@@ -201,14 +201,14 @@ def _refuse_constant(name: str) -> NoReturn:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) != len(pairs):
-        raise json.JSONDecodeError("a key stands twice", "", 0)
-    return found
+    members = dict(pairs)
+    if len(members) != len(pairs):
+        raise json.JSONDecodeError("a key is repeated", "", 0)
+    return members
 
 
 def _sections(text: str) -> dict[str, str]:
-    """The text under each heading, up to the next one. Of doubled headings the last counts."""
+    """The text under each heading, up to the next one. Of repeated headings the last counts."""
     headings = list(_HEADING.finditer(text))
     ends = [heading.start() for heading in headings[1:]] + [len(text)]
     return {

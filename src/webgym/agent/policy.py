@@ -1,8 +1,7 @@
-"""The interface of a policy: it is shown an input and replies.
+"""The interface of a policy: it receives an input and replies.
 
-A policy serves many attempts at once; each attempt has a session of its own, which may remember what it
-did. A model behind an endpoint needs no memory of its own, because the request holds everything; a
-script does.
+A policy serves many attempts at once; each attempt has a session of its own, which may have state. A model
+behind an endpoint needs none, because the request contains everything; a script does.
 """
 
 from __future__ import annotations
@@ -21,24 +20,25 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Message, Reply, Step
 
 ORACLES: Final = frozenset({"scripted", "demonstrators"})
-"""Names of policies that play solutions which no model is shown: their success says nothing of a model."""
+"""Names of policies that know the solutions of tasks, so that their success rate says nothing about
+models."""
 
 
 class PolicyInput(msgspec.Struct, frozen=True):
-    """Everything that is known when a reply is asked for.
+    """The input of a policy for one turn.
 
     Attributes:
-        task: the task. Its ``truth`` is there for scripts; no model is ever shown it.
-        observation: what is to be acted on.
-        messages: the request, for policies that speak the language of chat.
+        task: the task. Its ``truth`` is for scripts; no model ever sees it.
+        observation: the current observation.
+        messages: the request, for policies that are chat models.
         images: the pictures in ``messages``, encoded, by name.
-        steps: the earlier steps, oldest first, with ``changed`` filled in.
+        steps: the earlier steps, oldest first, with ``changed`` set.
         index: number of this turn, from 0.
-        budget: how many turns the attempt may take in all.
+        budget: total number of turns that the attempt may take.
         mode: how a target is named.
-        prompt_format: what the reply must consist of.
-        screen: where points in the reply end, to the right and below.
-        space: which actions there are.
+        prompt_format: the format that the reply must have.
+        screen: largest x and y of points in the reply.
+        space: the action space.
     """
 
     task: Task
@@ -55,27 +55,27 @@ class PolicyInput(msgspec.Struct, frozen=True):
 
 
 class PolicySession(Protocol):
-    """A policy's part in one attempt."""
+    """A policy's session for one attempt."""
 
     async def reply(self, turn: PolicyInput) -> Reply:
-        """The policy's reply, whole.
+        """The policy's complete reply.
 
         Args:
             turn: the observation, and the request that WebGym's agent would send.
 
         Raises:
-            PolicyError: there is none.
+            PolicyError: the policy failed to reply.
         """
         ...
 
 
 class Policy(Protocol):
-    """Something that can play many attempts at once. Entered before the first and left after the last.
+    """A policy that can serve many attempts at once. Entered before the first and exited after the last.
 
     Attributes:
-        name: what records and reports call it.
-        wants_elements: whether it reads ``elements`` and ``text`` of an observation, which a server then
-            has to collect.
+        name: its name in records and reports.
+        wants_elements: whether it needs ``elements`` and ``text`` of an observation, which the server then
+            collects.
     """
 
     @property
@@ -85,11 +85,11 @@ class Policy(Protocol):
     def wants_elements(self) -> bool: ...  # noqa: D102
 
     def begin(self, task: Task, seed: int) -> PolicySession:
-        """A session for one attempt; everything random in it follows from ``seed``.
+        """A session for one attempt.
 
         Args:
-            task: the one to attempt.
-            seed: of everything random in the attempt.
+            task: the task to attempt.
+            seed: seed of everything random in the session.
         """
         ...
 
@@ -101,14 +101,14 @@ class Policy(Protocol):
 
 
 class BasePolicy:
-    """Base of policies that hold no resource.
+    """Base of policies that need no resource to be opened and closed.
 
-    One of your own is a name and two methods::
+    A policy of your own is a name and two methods::
 
         class Guesser(webgym.BasePolicy):
             name = "guesser"
 
-            def begin(self, task, seed):  # may be left out where attempts remember nothing
+            def begin(self, task, seed):  # may be left out if sessions have no state
                 return self
 
             async def reply(self, turn):
@@ -117,15 +117,15 @@ class BasePolicy:
 
     @property
     def wants_elements(self) -> bool:
-        """It does not, unless it says so: see :class:`Policy`."""
+        """``False`` unless overridden: see :class:`Policy`."""
         return False
 
     def begin(self, task: Task, seed: int) -> Any:  # noqa: ARG002
-        """The policy itself plays: for those that remember nothing of an attempt.
+        """The policy itself, which suits policies whose sessions have no state.
 
         Args:
-            task: the one to attempt.
-            seed: of everything random in the attempt.
+            task: the task to attempt.
+            seed: seed of everything random in the session.
         """
         return self
 

@@ -1,7 +1,7 @@
 """A check before a run: does the policy reply at all, and in the requested format?
 
-A wrong key, model name, chat template or prompt format costs one request here; found out by the run, it costs
-browsers and hours, and ends in attempts without a reward.
+A wrong key, model name, chat template or prompt format costs one request here; discovered during a run, it
+costs hours of browser time, and ends in attempts without a reward.
 """
 
 from __future__ import annotations
@@ -17,21 +17,22 @@ from webgym.core.observation import Element, Observation
 from webgym.core.task import FactGroup, Rubric, Task
 
 TRIES = 3
-"""Replies that are asked for until one holds an action: a model at temperature 1 may fail now and then."""
+"""Largest number of replies to request until one contains an action: a model at temperature 1 may fail
+occasionally."""
 
 _BOX = (40.0, 40.0, 160.0, 48.0)
 
 
 async def check_policy(agent: Agent, viewport: tuple[int, int]) -> None:
-    """Ask for a reply about a page that was made up for this, with one button.
+    """Request a reply to a synthetic page with one button.
 
     Args:
-        agent: entered; asks as it does in a run.
+        agent: the agent, entered.
         viewport: width and height of the page, CSS pixels.
 
     Raises:
         PolicyError: there was no reply.
-        ConfigError: none of the replies holds an action.
+        ConfigError: none of the replies contains an action.
     """
     image = _page(viewport)
     button = Element(1, "button", "Start", _BOX)
@@ -50,9 +51,9 @@ async def check_policy(agent: Agent, viewport: tuple[int, int]) -> None:
         if step.action is not None:
             return
     raise ConfigError(
-        f"{agent.policy.name} replied {TRIES} times about a test page and never with an action; the last: "
+        f"{agent.policy.name} replied {TRIES} times to a test page, never with a valid action; the last: "
         f"{step.parse_error}",
-        hint="is it a chat model that sees pictures, and the right --profile? policy.check: false goes on",
+        hint="is it a chat model that sees pictures, and the right --profile? policy.check: false skips this",
     )
 
 

@@ -1,4 +1,4 @@
-"""What a family of models needs: image sizes, coordinates, thinking tags, sampling parameters."""
+"""Properties of a model family: image sizes, coordinates, thinking tags, sampling parameters."""
 
 from __future__ import annotations
 
@@ -12,33 +12,34 @@ from webgym.core.action import GRID, Mode
 from webgym.llm.config import Sampling
 
 Thinking: TypeAlias = Literal["tagged", "opened"]
-"""``tagged``: if a reply thinks, it says so with ``<think>``. ``opened``: the chat template has opened the
+"""``tagged``: thinking in a reply begins with ``<think>``. ``opened``: the chat template has opened the
 thinking already, so that a reply without ``</think>`` is thinking that was cut off."""
 
 PAPER_SAMPLING: Final = Sampling(temperature=1.0, top_p=0.99, max_tokens=3072, extra_body={"top_k": 2})
-"""How the paper samples in training (appendix F). ``top_k`` is known to vLLM and SGLang, not to all."""
+"""The paper's sampling in training (appendix F). vLLM and SGLang support ``top_k``, some endpoints do not."""
 
 DEFAULT_SAMPLING: Final = Sampling(temperature=1.0, top_p=0.99, max_tokens=3072)
-"""The paper's sampling as far as every endpoint understands it."""
+"""The paper's sampling without the parameters that some endpoints do not support."""
 
 
 class Profile(msgspec.Struct, frozen=True, kw_only=True):
     """A family of models.
 
     Attributes:
-        name: what ``--profile`` takes.
-        models: patterns, one of which is found in the name of every model of the family, whatever the case.
+        name: the profile's name, as for ``--profile``.
+        models: regular expressions, case-insensitive, one of which matches part of every model name of the
+            family.
         pictures: how pictures are scaled, and what they cost.
-        grid: ``thousand``: points lie on a 0-1000 grid over the picture, whatever its size. ``pixels``: they
-            lie on the pixels of the picture as the model sees it.
-        mode: how a target is named, unless the settings say otherwise.
-        thinking: how a reply's thinking is told from the reply.
+        grid: ``thousand``: points are on a 0-1000 grid over the picture, whatever its size. ``pixels``: they
+            are pixels of the picture as the model sees it.
+        mode: how a target is named, unless the settings override it.
+        thinking: how a reply marks its thinking.
         detail: the ``detail`` of every picture in a request; empty to leave it out.
-        sampling: holds for what the settings do not say.
-        length_key: what the endpoint calls the longest reply.
-        request_tokens: longest request, in tokens: the context that the model is usually served with, less
-            the longest reply.
-        max_images: pictures in a request at most; ``None`` if there is no limit.
+        sampling: default sampling parameters.
+        length_key: the endpoint's name for the parameter that limits the reply's length.
+        request_tokens: longest request, in tokens: the usual context length of the model, less the longest
+            reply.
+        max_images: most pictures in a request; ``None`` if there is no limit.
     """
 
     name: str
@@ -54,7 +55,7 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
     max_images: int | None = None
 
     def fits(self, model: str) -> bool:
-        """Whether a model of this name is of the family."""
+        """Whether a model of this name belongs to the family."""
         return any(re.search(pattern, model, re.IGNORECASE) for pattern in self.models)
 
     def picture_size(self, viewport: Size, max_side: int | None = None) -> Size:
@@ -62,16 +63,16 @@ class Profile(msgspec.Struct, frozen=True, kw_only=True):
 
         Args:
             viewport: the picture's own size.
-            max_side: of the settings, which goes before the family's rule.
+            max_side: longest side from the settings, applied before the family's rule; ``None`` for no limit.
         """
         return self.pictures.size(within(viewport, max_side))
 
     def screen(self, sent: Size) -> Size:
-        """Where the points of the family's replies end, given the size at which pictures are sent."""
+        """Largest x and y of points in the family's replies, given the size at which pictures are sent."""
         return sent if self.grid == "pixels" else (GRID, GRID)
 
     def sampling_of(self, given: Sampling) -> Sampling:
-        """The sampling of a request: what was given over the family's own, in the family's words."""
+        """The sampling of a request: the given parameters over the family's, under the family's names."""
         chosen = given.over(self.sampling)
         if self.length_key == "max_tokens" or chosen.max_tokens is None:
             return chosen

@@ -1,7 +1,7 @@
 """The system prompts, and the format of the replies that they ask for (paper §5, appendix E).
 
-Two prompt formats, each in two modes. Wording and examples are ours; the tool's name, screen and
-arguments follow the computer-use convention of Qwen3-VL.
+Two prompt formats, each in two modes. The tool's name, screen and arguments follow the computer-use
+convention of Qwen3-VL; the wording is WebGym's own.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ _EXTENDED_SCHEMA: dict[str, dict[str, Any]] = {
     "time": {"type": "number", "minimum": 0, "description": "Seconds"},
     "url": {"type": "string", "description": "A full http or https address"},
 }
-"""Of the extended space. Which actions an argument is for is added from the actions themselves."""
+"""Arguments of the extended space. Each description is completed with the actions that take the argument."""
 
 _ROLE = """\
 You carry out tasks on the web for a user. You see the browser as screenshots and act with one tool, one \
@@ -154,9 +154,9 @@ def system_prompt(config: AgentConfig, mode: Mode = "coordinates", screen: Size 
     """The system message of every request.
 
     Args:
-        config: prompt format and date.
+        config: prompt format, actions and date.
         mode: how a target is named.
-        screen: where points end, to the right and below.
+        screen: largest x and y of points.
     """
     if config.prompt_format in COMPACT_FORMATS:
         return "act with memory" if config.prompt_format in WITH_MEMORY else "act"
@@ -200,27 +200,30 @@ def tool_declaration(mode: Mode, screen: Size = (GRID, GRID), space: Space = "pa
 
 
 def _arguments(mode: Mode, screen: Size, space: Space) -> dict[str, dict[str, Any]]:
-    """The tool's arguments but ``action``: those that an action of the space takes in this mode."""
+    """Schema of the tool's arguments except ``action``: those that an action of the space has in this
+    mode."""
     takers: dict[str, list[str]] = {}
     for name, action in actions_of(space).items():
         for field in fields_of(action, space):
             for key in keys_of(field, mode, space):
                 takers.setdefault(key, []).append(name)
     schema = _ARGUMENT_SCHEMA if space == "paper" else _EXTENDED_SCHEMA
-    found = {key: schema[key] for key in schema if key in takers}
-    for key, argument in found.items():
+    arguments = {key: schema[key] for key in schema if key in takers}
+    for key, argument in arguments.items():
         if key.endswith("coordinate"):
-            found[key] = found[key] | _on_screen(argument, screen)
+            arguments[key] = arguments[key] | _on_screen(argument, screen)
         if key == "path":
-            found[key] = found[key] | {"items": argument["items"] | _on_screen(argument["items"], screen)}
+            arguments[key] = arguments[key] | {
+                "items": argument["items"] | _on_screen(argument["items"], screen)
+            }
         if space == "extended":
             purpose = f"{argument['description']}: for {', '.join(takers[key])}."
-            found[key] = found[key] | {"description": purpose}
-    return found
+            arguments[key] = arguments[key] | {"description": purpose}
+    return arguments
 
 
 def _on_screen(point: dict[str, Any], screen: Size) -> dict[str, Any]:
-    """How large the numbers of a point may be."""
+    """The part of a point's schema that limits its numbers to the screen."""
     return {"items": point["items"] | {"maximum": max(screen)}}
 
 
@@ -238,14 +241,14 @@ def render_reply(
     intention: str = "",
     screen: Size = (GRID, GRID),
 ) -> str:
-    """A reply as the prompt asks for it; the parser reads back what was put in.
+    """A reply in a prompt format, the inverse of the parser.
 
-    ``intention`` and ``description`` become one line each. The official formats have no room for memory,
-    progress and intention, the compact ones none for the description; they are left out.
+    ``intention`` and ``description`` become one line each. The official formats do not contain memory,
+    progress and intention, the compact ones no description; these are left out.
 
     Args:
-        action: what is done.
-        prompt_format: of the prompt that is replied to.
+        action: the action.
+        prompt_format: format of the prompt that is replied to.
         description, intention: one line each.
         memory, progress: JSON objects; empty if not given.
         screen: width and height that coordinates are scaled to; 1000 each if not given.
@@ -272,7 +275,7 @@ def render_reply(
 
 
 def _json(value: Mapping[str, Any]) -> str:
-    """JSON that holds no tag of ours, whatever its texts say."""
+    """JSON without ``<``, so that no string in it can be taken for a tag."""
     return json.dumps(value, ensure_ascii=False).replace("<", "\\u003c")
 
 

@@ -1,4 +1,4 @@
-"""A policy of random actions: the baseline that every other policy must beat, and a stress test."""
+"""A policy of random actions: a baseline for every other policy, and a stress test."""
 
 from __future__ import annotations
 
@@ -31,22 +31,23 @@ from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 
 _ANSWER_CHANCE: Final = 0.05
-"""Chance of an answer at any turn but the last one, which always answers."""
+"""Probability of an answer at any turn but the last one, which always answers."""
 
 _WEIGHTS: Final = {"element": 12, "point": 1, "scroll": 4, "back": 1, "wait": 1}
-_MORE: Final = {"mouse": 4, "drag": 1, "keys": 2}
-"""In the extended space."""
+_EXTENDED_WEIGHTS: Final = {"mouse": 4, "drag": 1, "keys": 2}
+"""Additional actions of the extended space."""
 _KEYS: Final = ("Enter", "Escape", "Tab", "ArrowDown", "Control+a", "Backspace")
 
 
 class RandomPolicy(BasePolicy):
-    """Clicks and types at random, on visible elements where it is told of them, and answers at some point."""
+    """Clicks and types at random, on visible elements if the observation has them, and answers at some
+    point."""
 
     name = "random"
     wants_elements = True
 
     def begin(self, task: Task, seed: int) -> RandomSession:
-        """A session whose every choice follows from the task's id and the seed."""
+        """A session whose choices are determined by the task's id and the seed."""
         return RandomSession(random.Random(f"{task.id}\n{seed}"))
 
 
@@ -69,7 +70,7 @@ class RandomSession:
         if turn.index >= turn.budget - 1 or rng.random() < _ANSWER_CHANCE:
             return Answer(self._words(seen, 3))
         is_extended = turn.space == "extended"
-        weights = _WEIGHTS | (_MORE if is_extended else {})
+        weights = _WEIGHTS | (_EXTENDED_WEIGHTS if is_extended else {})
         match rng.choices(list(weights), weights=list(weights.values()))[0]:
             case "mouse" if elements := usable(seen):
                 act = rng.choice((DoubleClick, RightClick, Hover))
@@ -95,7 +96,7 @@ class RandomSession:
                 return Scroll(rng.choice(("up", "down", "down", *sides)))
 
     def _words(self, seen: Observation, most: int) -> str:
-        """Some words that stand on the page."""
+        """At most ``most`` consecutive words from the page, at a random position."""
         words = (seen.text or seen.title).split() or ["nothing"]
         start = self._rng.randrange(len(words))
         return " ".join(words[start : start + most])

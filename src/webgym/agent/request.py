@@ -1,7 +1,7 @@
-"""A request as an endpoint receives it, and the same request from a stored step.
+"""Builds the request that an endpoint receives, also from a stored step.
 
-A step keeps its messages with pictures by name and size, and its sampling parameters as they were sent. With
-the stored screenshots that is the whole request: training rebuilds the very bytes, and so the very tokens.
+A step stores its messages, with pictures by name and size, and the sampling parameters that were sent. With
+the stored screenshots that is the complete request: training rebuilds exactly the same bytes and tokens.
 """
 
 from __future__ import annotations
@@ -15,33 +15,33 @@ from webgym.core.trajectory import ImageRef, Message, Step, TextPart
 
 
 def to_openai(messages: Sequence[Message], images: Mapping[str, bytes]) -> list[dict[str, Any]]:
-    """Messages in the shape of the OpenAI chat API, their pictures as ``data:`` URLs.
+    """Messages in the form of the OpenAI chat API, with pictures as ``data:`` URLs.
 
-    A message of text alone has a plain string as its content, which every chat template understands.
+    The content of a message without pictures is a plain string, which every chat template supports.
 
     Args:
-        messages: of a request.
+        messages: the messages of a request.
         images: its pictures by name, encoded, at the size at which they are sent.
     """
     return [{"role": message.role, "content": _content(message, images)} for message in messages]
 
 
 def request_of(step: Step, model: str, picture: Callable[[str], bytes]) -> dict[str, Any]:
-    """The body of the request that a stored step was the answer to, its fields in the order sent.
+    """The body of the request that a stored step is the reply to, with its fields in the order sent.
 
     Args:
-        step: as the run store gives it back.
-        model: as the endpoint was asked for it (``Episode.policy``).
-        picture: a stored screenshot by its name, e.g. ``RunReader(run).image``.
+        step: a step from the run store.
+        model: name of the model in the request (``Episode.policy``).
+        picture: returns a stored screenshot by its name, e.g. ``RunReader(run).image``.
 
     Raises:
-        ProtocolError: a stored screenshot is no picture.
+        ProtocolError: a stored screenshot cannot be read as a picture.
     """
     parts = (part for message in step.messages for part in message.content)
     sizes = {part.screenshot: (part.width, part.height) for part in parts if isinstance(part, ImageRef)}
     images = {name: fit(picture(name), size) for name, size in sizes.items()}
-    asked = {"model": model, "messages": to_openai(step.messages, images), "stream": False}
-    return dict(sorted((asked | step.reply.sampling).items()))
+    body = {"model": model, "messages": to_openai(step.messages, images), "stream": False}
+    return dict(sorted((body | step.reply.sampling).items()))
 
 
 def _content(message: Message, images: Mapping[str, bytes]) -> str | list[dict[str, Any]]:

@@ -1,8 +1,8 @@
-"""A policy that knows the solution: it plays the offline web's tasks, with a chosen rate of mistakes.
+"""A policy that knows the solutions of the offline web's tasks, and makes mistakes at a configurable rate.
 
-It stands in for a model where none is to be had: in the demo, in tests, in measurements. Every reply is
-written out in the prompt format and mode that a model would use, so that parser, records and reports
-see the real thing. It acts on what the page shows, never on page state that a person could not see.
+It replaces a model in the demo, in tests and in measurements. Every reply is in the prompt format and mode
+that a model would use, so that parser, records and reports are exercised as with a model. It acts only on
+what the page shows, never on page state that a person could not see.
 """
 
 from __future__ import annotations
@@ -37,20 +37,20 @@ Mistake: TypeAlias = Literal[
 MISTAKES: Final[tuple[Mistake, ...]] = get_args(Mistake)
 
 _AFTER_TURNS: Final = 3
-"""A mistake of conduct is made within this many turns, or just before the answer if that comes first."""
+"""A mistake while acting is made within this many turns, or just before the answer if that comes first."""
 
 
 class ScriptedPolicy(BasePolicy):
-    """Plays ``task.truth.moves``.
+    """Carries out ``task.truth.moves``.
 
     Args:
         mistake_rate: share of attempts with exactly one mistake, from 0 to 1. Which attempts, and which
-            mistake, follows from the task's id and the attempt's seed; every reply names it in
+            mistake, is determined by the task's id and the attempt's seed; every reply names it in
             ``sampling["mistake"]``.
-        mistakes: the kinds to draw from.
+        mistakes: the kinds of mistakes to sample from.
 
     Raises:
-        ConfigError: the rate is no share, or there is no kind to draw from.
+        ConfigError: the rate is not between 0 and 1, or ``mistakes`` is empty.
     """
 
     name = "scripted"
@@ -65,7 +65,7 @@ class ScriptedPolicy(BasePolicy):
         self._mistakes = tuple(mistakes)
 
     def begin(self, task: Task, seed: int) -> ScriptedSession:
-        """A session that plays this task's solution. A task without one fails at its first reply."""
+        """A session that carries out this task's solution. Without a solution, its first reply raises."""
         rng = random.Random(f"{task.id}\n{seed}")
         mistake = None
         if rng.random() < self._mistake_rate:
@@ -77,9 +77,8 @@ class ScriptedSession:
     """One attempt of the scripted policy.
 
     Attributes:
-        mistake: the mistake that this attempt makes; ``None`` for none. A task to which the drawn kind
-            does not apply (no answer that could be wrong, no move that could be left out) gets
-            ``gives_up`` in its place.
+        mistake: the mistake that this attempt makes; ``None`` for none. If the sampled kind does not apply to
+            the task (no answer that could be wrong, no move that could be left out), it is ``gives_up``.
     """
 
     def __init__(self, task: Task, mistake: Mistake | None, rng: random.Random) -> None:
@@ -88,10 +87,12 @@ class ScriptedSession:
         self._moves: tuple[Move, ...] = task.truth.moves if task.truth is not None else ()
         self.mistake = mistake
         if task.truth is not None and self._moves:
-            self._spoil(task.truth)
+            self._apply_mistake_to_plan(task.truth)
         self._solver = Solver(task.website, self._moves)
-        self._due = rng.randrange(_AFTER_TURNS)
-        self._left = {"unreadable": rng.randint(1, 2), "misclick": 1, "raises": 1}.get(self.mistake or "", 0)
+        self._due_turn = rng.randrange(_AFTER_TURNS)
+        self._mistakes_left = {"unreadable": rng.randint(1, 2), "misclick": 1, "raises": 1}.get(
+            self.mistake or "", 0
+        )
         self._strayed_from: str | None = None
         self._dawdled = 0
 
@@ -99,8 +100,8 @@ class ScriptedSession:
         """The next reply.
 
         Raises:
-            PolicyError: the task has no solution, the observation lacks elements or text, or the
-                mistake of this attempt is to raise.
+            PolicyError: the task has no solution, the observation lacks elements or text, or the attempt's
+                mistake is ``raises``.
         """
         if not self._moves:
             hint = "the scripted policy plays tasks of the offline web only"
@@ -109,7 +110,7 @@ class ScriptedSession:
         if seen.elements is None or seen.text is None:
             hint = "ask the server for elements and text"
             raise PolicyError("the scripted policy cannot see what is on the page", hint=hint)
-        act = self._mistaken(turn) or self._solver.next(seen, turn.mode)
+        act = self._mistake_now(turn) or self._solver.next(seen, turn.mode)
         if isinstance(act, str):
             return self._reply(act)
         text = render_reply(
@@ -128,25 +129,25 @@ class ScriptedSession:
 
     # --- mistakes in the plan ---------------------------------------------------------------------
 
-    def _spoil(self, truth: Truth) -> None:
-        """Turn the mistake into other moves, where it is one of the plan."""
-        *way, last = self._moves
+    def _apply_mistake_to_plan(self, truth: Truth) -> None:
+        """Change the moves if the mistake is one of the plan."""
+        *moves, last = self._moves
         if self.mistake == "wrong_answer" and (wrong := wrong_answer(truth, self._rng)) is not None:
-            self._moves = (*way, Give(wrong))
+            self._moves = (*moves, Give(wrong))
         elif self.mistake == "unseen_answer":
             self._moves = (last,)
-        elif self.mistake == "skipped_move" and (skippable := _skippable(way)):
-            del way[self._rng.choice(skippable)]
-            self._moves = (*way, last)
+        elif self.mistake == "skipped_move" and (skippable := _skippable_moves(moves)):
+            del moves[self._rng.choice(skippable)]
+            self._moves = (*moves, last)
         elif self.mistake in ("gives_up", "wrong_answer", "skipped_move"):
             self.mistake = "gives_up"
-            kept = way[: self._rng.randint(0, len(way) // 2)]
+            kept = moves[: self._rng.randint(0, len(moves) // 2)]
             self._moves = (*kept, Give("I could not find what was asked for."))
 
-    # --- mistakes of conduct ----------------------------------------------------------------------
+    # --- mistakes while acting --------------------------------------------------------------------
 
-    def _mistaken(self, turn: PolicyInput) -> Act | str | None:
-        """What the mistake makes of this turn; ``None`` for nothing."""
+    def _mistake_now(self, turn: PolicyInput) -> Act | str | None:
+        """What the mistake does at this turn; ``None`` for nothing."""
         if self._strayed_from is not None:
             strayed_from, self._strayed_from = self._strayed_from, None
             if turn.observation.url != strayed_from:
@@ -155,9 +156,9 @@ class ScriptedSession:
             self._dawdled += 1
             direction: Literal["up", "down"] = "down" if self._dawdled % 2 else "up"
             return Act(Scroll(direction), f"Scroll {direction} and look around")
-        if not self._left or not self._is_due(turn):
+        if not self._mistakes_left or not self._is_due(turn):
             return None
-        self._left -= 1
+        self._mistakes_left -= 1
         if self.mistake == "raises":
             raise PolicyError("the scripted policy failed on purpose", hint="this is a seeded mistake")
         if self.mistake == "unreadable":
@@ -166,10 +167,10 @@ class ScriptedSession:
         return self._misclick(turn)
 
     def _is_due(self, turn: PolicyInput) -> bool:
-        if turn.index >= self._due:
+        if turn.index >= self._due_turn:
             return True
-        coming = copy.deepcopy(self._solver).next(turn.observation, turn.mode)
-        return isinstance(coming.action, Answer)
+        upcoming = copy.deepcopy(self._solver).next(turn.observation, turn.mode)
+        return isinstance(upcoming.action, Answer)
 
     def _misclick(self, turn: PolicyInput) -> Act:
         seen = turn.observation
@@ -192,14 +193,14 @@ _UNREADABLE: Final = (
 
 
 def _memory_of(solver: Solver) -> dict[str, Any]:
-    """What the solution says to remember; where it says nothing of the kind, what was seen."""
+    """The memory entries of the solution; if it has none, the texts seen so far."""
     if solver.writes_memory:
         return dict(solver.memory)
     return {f"seen {number}": list(texts) for number, texts in enumerate(solver.seen, 1)}
 
 
 def wrong_answer(truth: Truth, rng: random.Random) -> str | None:
-    """An answer that the truth does not accept; ``None`` where any answer will do."""
+    """An answer that the truth does not accept; ``None`` if it accepts any answer."""
     if not truth.answer.required:
         return None
     if truth.answer.forbidden:
@@ -208,12 +209,12 @@ def wrong_answer(truth: Truth, rng: random.Random) -> str | None:
     right = last.text if isinstance(last, Give) else ""
     shift = rng.randint(1, 9)
     other = re.sub(r"[0-9](?![0-9])", lambda digit: str((int(digit[0]) + shift) % 10), right)
-    said = fold(other)
-    accepted = all(any(says(said, text) for text in group) for group in truth.answer.required)
+    folded = fold(other)
+    accepted = all(any(says(folded, text) for text in group) for group in truth.answer.required)
     return "The website does not say." if accepted else other
 
 
-def _skippable(way: Sequence[Move]) -> list[int]:
-    """The moves that the rest most needs: those that act; where there are none, those that look."""
-    acts = [index for index, move in enumerate(way) if isinstance(move, Click | Fill | Choose)]
-    return acts or [index for index, move in enumerate(way) if isinstance(move, See)]
+def _skippable_moves(moves: Sequence[Move]) -> list[int]:
+    """Indices of the moves that matter most: those that act; if there are none, those that look for text."""
+    acts = [index for index, move in enumerate(moves) if isinstance(move, Click | Fill | Choose)]
+    return acts or [index for index, move in enumerate(moves) if isinstance(move, See)]

@@ -1,14 +1,14 @@
-"""Carrying out a known solution in a closed loop over what the page shows.
+"""Carries out a known solution, in a closed loop that observes the page after every action.
 
 A :class:`Solver` follows the moves of a task's truth (:mod:`webgym.core.truth`) by clicking, typing and
-scrolling alone. It never trusts that a move worked: it looks. Its rules:
+scrolling alone. It never assumes that a move worked, but checks. Its rules:
 
-- What is in the way (cookie banners, newsletters, modals) is cleared first.
-- A page that is still loading is waited for.
-- What is not visible is searched by scrolling to one end of the page, then to the other.
-- A move whose effect did not come, because the screen is the same, is tried once more.
-- A page that the website refuses is asked for once more, from its front page.
-- After that, or when something cannot be found, it answers honestly that it could not be done.
+- Obstacles (cookie banners, newsletters, modals) are dismissed first.
+- It waits for a page that is still loading.
+- It searches for what is not visible by scrolling to one end of the page, then to the other.
+- A move that did not change the screen is tried once more.
+- If the website refuses a page, it starts again once from the front page.
+- After that, or if something cannot be found, it answers that the task could not be done.
 """
 
 from __future__ import annotations
@@ -63,33 +63,33 @@ IN_THE_WAY: Final = frozenset(
         "reject all",
     }
 )
-"""Names of buttons that clear an obstacle and do nothing else; clicked wherever they show."""
+"""Names of buttons that dismiss an obstacle and do nothing else; clicked whenever they are visible."""
 
 IN_THE_WAY_IF_LOST: Final = frozenset({"×", "✕", "close", "close dialog", "dismiss", "skip"})
-"""Names of buttons that may be part of a page; clicked only if what is wanted is not to be seen."""
+"""Names of buttons that may be part of a page; clicked only if the current move's element is not visible."""
 
 LOADING_WAIT_SECONDS: Final = 1.0
 MAX_WAITS: Final = 3
-"""How many times in a row a page that is still loading is waited for."""
+"""How many times in a row it waits for a page that is still loading."""
 
 MAX_INNER_SCROLLS: Final = 5
-"""How often in a row the wheel is turned while the window stays where it is: a box in the page may scroll,
-or an animation may only look like it."""
+"""How often in a row it scrolls while the page's scroll position stays the same: a box in the page may be
+scrolling, or the screen may only change because of an animation."""
 
 _REFUSED: Final = frozenset({403, 429, 503})
-"""HTTP statuses of pages that another request may yet show."""
+"""HTTP statuses of pages that may succeed on another request."""
 
 MAX_TRIES: Final = 2
 _POINTS: Final = ((0.5, 0.5), (0.2, 0.3))
-"""Where an element is hit at the first and the second try."""
+"""The point of an element that is clicked at the first and the second try, as fractions of its size."""
 
-_CHOOSES_ITSELF: Final = frozenset({"option", "radio", "tab"})
-"""Roles of which a click changes nothing when the element is already chosen."""
+_SELECTABLE_ROLES: Final = frozenset({"option", "radio", "tab"})
+"""Roles for which a click changes nothing if the element is already selected."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Act:
-    """What to do now, and one sentence about it."""
+    """An action, and one sentence that describes it."""
 
     action: Action
     description: str
@@ -99,8 +99,12 @@ class Act:
 class _Sweep:
     """A search by scrolling.
 
-    ``ends`` are the ends of the page still to be visited; ``seen``, ``offset`` and ``idle`` are the last
-    picture, the window's place, and how often it was the same in a row.
+    Attributes:
+        page: path of the page's URL.
+        ends: ends of the page that are still to be visited.
+        seen: name of the last screenshot.
+        offset: last scroll position, CSS pixels.
+        idle: how many times in a row the scroll position was the same.
     """
 
     page: str
@@ -112,9 +116,15 @@ class _Sweep:
 
 @dataclasses.dataclass
 class _Effort:
-    """What has been done for the current move.
+    """The state of the current move.
 
-    ``before`` is the look at the page just before the move was carried out, while its effect is awaited.
+    Attributes:
+        tries: how often the move was carried out.
+        before: the observation before it was carried out; ``None`` unless its effect is still to be checked.
+        role: role of the element that was clicked.
+        opened: whether the list to choose from was opened.
+        waited: whether it has waited for a missing element.
+        sweep: the search for a missing element.
     """
 
     tries: int = 0
@@ -126,97 +136,100 @@ class _Effort:
 
 
 class Solver:
-    """One solution being carried out.
+    """Carries out one solution.
 
     Args:
         website: the URL where the task starts.
         moves: the solution, which ends with an answer.
 
     Attributes:
-        seen: the texts that were looked for and found so far.
-        memory: the entries that the solution has written so far, in order.
+        seen: the texts that were searched for and found so far.
+        memory: the memory entries that the solution has written so far, in order.
     """
 
     def __init__(self, website: str, moves: Sequence[Move]) -> None:
         self._website = website
         self._moves = tuple(moves)
-        self._at = 0
+        self._position = 0
         self._effort = _Effort()
         self._waits = 0
         self._cleared: dict[str, int] = {}
         self._previous: Observation | None = None
         self._redone: set[int] = set()
-        self._asked_again = False
+        self._reopened = False
         self.seen: list[tuple[str, ...]] = []
         self.memory: dict[str, str] = {}
 
     @property
     def writes_memory(self) -> bool:
-        """Whether the solution says what to remember."""
+        """Whether the solution writes memory entries."""
         return any(isinstance(move, Remember) for move in self._moves)
 
     def progress(self) -> dict[str, str]:
-        """Every part of the task, finished or not; every move in words where the solution names no parts."""
+        """State of every part of the task; of every move, if the solution does not mark parts."""
         parts = {move.part: index for index, move in enumerate(self._moves) if isinstance(move, Done)}
         if parts:
-            return {part: "finished" if end < self._at else "not finished" for part, end in parts.items()}
+            return {
+                part: "finished" if end < self._position else "not finished" for part, end in parts.items()
+            }
         return {
-            f"{index + 1}. {in_words(move)}": "finished" if index < self._at else "not finished"
+            f"{index + 1}. {in_words(move)}": "finished" if index < self._position else "not finished"
             for index, move in enumerate(self._moves)
         }
 
     def intention(self) -> str:
-        """What is being worked on, by its key in :meth:`progress`."""
+        """The key of the current subtask in :meth:`progress`."""
         subtasks = self.progress()
         if len(subtasks) == len(self._moves):
-            return list(subtasks)[min(self._at, len(self._moves) - 1)] if subtasks else ""
+            return list(subtasks)[min(self._position, len(self._moves) - 1)] if subtasks else ""
         return next((part for part, state in subtasks.items() if state != "finished"), list(subtasks)[-1])
 
     def next(self, observation: Observation, mode: Mode) -> Act:
-        """What to do about this observation."""
+        """The next action, given the current observation."""
         if self._waits < MAX_WAITS and _is_loading(observation):
             self._waits += 1
             return Act(Wait(LOADING_WAIT_SECONDS), "Wait for the page to load")
         self._waits = 0
-        if (given_up := self._look_back(observation)) is not None:
+        if (given_up := self._check_effect(observation)) is not None:
             return given_up
-        while self._at < len(self._moves):
-            move = self._moves[self._at]
+        while self._position < len(self._moves):
+            move = self._moves[self._position]
             if isinstance(move, Give):
                 return Act(Answer(move.text), "Give the answer")
             if (act := self._clear(observation, move, mode)) is not None:
                 return act
             if not self._is_satisfied(move, observation):
-                return self._work(move, observation, mode)
+                return self._carry_out_move(move, observation, mode)
             self._finish()
         return _give_up("finish the task")
 
-    # --- what became of the last act --------------------------------------------------------------
+    # --- checking the last action -----------------------------------------------------------------
 
-    def _look_back(self, observation: Observation) -> Act | None:
-        """Finish the move that was carried out if the screen changed; give up if it never does."""
+    def _check_effect(self, observation: Observation) -> Act | None:
+        """Finish the current move if the screen changed; give up if it has not after the last try."""
         before = self._effort.before
         if before is None:
             return None
         self._effort.before = None
-        move = self._moves[self._at]
+        move = self._moves[self._position]
         if (observation.screenshot, observation.url) != (before.screenshot, before.url):
             self._finish(before)
         elif self._effort.tries >= MAX_TRIES:
-            if not (isinstance(move, Choose) or self._effort.role in _CHOOSES_ITSELF):
+            if not (isinstance(move, Choose) or self._effort.role in _SELECTABLE_ROLES):
                 return _give_up(in_words(move))
             self._finish(before)
         return None
 
     def _finish(self, before: Observation | None = None) -> None:
-        """On to the next move; ``before`` is the look before this one, if anything was done for it."""
-        move = self._moves[self._at]
+        """Continue with the next move; ``before`` is the observation before this one's action, if it had
+        one."""
+        move = self._moves[self._position]
         if isinstance(move, See):
             self.seen.append(move.texts)
         if isinstance(move, Remember):
             self.memory[move.key] = move.value
         self._previous = before
-        self._at += 1
+        self._position += 1
         self._effort = _Effort()
 
     def _is_satisfied(self, move: Move, observation: Observation) -> bool:
@@ -224,7 +237,7 @@ class Solver:
             case Remember() | Done():
                 return True
             case Home():
-                return is_home(observation.url, self._front())
+                return is_home(observation.url, self._front_page())
             case See(texts=texts):
                 return shows_all(observation, texts)
             case Fill(field=field, text=text):
@@ -234,30 +247,30 @@ class Solver:
             case Click(name=name, path=path):
                 if path is not None and path_of(observation.url) == path_of(path):
                     return True
-                found = find_click(observation, move)
-                if found is None:
+                element = find_click(observation, move)
+                if element is None:
                     cleared = name is not None and fold(name) in self._cleared
                     return cleared or self._was_submitted(move, observation)
-                return found.role == "radio" and found.value == "true"
+                return element.role == "radio" and element.value == "true"
             case _:
                 return False
 
     def _was_submitted(self, move: Click, observation: Observation) -> bool:
-        """Whether the Enter that ended the typing before has already done what this button would do."""
+        """Whether pressing Enter in the move before has already submitted the form of this button."""
         before = self._previous
-        if before is None or self._at == 0 or not isinstance(self._moves[self._at - 1], Fill):
+        if before is None or self._position == 0 or not isinstance(self._moves[self._position - 1], Fill):
             return False
         button = find_click(before, move)
         return button is not None and button.role == "button" and observation.url != before.url
 
-    # --- what is in the way -----------------------------------------------------------------------
+    # --- obstacles --------------------------------------------------------------------------------
 
     def _clear(self, observation: Observation, move: Move, mode: Mode) -> Act | None:
-        in_sight = self._in_sight(move, observation)
+        visible = self._is_visible(move, observation)
         own = fold(move.name or "") if isinstance(move, Click) else ""
-        if in_sight and own in IN_THE_WAY | IN_THE_WAY_IF_LOST:
-            return None  # to clear it is the move itself
-        names = IN_THE_WAY if in_sight else IN_THE_WAY | IN_THE_WAY_IF_LOST
+        if visible and own in IN_THE_WAY | IN_THE_WAY_IF_LOST:
+            return None  # the move itself dismisses it
+        names = IN_THE_WAY if visible else IN_THE_WAY | IN_THE_WAY_IF_LOST
         for element in usable(observation):
             name = fold(element.name)
             tries = self._cleared.get(name, 0)
@@ -267,13 +280,13 @@ class Solver:
                 return Act(LeftClick(target), f'Click "{element.name}" to clear what is in the way')
         return None
 
-    def _in_sight(self, move: Move, observation: Observation) -> bool:
+    def _is_visible(self, move: Move, observation: Observation) -> bool:
         return self._is_satisfied(move, observation) or self._find(move, observation) is not None
 
     def _find(self, move: Move, observation: Observation) -> Element | None:
         match move:
             case Home():
-                return find_home(observation, self._front())
+                return find_home(observation, self._front_page())
             case Click():
                 return find_click(observation, move)
             case Fill(field=field):
@@ -286,16 +299,16 @@ class Solver:
 
     # --- carrying out a move ----------------------------------------------------------------------
 
-    def _front(self) -> str:
-        """Front page of the website that the solution is on at this move."""
-        homes = [move.url for move in self._moves[: self._at + 1] if isinstance(move, Home)]
+    def _front_page(self) -> str:
+        """Front page of the website on which the current move takes place."""
+        homes = [move.url for move in self._moves[: self._position + 1] if isinstance(move, Home)]
         return (homes and homes[-1]) or self._website
 
-    def _work(self, move: Move, observation: Observation, mode: Mode) -> Act:
+    def _carry_out_move(self, move: Move, observation: Observation, mode: Mode) -> Act:
         if isinstance(move, Back):
-            return self._carry_out(observation, GoBack(), "Go back to the previous page")
-        if isinstance(move, Home) and not same_host(observation.url, self._front()):
-            return self._carry_out(observation, Navigate(self._front()), f"Open {self._front()}")
+            return self._act(observation, GoBack(), "Go back to the previous page")
+        if isinstance(move, Home) and not same_host(observation.url, self._front_page()):
+            return self._act(observation, Navigate(self._front_page()), f"Open {self._front_page()}")
         element = self._find(move, observation)
         if element is None:
             return self._search(move, observation, mode)
@@ -303,20 +316,18 @@ class Solver:
         target = target_of(element, observation, mode, at=_POINTS[self._effort.tries])
         match move:
             case Fill(text=text):
-                return self._carry_out(
-                    observation, Type(target, text), f'Type "{text}" into "{element.name}"'
-                )
+                return self._act(observation, Type(target, text), f'Type "{text}" into "{element.name}"')
             case Choose(option=option) if element.role != "option":
                 if not self._effort.opened:
                     self._effort.opened = True
                     return Act(LeftClick(target), f'Open the list "{element.name}"')
-                return self._carry_out(observation, Type(target, option), f'Pick "{option}" by typing it')
+                return self._act(observation, Type(target, option), f'Pick "{option}" by typing it')
             case _:
                 self._effort.role = element.role
                 named = f'"{element.name}"' if element.name else f"the {element.role}"
-                return self._carry_out(observation, LeftClick(target), f"Click {named}")
+                return self._act(observation, LeftClick(target), f"Click {named}")
 
-    def _carry_out(self, observation: Observation, action: Action, description: str) -> Act:
+    def _act(self, observation: Observation, action: Action, description: str) -> Act:
         self._effort.tries += 1
         self._effort.before = observation
         return Act(action, description)
@@ -324,18 +335,20 @@ class Solver:
     # --- searching --------------------------------------------------------------------------------
 
     def _search(self, move: Move, observation: Observation, mode: Mode) -> Act:
-        if (direction := self._sweep_on(move, observation)) is not None:
+        if (direction := self._next_scroll(move, observation)) is not None:
             return Act(Scroll(direction), f"Scroll {direction} to {in_words(move)}")
         if not self._effort.waited:
             self._effort.waited = True
             return Act(Wait(LOADING_WAIT_SECONDS), "Wait in case the page is not complete yet")
-        if observation.status in _REFUSED and not self._asked_again:
-            self._asked_again = True
-            return Act(Navigate(self._front()), "Open the front page again: the website refused this page")
-        return self._without(move, observation, mode)
+        if observation.status in _REFUSED and not self._reopened:
+            self._reopened = True
+            return Act(
+                Navigate(self._front_page()), "Open the front page again: the website refused this page"
+            )
+        return self._not_found(move, observation, mode)
 
-    def _sweep_on(self, move: Move, observation: Observation) -> Direction | None:
-        """Where to scroll next; ``None`` once both ends of the page have been seen."""
+    def _next_scroll(self, move: Move, observation: Observation) -> Direction | None:
+        """Direction of the next scroll; ``None`` once both ends of the page have been visited."""
         page = path_of(observation.url)
         sweep = self._effort.sweep
         is_over = sweep is not None and not sweep.ends and sweep.seen != observation.screenshot
@@ -350,24 +363,28 @@ class Solver:
         sweep.seen, sweep.offset = observation.screenshot, observation.scroll[0]
         return sweep.ends[0] if sweep.ends else None
 
-    def _without(self, move: Move, observation: Observation, mode: Mode) -> Act:
-        """What the move needs is nowhere on this page: doubt the move before, then give up."""
+    def _not_found(self, move: Move, observation: Observation, mode: Mode) -> Act:
+        """The element is nowhere on this page: repeat the move before once, then give up."""
         before = self._previous
-        last = self._moves[self._at - 1] if self._at else None
+        last = self._moves[self._position - 1] if self._position else None
         if isinstance(last, Fill) and isinstance(move, Click) and move.role == "button":
-            self._finish()  # the Enter that ended the typing sent the form, which is gone
+            self._finish()  # pressing Enter submitted the form, which is gone
             return self.next(observation, mode)
         is_same_page = before is not None and before.url == observation.url
-        if is_same_page and self._at not in self._redone and isinstance(last, Click | Fill | Choose | Back):
-            self._redone.add(self._at)
-            self._at -= 1
+        if (
+            is_same_page
+            and self._position not in self._redone
+            and isinstance(last, Click | Fill | Choose | Back)
+        ):
+            self._redone.add(self._position)
+            self._position -= 1
             self._effort = _Effort()
             return self.next(observation, mode)
         return _give_up(in_words(move))
 
 
 def in_words(move: Move) -> str:
-    """The move as a subtask."""
+    """A move as text, in the form of a subtask."""
     match move:
         case Home(url=url):
             return f"go to {url}" if url else "go to the front page"
@@ -405,11 +422,10 @@ def _holds_value(element: Element | None, value: str) -> bool:
 
 
 def _ends(move: Move, observation: Observation) -> list[Direction]:
-    """Which ends of the page to visit, the nearer one first.
+    """The ends of the page to visit, the nearer one first.
 
-    Texts must be in view together, and the way back stops at other places than the way there, so a
-    search for them goes both ways; for anything else, what is above has been seen when it starts at the
-    top.
+    A search for texts goes both ways even from the top: they must be in view together, and scrolling back
+    stops at other positions. A search for an element that starts at the top only goes down.
     """
     offset, extent = observation.scroll
     if offset <= 1 and not isinstance(move, See | Home):
@@ -418,7 +434,7 @@ def _ends(move: Move, observation: Observation) -> list[Direction]:
 
 
 def _is_at_end(observation: Observation, direction: Direction) -> bool:
-    """Whether the window cannot scroll further. One that does not scroll at all may hold a box that does."""
+    """Whether the page cannot scroll further. ``False`` for a page that does not scroll: a box in it may."""
     offset, extent = observation.scroll
     height = observation.viewport[1]
     if extent <= height + 1:

@@ -10,9 +10,9 @@ import msgspec
 
 from webgym.browser.cdp_messages import History, HistoryEntry
 from webgym.browser.isolated_worlds import DocumentGone
-from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, strokes
+from webgym.browser.keyboard import BACKSPACE, ENTER, PROCESS, Key, key_of, split_input
 from webgym.browser.page import BLANK, Page, Returned
-from webgym.browser.pointer import Point, click, drag, held, press, scroll
+from webgym.browser.pointer import Point, click, drag, holding, press, scroll
 from webgym.browser.settle import settle
 from webgym.browser.upload import upload
 from webgym.core.action import (
@@ -34,9 +34,9 @@ from webgym.core.action import (
 )
 from webgym.core.errors import ActionFailed, NavigationFailed
 
-_SAID_LENGTH = 300
+_QUOTED_LENGTH = 300
 _FRAME_DEPTH = 8
-"""Frames in frames that the focus is followed into."""
+"""How many levels of nested frames the focus is followed into."""
 _SCHEMES = ("http://", "https://")
 _OTHER_SCHEMES = frozenset(
     {"about", "blob", "chrome", "data", "file", "ftp", "javascript", "mailto", "view-source"}
@@ -44,16 +44,17 @@ _OTHER_SCHEMES = frozenset(
 
 
 class _Field(msgspec.Struct, frozen=True):
-    """What has the focus, readied for typing.
+    """The focused element, prepared for typing.
 
     Attributes:
-        kind: ``text`` is a field whose content is selected, ``keys`` something else that listens to keys,
-            ``frame`` a frame of another origin that has the focus; ``set`` and ``chosen`` are done.
-        filled: whether there is something to be cleared.
-        stands: whether it may only take the keys for an editor that keeps its content itself.
-        frame: which one; ``None`` if it was not entered yet, empty if it cannot be.
-        wondered: whether the focus may be in a closed root that was not entered yet.
-        why: what was refused.
+        kind: ``text``: a field whose content is selected. ``keys``: another element that handles keys.
+            ``frame``: a frame of another origin. ``set``, ``chosen``: the value was set already.
+            ``refused``: the text is not valid for the field. ``none``: nothing accepts text.
+        filled: whether it has content to be cleared.
+        stands: whether it may be the input of an editor that keeps its content itself.
+        frame: the focused frame; ``None`` if it was not entered yet, empty if it cannot be entered.
+        wondered: whether the focus may be in a closed shadow root that was not entered yet.
+        why: why the text was refused.
     """
 
     kind: Literal["text", "keys", "frame", "set", "chosen", "refused", "none"]
@@ -65,17 +66,17 @@ class _Field(msgspec.Struct, frozen=True):
 
 
 async def perform(page: Page, action: BrowserAction) -> None:
-    """Carry an action out, without waiting for what it sets off.
+    """Carry out an action, without waiting for its effects.
 
     Raises:
-        ActionFailed, NavigationFailed: the page is as it is, the agent is to be told.
-        BrowserTimeout: the page did not take an input event in time.
+        ActionFailed, NavigationFailed: the action is not possible on this page; the page is unchanged.
+        BrowserTimeout: the page did not handle an input event in time.
         TargetGone, BrowserCrashed: the page or the browser is gone.
     """
     match action:
         case LeftClick(target=target, modifiers=modifiers):
             point = point_of(page, target)
-            async with held(page, modifiers) as bits:
+            async with holding(page, modifiers) as bits:
                 await click(page, point, modifiers=bits)
         case DoubleClick(target=target):
             await click(page, point_of(page, target), count=2)
@@ -101,10 +102,10 @@ async def perform(page: Page, action: BrowserAction) -> None:
 
 
 def point_of(page: Page, target: Target) -> Point:
-    """Where a target lies in the viewport, px.
+    """The position of a target in the viewport, CSS pixels.
 
     Raises:
-        ActionFailed: the last observation showed no such element.
+        ActionFailed: the last observation contains no such element.
     """
     if target.element is not None:
         point = page.points.get(target.element)
@@ -127,7 +128,7 @@ def _on_page(page: Page, coordinate: tuple[float, float]) -> Point:
 async def _press(page: Page, key: Key) -> None:
     kinds: tuple[Literal["down", "up"], ...] = ("down", "up")
     seconds = page.config.execute_seconds
-    await asyncio.gather(  # sent at once, taken in order
+    await asyncio.gather(  # sent at once, handled in order
         *(page.session.do("Input.dispatchKeyEvent", key.event(kind), seconds=seconds) for kind in kinds)
     )
 
@@ -137,7 +138,7 @@ async def _insert(page: Page, text: str) -> None:
 
 
 async def _compose(page: Page, text: str) -> None:
-    """As an input method does: the page sees a composition begin, change and end."""
+    """Enter text as an input method does: the page sees a composition begin, change and end."""
     seconds = page.config.execute_seconds
     end = len(text.encode("utf-16-le")) // 2
     await asyncio.gather(
@@ -153,8 +154,8 @@ async def _compose(page: Page, text: str) -> None:
 
 
 async def _write(page: Page, text: str) -> None:
-    for way, run in strokes(text, page.config.typed_keys):
-        match way:
+    for method, run in split_input(text, page.config.typed_keys):
+        match method:
             case "keys":
                 await asyncio.gather(*(_press(page, key_of(character)) for character in run))
             case "compose":
@@ -164,7 +165,7 @@ async def _write(page: Page, text: str) -> None:
 
 
 async def _prepare(page: Page, text: str, enter: bool) -> _Field:
-    """Ready what has the focus, in whichever frame it is."""
+    """Prepare the focused element for typing, in whichever frame it is."""
     frame: str | None = None
     for _ in range(_FRAME_DEPTH):
         try:
@@ -182,8 +183,9 @@ async def _prepare(page: Page, text: str, enter: bool) -> _Field:
     return _Field("none")
 
 
-async def _prepare_late(page: Page, text: str, enter: bool, wondered: bool) -> _Field:
-    """The click may open a field that takes a moment, or have gone into a closed root."""
+async def _settle_and_prepare(page: Page, text: str, enter: bool, wondered: bool) -> _Field:
+    """Prepare again after the page has settled: the click may open a field with a delay, or have focused an
+    element in a closed shadow root."""
     await settle(page)
     if wondered:
         with contextlib.suppress(DocumentGone):
@@ -194,21 +196,24 @@ async def _prepare_late(page: Page, text: str, enter: bool, wondered: bool) -> _
 async def type_at(
     page: Page, point: Point, text: str, *, replace: bool = True, enter: bool = True, blindly: bool = False
 ) -> None:
-    """Click here and type into what then has the focus.
+    """Click at a point and type into the element that then has the focus.
 
     Args:
-        replace: what is in the field; else the text goes behind it.
-        enter: press it afterwards.
-        blindly: press the keys even where nothing is known to take them.
+        page: the page.
+        point: where to click, CSS pixels.
+        text: what to type.
+        replace: whether to replace the field's content; otherwise the text is appended.
+        enter: whether to press Enter afterwards.
+        blindly: whether to press the keys even if no element is known to handle them.
 
     Raises:
-        ActionFailed: nothing takes this text.
+        ActionFailed: no element accepts this text.
     """
     config = page.config
     await click(page, point)
     field = await _prepare(page, text, enter)
     if field.kind in ("none", "keys"):
-        field = await _prepare_late(page, text, enter, field.wondered)
+        field = await _settle_and_prepare(page, text, enter, field.wondered)
     if field.kind == "text" and field.stands and replace:
         await press(page, ("Control", "a"))
     match field.kind:
@@ -226,7 +231,7 @@ async def type_at(
             await _write(page, text)
         case "text" if text:
             if not replace:
-                await press(page, ("Control", "End"))  # the selection gives way to a caret behind it
+                await press(page, ("Control", "End"))  # replaces the selection by a caret at the end
             await _write(page, text)
         case "text" if (field.filled or field.stands) and replace:
             await _press(page, BACKSPACE)
@@ -248,10 +253,10 @@ async def _go_back(page: Page) -> None:
     page.returned = Returned(index, left)
 
 
-async def is_led_on(page: Page) -> bool:
-    """Whether the page that this action went back to has led on by itself, as a redirect by script does.
+async def has_redirected(page: Page) -> bool:
+    """Whether the page that this action went back to has redirected again by script.
 
-    Then there is no way back but past it; going back once more in the same action takes that way.
+    Going back then requires skipping that page, by going back once more in the same action.
     """
     returned = page.returned
     if returned is None or page.loader == returned.left:  # a document that changes its own history may
@@ -273,19 +278,21 @@ async def _return_to(page: Page, entry: HistoryEntry) -> None:
         async with asyncio.timeout(page.config.navigate_seconds):
             await page.traffic.started.wait()
     except TimeoutError:
-        raise NavigationFailed(f"{entry.url[:_SAID_LENGTH]} did not open") from None
+        raise NavigationFailed(f"{entry.url[:_QUOTED_LENGTH]} did not open") from None
 
 
 async def _navigate(page: Page, url: str) -> None:
-    wanted = url.strip()
-    if len(wanted) > page.config.url_length:
-        raise NavigationFailed(f"an address of {len(wanted)} characters was not opened")
-    if wanted.lower().startswith(_SCHEMES):
-        await page.navigate(wanted)
-    elif not wanted or "://" in wanted or wanted.split(":")[0].lower() in _OTHER_SCHEMES:
-        raise NavigationFailed(f'"{wanted[:_SAID_LENGTH]}" was not opened: only http and https addresses are')
-    else:  # as an address bar does: secure first
+    address = url.strip()
+    if len(address) > page.config.url_length:
+        raise NavigationFailed(f"an address of {len(address)} characters was not opened")
+    if address.lower().startswith(_SCHEMES):
+        await page.navigate(address)
+    elif not address or "://" in address or address.split(":")[0].lower() in _OTHER_SCHEMES:
+        raise NavigationFailed(
+            f'"{address[:_QUOTED_LENGTH]}" was not opened: only http and https addresses are'
+        )
+    else:  # as an address bar does: https first
         try:
-            await page.navigate(f"https://{wanted}")
+            await page.navigate(f"https://{address}")
         except NavigationFailed:
-            await page.navigate(f"http://{wanted}")
+            await page.navigate(f"http://{address}")

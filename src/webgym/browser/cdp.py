@@ -1,8 +1,8 @@
 """A small client of the DevTools protocol over a pipe: no port is opened, and when one end dies the
 other notices.
 
-Messages are JSON, each ended by a NUL byte. One connection carries many flat sessions; a session
-belongs to one target (a page), the connection itself speaks to the browser.
+Messages are JSON, each terminated by a NUL byte. One connection carries many flat sessions; a session belongs
+to one target (a page), and commands without a session go to the browser itself.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ class CommandFailed(BrowserError):
 
 
 class TargetGone(BrowserError):
-    """The page that a command was meant for is gone or crashed."""
+    """The target page of a command is closed or crashed."""
 
     code = "browser_target_gone"
 
 
-class _Refusal(msgspec.Struct, frozen=True):
+class _CommandError(msgspec.Struct, frozen=True):
     code: int
     message: str
     data: str = ""
@@ -51,7 +51,7 @@ class _Incoming(msgspec.Struct, frozen=True, rename="camel"):
     method: str | None = None
     params: msgspec.Raw = msgspec.Raw(b"{}")
     result: msgspec.Raw = msgspec.Raw(b"{}")
-    error: _Refusal | None = None
+    error: _CommandError | None = None
     session_id: str = _BROWSER
 
 
@@ -77,19 +77,20 @@ _ESCAPE = re.compile(
 
 
 def _decode(message: bytes) -> _Incoming:
-    """A message. Pages cut their texts in the middle of an emoji, and what Chromium then sends is no JSON by
-    the book: half a character becomes the character for what cannot be shown."""
+    """Decode a message. Pages truncate text in the middle of an emoji, and Chromium then sends lone
+    surrogates,
+    which are invalid JSON: they are replaced by U+FFFD."""
     try:
         return _read(message)
     except msgspec.DecodeError:
-        return _read(_ESCAPE.sub(lambda found: rb"\ufffd" if found[1] else found[0], message))
+        return _read(_ESCAPE.sub(lambda match: rb"\ufffd" if match[1] else match[0], message))
 
 
 _encode = msgspec.json.Encoder().encode
 
 
 class Connection(asyncio.Protocol):
-    """One browser's end of the protocol. Use it as the protocol of a stream transport."""
+    """The connection to one browser, as the protocol of an asyncio stream transport."""
 
     def __init__(self) -> None:
         self._transport: asyncio.Transport | None = None
@@ -98,18 +99,18 @@ class Connection(asyncio.Protocol):
         self._handlers: dict[tuple[str, str], list[Handler]] = {}
         self._last_id = 0
         self._lost: BrowserCrashed | None = None
-        self._mourners: list[Callable[[], None]] = []
+        self._lost_handlers: list[Callable[[], None]] = []
         self.why_lost: Callable[[], BrowserCrashed | None] = lambda: None
-        """Asked when the pipe ends, by whoever may know more."""
+        """Called when the pipe closes: may return a more specific error than "the pipe closed"."""
 
     # --- transport ----------------------------------------------------------------------------------
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """The transport is up."""
-        self._transport = cast(asyncio.Transport, transport)  # uvloop's is none by name
+        self._transport = cast(asyncio.Transport, transport)  # uvloop's is not a subclass
 
     def data_received(self, data: bytes) -> None:
-        """Bytes came in: a part of a message, or several."""
+        """Handle received bytes: a part of a message, or several messages."""
         end = data.find(b"\0")
         if end < 0:
             self._parts.append(data)
@@ -126,7 +127,7 @@ class Connection(asyncio.Protocol):
             self._parts.append(data[start:])
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The browser's end is gone: everything that waits for it fails."""
+        """The pipe has closed: fail all pending commands."""
         self.abandon(
             self.why_lost() or BrowserCrashed(f"the browser's pipe closed{f': {exc}' if exc else ''}")
         )
@@ -140,9 +141,9 @@ class Connection(asyncio.Protocol):
                 pending.reply.set_exception(error)
         self._pending.clear()
         self._handlers.clear()
-        mourners, self._mourners = self._mourners, []
-        for mourn in mourners:
-            mourn()
+        handlers, self._lost_handlers = self._lost_handlers, []
+        for handler in handlers:
+            handler()
         if self._transport is not None:
             self._transport.abort()
 
@@ -153,7 +154,7 @@ class Connection(asyncio.Protocol):
 
     @property
     def lost(self) -> BrowserCrashed | None:
-        """Why it can no longer be reached."""
+        """Why the browser can no longer be reached; ``None`` if it can."""
         return self._lost
 
     def _dispatch(self, message: bytes) -> None:
@@ -176,7 +177,7 @@ class Connection(asyncio.Protocol):
     # --- commands -----------------------------------------------------------------------------------
 
     def send(self, method: str, params: dict[str, Any] | None = None, session_id: str = _BROWSER) -> int:
-        """Send a command and do not wait. Returns its number; a refusal is not heard of."""
+        """Send a command without waiting for the reply, so that its errors are ignored. Returns its id."""
         if self._lost is not None:
             raise self._lost
         assert self._transport is not None, "the connection is not up yet"
@@ -197,8 +198,8 @@ class Connection(asyncio.Protocol):
         """Send a command and wait for its reply.
 
         Raises:
-            CommandFailed: the browser refused it.
-            TargetGone: the session's page went away before it answered.
+            CommandFailed: the browser replied with an error.
+            TargetGone: the session's page was closed or crashed before it answered.
             BrowserTimeout: no answer within ``seconds``.
             BrowserCrashed: the browser is gone.
         """
@@ -235,35 +236,40 @@ class Connection(asyncio.Protocol):
 
     def when_lost(self, handler: Callable[[], None]) -> Unsubscribe:
         """Call ``handler`` when the browser can no longer be reached, until unsubscribed."""
-        self._mourners.append(handler)
+        self._lost_handlers.append(handler)
 
         def unsubscribe() -> None:
-            if handler in self._mourners:
-                self._mourners.remove(handler)
+            if handler in self._lost_handlers:
+                self._lost_handlers.remove(handler)
 
         return unsubscribe
 
     def drop_session(self, session_id: str, error: BrowserError) -> None:
-        """Forget a session's handlers and fail what waits in it."""
+        """Remove a session's handlers and fail its pending commands."""
         for key in [key for key in self._handlers if key[0] == session_id]:
             del self._handlers[key]
         self.fail_session(session_id, error)
 
     def fail_session(self, session_id: str, error: BrowserError) -> None:
-        """Fail what waits in a session; its handlers stay."""
+        """Fail the pending commands of a session; its handlers stay."""
         for pending in self._pending.values():
             if pending.session_id == session_id and not pending.reply.done():
                 pending.reply.set_exception(error)
 
 
 class Session:
-    """A connection narrowed to one target."""
+    """The session of one target on a connection.
+
+    Attributes:
+        connection: the browser's connection.
+        id: the session's id.
+        crashed: set while the target's renderer is gone, because commands that need it would not be answered.
+    """
 
     def __init__(self, connection: Connection, session_id: str) -> None:
         self.connection = connection
         self.id = session_id
         self.crashed: TargetGone | None = None
-        """Set while its renderer is gone: a command that needs one would not be answered."""
 
     async def call(
         self, method: str, params: dict[str, Any] | None = None, *, reply: type[T], seconds: float
@@ -274,7 +280,7 @@ class Session:
         return await self.connection.call(method, params, reply=reply, seconds=seconds, session_id=self.id)
 
     async def do(self, method: str, params: dict[str, Any] | None = None, *, seconds: float) -> None:
-        """A command whose reply says nothing."""
+        """Send a command whose reply is empty, and wait for it."""
         await self.call(method, params, reply=EmptyReply, seconds=seconds)
 
     def send(self, method: str, params: dict[str, Any] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The parts of the DevTools protocol's messages that we read. Names and shapes are the protocol's."""
+"""The parts of the DevTools protocol's messages that WebGym reads. Names and structure are the protocol's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class CdpMessage(msgspec.Struct, frozen=True, rename="camel"):
 
 
 class EmptyReply(CdpMessage, frozen=True):
-    """A reply that says only that it was done."""
+    """A reply or event whose content is ignored."""
 
 
 class Version(CdpMessage, frozen=True):
@@ -100,7 +100,7 @@ class NavigatedWithinDocument(CdpMessage, frozen=True):
 
 
 class FrameEvent(CdpMessage, frozen=True):
-    """Events that only name a frame."""
+    """An event of which only the frame's id is read."""
 
     frame_id: str
 
@@ -113,7 +113,7 @@ class NavigationStarted(CdpMessage, frozen=True):
 
 
 class FileChooser(CdpMessage, frozen=True):
-    """``Page.fileChooserOpened``: an ``<input type=file>`` wants files."""
+    """``Page.fileChooserOpened``: an ``<input type=file>`` asks for files."""
 
     mode: str = "selectSingle"
     backend_node_id: int = 0
@@ -180,7 +180,7 @@ class DownloadWillBegin(CdpMessage, frozen=True):
 
 
 class PostData(CdpMessage, frozen=True):
-    """A part of a request's body; base64 is decoded on the way in."""
+    """A part of a request's body, decoded from base64."""
 
     data: bytes = msgspec.field(default=b"", name="bytes")
 
@@ -239,7 +239,7 @@ class SocketCreated(CdpMessage, frozen=True):
 
 
 class RequestDone(CdpMessage, frozen=True):
-    """``Network.loadingFinished``, and others that only name a request."""
+    """``Network.loadingFinished``, and other events of which only the request's id is read."""
 
     request_id: str
 
@@ -277,7 +277,7 @@ class RemoteObject(CdpMessage, frozen=True):
 
 
 class ExceptionDetails(CdpMessage, frozen=True):
-    """Why a script did not end well."""
+    """Why a script failed."""
 
     text: str = ""
     exception: RemoteObject | None = None
@@ -291,7 +291,7 @@ class Evaluated(CdpMessage, frozen=True):
 
 
 class Property(CdpMessage, frozen=True):
-    """One property of an object that there is a handle for."""
+    """One property of a remote object."""
 
     name: str
     value: RemoteObject | None = None
@@ -311,7 +311,7 @@ class ShadowRoot(CdpMessage, frozen=True):
 
 
 class Node(CdpMessage, frozen=True):
-    """A described element; ``frame_id`` of the frame that it holds."""
+    """A described element; ``frame_id`` is that of the frame that it contains."""
 
     frame_id: str = ""
     shadow_roots: tuple[ShadowRoot, ...] = ()
@@ -330,6 +330,6 @@ class Resolved(CdpMessage, frozen=True):
 
 
 class Screenshot(CdpMessage, frozen=True):
-    """``Page.captureScreenshot``; base64 is decoded on the way in."""
+    """``Page.captureScreenshot``, decoded from base64."""
 
     data: bytes

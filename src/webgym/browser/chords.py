@@ -1,7 +1,7 @@
 """Keys by name, and keys pressed together.
 
-Names are those of ``KeyboardEvent.key`` and ``KeyboardEvent.code``, in any case, and what people write for
-them (``ctrl``, ``esc``, ``return``, ``up``). A single character is itself.
+Names are those of ``KeyboardEvent.key`` and ``KeyboardEvent.code``, in any case, and common aliases
+(``ctrl``, ``esc``, ``return``, ``up``). A single character names its own key.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _BITS = {"Alt": 1, "Control": 2, "Meta": 4, "Shift": SHIFT}
 """The protocol's modifier bits."""
 
 _LEFT = 1
-"""Where on the keyboard the modifiers are that we press."""
+"""The protocol's ``location`` of keys on the left side of the keyboard."""
 
 _NAMED = (
     ENTER,
@@ -44,7 +44,7 @@ _NAMED = (
     *(key_of(character) for character in (*"abcdefghijklmnopqrstuvwxyz0123456789", *PLAIN)),
 )
 
-_ALSO = {
+_ALIASES = {
     "ctrl": "Control",
     "controlormeta": "Control",
     "cmd": "Meta",
@@ -67,9 +67,9 @@ _ALSO = {
     "divide": "Slash",
 }
 _BY_NAME = {name.lower(): key for key in _NAMED for name in (key.code, key.key)}
-_BY_NAME |= {also: _BY_NAME[name.lower()] for also, name in _ALSO.items()}
+_BY_NAME |= {alias: _BY_NAME[name.lower()] for alias, name in _ALIASES.items()}
 
-_MARK_ON = {base: mark for mark, base in SHIFTED.items()}
+_SHIFTED_BY_BASE = {base: shifted for shifted, base in SHIFTED.items()}
 _PARTS = re.compile(r"[^+]+|\+$")
 
 
@@ -77,14 +77,14 @@ def keys_of(names: Iterable[str]) -> list[Key]:
     """The keys of a chord: ``("Control", "a")``, ``("Control+a",)``, ``("Enter",)``.
 
     Raises:
-        ValueError: a name that no key has.
+        ValueError: a name is not that of a key.
     """
     parts = (part for name in names for part in ([name] if len(name) == 1 else _PARTS.findall(name)))
     return [_named(part) for part in parts]
 
 
 def modifier_bits(names: Iterable[str]) -> int:
-    """The protocol's bits of modifiers that are held."""
+    """The protocol's bit mask of these modifiers."""
     return sum(_BITS[name] for name in names)
 
 
@@ -98,26 +98,26 @@ def _named(name: str) -> Key:
 
 
 def chord(keys: Sequence[Key]) -> list[dict[str, Any]]:
-    """The protocol's key events: down one after the other, up in the reverse order."""
-    held = 0
+    """The protocol's key events of a chord: down one after the other, up in the reverse order."""
+    modifiers = 0
     events = []
     for key in keys:
-        held |= _BITS.get(key.key, 0)
-        events.append(_event(key, held, is_down=True))
+        modifiers |= _BITS.get(key.key, 0)
+        events.append(_event(key, modifiers, is_down=True))
     for key in reversed(keys):
-        held &= ~_BITS.get(key.key, 0)
-        events.append(_event(key, held, is_down=False))
+        modifiers &= ~_BITS.get(key.key, 0)
+        events.append(_event(key, modifiers, is_down=False))
     return events
 
 
-def _event(key: Key, held: int, *, is_down: bool) -> dict[str, Any]:
-    if held & SHIFT and key.text:
-        key = key_of(_MARK_ON.get(key.text, key.text.upper())) if key is not ENTER else key
+def _event(key: Key, modifiers: int, *, is_down: bool) -> dict[str, Any]:
+    if modifiers & SHIFT and key.text:
+        key = key_of(_SHIFTED_BY_BASE.get(key.text, key.text.upper())) if key is not ENTER else key
     event = {**key.event("down" if is_down else "up")}
-    event["modifiers"] |= held
+    event["modifiers"] |= modifiers
     if key.key in _BITS:
         event["location"] = _LEFT
-    if is_down and held & ~SHIFT:  # a command types nothing
+    if is_down and modifiers & ~SHIFT:  # a keyboard shortcut types no text
         event |= {"type": "rawKeyDown"}
         event.pop("text", None)
     return event

@@ -1,4 +1,4 @@
-"""Reading a whole document, not only what the viewport shows of it."""
+"""Reads a whole document, not only the part in the viewport."""
 
 from __future__ import annotations
 
@@ -6,19 +6,19 @@ from typing import Any
 
 import msgspec
 
-from webgym.browser.observe import patiently
+from webgym.browser.observe import with_retries
 from webgym.browser.page import Page
 
 Box = tuple[float, float, float, float]
 
 
 class ReadRequest(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What of a document is wanted.
+    """Which parts of a document to read.
 
     Attributes:
-        lines: how many lines of its text, empty ones counted and left out; 0 for none.
-        elements: its interactive elements, in view or not.
-        meta: what it says about itself to machines.
+        lines: number of lines of its text, empty lines counted but left out; 0 for no text.
+        elements: whether to read its interactive elements, in view or not.
+        meta: whether to read its metadata: ``<meta>`` elements, JSON-LD and microdata.
     """
 
     lines: int = 0
@@ -27,13 +27,14 @@ class ReadRequest(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class DocumentElement(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An interactive element of a document. Its number is also that of its mark, wherever it gets one.
+    """An interactive element of a document.
 
     Attributes:
-        tag, type: its name in HTML; of an ``<input>`` also the kind.
+        number: also the number of its mark.
+        tag, type: its name in HTML, and the ``type`` of an ``<input>``.
         role, name: as in :class:`~webgym.core.observation.Element`.
-        scrolls: whether there is more in it than it shows, up and down.
-        boxes: ``(x, y, width, height)`` of its parts, CSS pixels from the viewport's corner; none for an
+        scrolls: whether it can be scrolled vertically.
+        boxes: ``(x, y, width, height)`` of its parts, CSS pixels from the viewport's corner; empty for an
             option of a closed dropdown.
     """
 
@@ -47,15 +48,15 @@ class DocumentElement(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Document(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What was read. What is too long is cut (``document_characters``, ``document_elements``).
+    """The content of a document, truncated to ``document_characters`` and ``document_elements``.
 
     Attributes:
-        url, title: of the main frame.
-        text: its text as it is laid out.
-        elements: in the order of the document, frames of the same origin included.
+        url, title: URL and title of the main frame.
+        text: its text as laid out.
+        elements: its interactive elements in document order, frames of the same origin included.
         meta: content of the ``<meta>`` elements by name or property.
-        linked: the JSON-LD scripts, as written.
-        items: the top-level microdata items; ``itemType`` and their properties.
+        linked: the JSON-LD scripts, unparsed.
+        items: the top-level microdata items: ``itemType`` and properties.
     """
 
     url: str = ""
@@ -71,12 +72,12 @@ async def read(page: Page, request: ReadRequest) -> Document:
     """Read the document that the page shows now.
 
     Raises:
-        BrowserTimeout: no answer within the deadline of a look.
+        BrowserTimeout: no answer within ``screenshot_seconds``.
     """
-    wanted = {
+    options = {
         **msgspec.structs.asdict(request),
         "characters": page.config.document_characters,
         "most": page.config.document_elements,
     }
-    document = await patiently(page, lambda: page.run("readDocument", wanted, reply=Document))
+    document = await with_retries(page, lambda: page.run("readDocument", options, reply=Document))
     return msgspec.structs.replace(document, url=page.address)

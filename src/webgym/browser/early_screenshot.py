@@ -1,21 +1,21 @@
-"""A screenshot that is taken while the page is still being waited for.
+"""A screenshot that is taken while the page is still settling.
 
-Taking a screenshot takes as long as finding out that nothing more is loading, and mostly nothing is. So if an
-action has started nothing that is still pending, the screenshot is requested at once, and used if the page is
-found to look the same when the wait is over (``scripts/early.js``). Otherwise it is discarded and a new one
-is taken as usual.
+Taking a screenshot takes as long as finding out that nothing more is loading, which is the usual case. So if
+an action has started nothing that is still pending, the screenshot is requested at once, and used if the page
+still looks the same when the wait is over (``scripts/early.js``). Otherwise it is discarded and a new one is
+taken as usual.
 """
 
 from __future__ import annotations
 
 import asyncio
 
-from webgym.browser.observe import Early, Seen, capture_marked, wanted_of
+from webgym.browser.observe import Early, PageContent, capture_marked, content_options
 from webgym.browser.page import Page
 from webgym.core.errors import BrowserError
 
 _FINAL = frozenset({"unchanged", "quiet", "long_poll"})
-"""Reasons for the end of a wait after which nothing is to come."""
+"""Reasons for the end of the wait after which the page does not change any more."""
 
 
 class EarlyScreenshot:
@@ -25,8 +25,8 @@ class EarlyScreenshot:
     """
 
     def __init__(self, page: Page) -> None:
-        self.seen: Seen | None = None
-        """What the document says of itself, if the picture shows it as it is."""
+        self.content: PageContent | None = None
+        """The content of the document, if the screenshot shows its current state."""
         self._page = page
         self._before = self._state()
         self._task: asyncio.Task[bytes | None] | None = None
@@ -36,60 +36,64 @@ class EarlyScreenshot:
 
     @property
     def result(self) -> Early | None:
-        """The screenshot and what it shows, if it was taken and shows the page as it is."""
-        if self.seen is None or self._before != self._state():
+        """The screenshot and the document's content, if it was taken and shows the page's current state."""
+        if self.content is None or self._before != self._state():
             return None
-        return Early(self.seen, self.picture)
+        return Early(self.content, self.picture)
 
     async def begin(self) -> None:
-        """The action is done: have the picture asked for, unless something is known to be under way."""
+        """After the action: request the screenshot, unless something is known to be in progress."""
         page = self._page
-        worlds = page.worlds  # frames and workers of which the tab's own frame hears nothing
+        worlds = page.worlds  # the main frame does not see changes in other frames and workers
         has_more = worlds.has_new_frames or worlds.entered or len(page.workers) or page.options.cuts
         if has_more or not worlds.is_entered or page.happened:
             return
         if not page.traffic.is_idle() or self._before != self._state():
             return
         self._task = asyncio.create_task(self._take())
-        await asyncio.sleep(0)  # the page is asked before the wait asks it anything
+        await asyncio.sleep(0)  # this request reaches the page before those of the wait
 
     async def _take(self) -> bytes | None:
-        """The picture, unless the page has more to come."""
+        """The screenshot, or ``None`` if the page is about to change."""
         page = self._page
-        wanted = wanted_of(page) if page.options.mode == "marks" else None
+        options = content_options(page) if page.options.mode == "marks" else None
         try:
-            if not await page.run("beginEarly", wanted, reply=bool, seconds=page.config.busy_seconds):
+            if not await page.run("beginEarly", options, reply=bool, seconds=page.config.busy_seconds):
                 return None
-        except BrowserError:  # the wait, or the look, says what is wrong
+        except BrowserError:  # reported by the wait or the observation
             return None
         return await capture_marked(page)
 
     async def end(self, settled: str) -> None:
-        """The wait is over: find out whether the picture is good.
+        """After the wait: find out whether the screenshot shows the page's current state.
 
         Args:
-            settled: why it ended.
+            settled: why the wait ended.
         """
         page = self._page
         if self._task is None or settled not in _FINAL:
             return
         try:
-            found = await page.run(
-                "endEarly", wanted_of(page), reply=tuple[Seen, ...], seconds=page.config.busy_seconds
+            contents = await page.run(
+                "endEarly",
+                content_options(page),
+                reply=tuple[PageContent, ...],
+                seconds=page.config.busy_seconds,
             )
         except BrowserError:
             return
-        self.seen = next((one for one in found if not (one.unknown or one.missing or one.frames)), None)
+        complete = (it for it in contents if not (it.unknown or it.missing or it.frames))
+        self.content = next(complete, None)
 
     async def picture(self) -> bytes:
-        """The picture. Raises as :func:`~webgym.browser.observe.capture` does."""
+        """The screenshot. Raises as :func:`~webgym.browser.observe.capture` does."""
         assert self._task is not None
         image = await self._task
-        assert image is not None, "who has seen its frame has asked for it"
+        assert image is not None, "the screenshot was requested before its content was read"
         return image
 
     async def drop(self) -> None:
-        """Stop taking it."""
+        """Cancel the screenshot."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)

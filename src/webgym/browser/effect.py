@@ -18,59 +18,59 @@ from webgym.core.action import DoubleClick, LeftClick, RightClick, Scroll
 from webgym.core.errors import ActionFailed, BrowserError
 
 Effect: TypeAlias = Literal["some", "none", "unseen"]
-"""``unseen``: there is something whose changes only a picture shows."""
+"""``unseen``: the page contains something whose changes only a screenshot shows, such as a canvas."""
 
 
 class EffectCheck:
-    """Tells the agent of a click or a scroll that has no effect.
+    """Detects clicks and scrolls without effect, and adds a notice of them to the next observation.
 
-    An effect is a change of the document that it did not show by itself before, another focus or selection, a
-    value, a scroll, a plan for later, a request, an address, a window, or anything that there is a notice of.
-    Of other actions it is not asked for. What changes after an action changes by itself.
+    An effect is a change of the document that did not occur by itself before, another focus or selection, a
+    changed value, a scroll, a new timer, a request, another URL, a window, or any notice. Other actions are
+    not checked. Parts that go on changing after an action are ignored at the next one.
     """
 
     def __init__(self, page: Page, action: AnyAction) -> None:
         self._page = page
         self._point: Point | None = None
-        self._said = ""
-        self._begun: asyncio.Task[bool | None] | None = None
+        self._message = ""
+        self._trace_started: asyncio.Task[bool | None] | None = None
         match action:
             case LeftClick(target=target) | DoubleClick(target=target) | RightClick(target=target):
-                with contextlib.suppress(ActionFailed):  # which is told anyway
+                with contextlib.suppress(ActionFailed):  # reported when the action is carried out
                     self._point = point_of(page, target)
-                    self._said = "the page did not react to it"
+                    self._message = "the page did not react to it"
             case Scroll(direction=direction):
-                self._said = f"nothing scrolled {direction}"
+                self._message = f"nothing scrolled {direction}"
 
     async def begin(self) -> None:
-        """Before the action. What that asks the page is answered after our question, so we need not wait."""
+        """Call before the action. The page handles this call before the action's, so it is not awaited."""
         self._before = self._state()
-        if self._said:
-            self._begun = asyncio.create_task(self._ask("beginTrace", self._point, reply=bool))
-            await (asyncio.sleep(0) if self._page.worlds.is_entered else self._begun)  # it is sent
+        if self._message:
+            self._trace_started = asyncio.create_task(self._call_page("beginTrace", self._point, reply=bool))
+            await (asyncio.sleep(0) if self._page.worlds.is_entered else self._trace_started)  # it is sent
 
     async def end(self) -> None:
-        """After the wait for a quiet page: keep what there is to tell."""
+        """Call after the page has settled: add a notice if the action had no effect."""
         page = self._page
-        has_begun = self._begun and await self._begun
-        if not has_begun or page.happened or self._before != self._state():
+        was_traced = self._trace_started and await self._trace_started
+        if not was_traced or page.happened or self._before != self._state():
             page.post("endTrace")
             return
-        found = await self._ask("endTrace", reply=Effect)
-        if found is None or found == "some":
+        effect = await self._call_page("endTrace", reply=Effect)
+        if effect is None or effect == "some":
             return
         options = page.options
-        has_looked_in = options.text or options.elements or options.mode == "marks"  # into shadow roots too
-        if found == "unseen" or not has_looked_in or page.worlds.in_view:
-            page.ineffective_if_same = self._said
+        sees_shadow_roots = options.text or options.elements or options.mode == "marks"
+        if effect == "unseen" or not sees_shadow_roots or page.worlds.in_view:
+            page.ineffective_if_same = self._message
         else:
-            page.note("no_effect", self._said)
+            page.note("no_effect", self._message)
 
     def _state(self) -> tuple[str, str, int]:
         return self._page.url, self._page.loader, self._page.requests
 
-    async def _ask(self, function: str, *arguments: object, reply: Any) -> Any:
-        """What the page says, if it has a moment. One that has none, or is gone, is told by other notices."""
+    async def _call_page(self, function: str, *arguments: object, reply: Any) -> Any:
+        """The page's reply; ``None`` if it does not answer or is gone, which other notices report."""
         with contextlib.suppress(BrowserError):
             seconds = self._page.config.busy_seconds
             return await self._page.run(function, *arguments, reply=reply, seconds=seconds)

@@ -1,6 +1,6 @@
 """Find a Chromium on this machine.
 
-Looked for in this order; the first one that tells its version is taken:
+The first of these that prints its version is used:
 
 1. an explicit setting: the argument, else the environment variable ``WEBGYM_BROWSER``;
 2. Playwright's own headless shell, in its browsers folder;
@@ -8,7 +8,7 @@ Looked for in this order; the first one that tells its version is taken:
 4. the system's ``chromium`` (or ``chromium-browser``);
 5. Chrome.
 
-The headless shell comes before the full browser because it needs about half the CPU per screenshot and
+The headless shell is preferred to the full browser because it needs about half the CPU per screenshot and
 half the memory. For start-up only: it blocks on the file system and on short-lived processes.
 """
 
@@ -36,7 +36,7 @@ Kind: TypeAlias = Literal["headless-shell", "chromium", "chrome"]
 Origin: TypeAlias = Literal["setting", "playwright", "system"]
 
 ENVIRONMENT_VARIABLE = "WEBGYM_BROWSER"
-"""Names the browser's executable; wins over everything but an argument."""
+"""Path of the browser's executable; overrides everything but an argument."""
 
 INSTALL_HINT = (
     "run `make setup`, or `playwright install chromium-headless-shell`, or "
@@ -54,7 +54,7 @@ _SYSTEM_NAMES: tuple[str, ...] = (
 
 
 class FindLimits(Settings):
-    """How long looking for a browser may take."""
+    """Time limits of the search for a browser."""
 
     version_seconds: PositiveFloat = Field(
         default=15.0, description="for one browser to print its version; a cold disk takes a few seconds"
@@ -67,9 +67,9 @@ class FoundBrowser:
 
     Attributes:
         path: its executable, absolute; symbolic links and wrapper scripts are left as they are.
-        kind: a headless shell, or a full browser that wants ``--headless=new``.
+        kind: a headless shell, or a full browser that needs ``--headless=new``.
         version: four numbers with dots, e.g. ``"156.0.8078.79"``.
-        origin: which of the places it was found in.
+        origin: where it was found.
     """
 
     path: Path
@@ -85,12 +85,11 @@ def find_browser(explicit: Path | None = None, *, limits: FindLimits = DEFAULT_L
     """The browser to start.
 
     Args:
-        explicit: path of an executable. It is this one or none: what is asked for by name and cannot
-            be used is an error, never a reason to take another.
-        limits: how long looking may take.
+        explicit: path of an executable. If it cannot be used, that is an error: no other one is searched for.
+        limits: time limits of the search.
 
     Raises:
-        BrowserNotFound: there is none, or the explicit one cannot be used. The hint says what to do.
+        BrowserNotFound: there is no Chromium, or the explicit one cannot be used. The hint says what to do.
     """
     setting = explicit or os.environ.get(ENVIRONMENT_VARIABLE)
     if setting:
@@ -105,10 +104,10 @@ def find_browser(explicit: Path | None = None, *, limits: FindLimits = DEFAULT_L
 
 
 def playwright_browsers_folder() -> Path | None:
-    """Where Playwright keeps its browsers, whether or not the folder is there.
+    """The folder of Playwright's browsers, whether or not it exists.
 
-    ``PLAYWRIGHT_BROWSERS_PATH`` decides; ``0`` means inside the package. ``None`` only if that is
-    asked for and the package is not installed.
+    ``PLAYWRIGHT_BROWSERS_PATH`` overrides the default; ``0`` means inside the package. ``None`` only if that
+    is requested and the package is not installed.
     """
     setting = os.environ.get("PLAYWRIGHT_BROWSERS_PATH")
     if setting == "0":
@@ -124,10 +123,10 @@ def playwright_browsers_folder() -> Path | None:
 
 
 def run_bounded(command: Sequence[str | Path], seconds: float) -> subprocess.CompletedProcess[str]:
-    """Run a program to its end, or end it and all its children after ``seconds``.
+    """Run a program to completion, or kill it and all its children after ``seconds``.
 
     Raises:
-        subprocess.TimeoutExpired: it was ended.
+        subprocess.TimeoutExpired: it was killed.
         OSError: it could not be started.
     """
     with subprocess.Popen(
@@ -153,24 +152,24 @@ def _candidates() -> Iterator[tuple[Path, Origin]]:
         for path in _playwright_shells(folder):
             yield path, "playwright"
     for name in _SYSTEM_NAMES:
-        found = shutil.which(name)
-        if found:
-            yield Path(found).absolute(), "system"
+        path_found = shutil.which(name)
+        if path_found:
+            yield Path(path_found).absolute(), "system"
 
 
 def _playwright_shells(folder: Path) -> list[Path]:
-    """Executables of the headless shells that were downloaded whole, newest first."""
+    """Executables of completely downloaded headless shells, newest first."""
 
     def revision(installation: Path) -> int:
         digits = installation.name.rpartition("-")[2]
         return int(digits) if digits.isdigit() else -1
 
-    # Playwright writes the marker last: a folder without it is a download that broke off.
-    whole = [marker.parent for marker in folder.glob("chromium_headless_shell-*/INSTALLATION_COMPLETE")]
+    # Playwright writes the marker last: a folder without it is an interrupted download.
+    complete = [marker.parent for marker in folder.glob("chromium_headless_shell-*/INSTALLATION_COMPLETE")]
     names = ("chrome-headless-shell", "headless_shell")  # newer and older builds
     return [
         path
-        for installation in sorted(whole, key=revision, reverse=True)
+        for installation in sorted(complete, key=revision, reverse=True)
         for name in names
         for path in installation.glob(f"*/{name}")
     ]
@@ -178,9 +177,9 @@ def _playwright_shells(folder: Path) -> list[Path]:
 
 def _examine(path: Path, origin: Origin, limits: FindLimits) -> FoundBrowser:
     if not path.exists():
-        raise BrowserNotFound(f"there is no browser at {path}", hint=_mend(origin))
+        raise BrowserNotFound(f"there is no browser at {path}", hint=_hint(origin))
     if not path.is_file() or not os.access(path, os.X_OK):
-        raise BrowserNotFound(f"{path} is not an executable file", hint=_mend(origin))
+        raise BrowserNotFound(f"{path} is not an executable file", hint=_hint(origin))
     product, version = _product_and_version(path, path.stat().st_mtime_ns, origin, limits)
     if "headless" in path.name:
         kind: Kind = "headless-shell"
@@ -191,23 +190,23 @@ def _examine(path: Path, origin: Origin, limits: FindLimits) -> FoundBrowser:
 
 @functools.lru_cache(maxsize=64)
 def _product_and_version(path: Path, _changed: int, origin: Origin, limits: FindLimits) -> tuple[str, str]:
-    """What ``--version`` prints. Asked once per process and file, since it costs a process start."""
+    """Product and version as ``--version`` prints them. Cached, since it costs a process start."""
     try:
         answer = run_bounded([path, "--version"], limits.version_seconds)
     except subprocess.TimeoutExpired:
-        reason = f"{path} did not tell its version within {limits.version_seconds:g} s"
-        raise BrowserNotFound(reason, hint=_mend(origin)) from None
+        reason = f"{path} did not print its version within {limits.version_seconds:g} s"
+        raise BrowserNotFound(reason, hint=_hint(origin)) from None
     except OSError as error:
-        raise BrowserNotFound(f"{path} does not start: {error.strerror}", hint=_mend(origin)) from error
+        raise BrowserNotFound(f"{path} does not start: {error.strerror}", hint=_hint(origin)) from error
     match = re.search(r"^(.*?)\s*(\d+\.\d+\.\d+\.\d+)", answer.stdout, re.MULTILINE)
     if answer.returncode != 0 or match is None:
-        # The last line of what a wrapper, a loader or a snap stub says is the one with the reason.
-        said = (answer.stderr.strip() or answer.stdout.strip() or "nothing").splitlines()[-1]
-        raise BrowserNotFound(f"{path} is no working Chromium, it says: {said}", hint=_mend(origin))
+        # The last line that a wrapper, a loader or a snap stub prints contains the reason.
+        output = (answer.stderr.strip() or answer.stdout.strip() or "nothing").splitlines()[-1]
+        raise BrowserNotFound(f"{path} is not a working Chromium, it printed: {output}", hint=_hint(origin))
     return match[1], match[2]
 
 
-def _mend(origin: Origin) -> str:
+def _hint(origin: Origin) -> str:
     if origin == "setting":
-        return f"correct the setting or {ENVIRONMENT_VARIABLE}, or leave it away to have one found"
+        return f"correct the setting or {ENVIRONMENT_VARIABLE}, or remove it to have one found automatically"
     return INSTALL_HINT

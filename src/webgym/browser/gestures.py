@@ -1,9 +1,9 @@
 """Low-level mouse and keyboard gestures beyond the agent's actions, for programs that drive a
 browser themselves and for the compatibility layer.
 
-Places are targets as actions have them: a point of the 0-1000 grid, or the number of an element. An
-element is measured anew and scrolled into view, so that its number is good for as long as it is in the
-document, whether a picture showed it or not.
+Targets are those of actions: a point of the 0-1000 grid, or the number of an element. An element is scrolled
+into view and located again, so that its number is valid for as long as it is in the document, whether an
+observation showed it or not.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ from webgym.core.observation import NoticeKind
 
 
 class Click(msgspec.Struct, frozen=True, tag_field="name", tag="click"):
-    """A left click. On an option of a closed dropdown: choose it."""
+    """A left click; on an option of a closed dropdown, choose it."""
 
     target: Target
 
 
 class HoverAndScroll(msgspec.Struct, frozen=True, tag_field="name", tag="hover_and_scroll"):
-    """Move the mouse here and turn its wheel: by most of what scrolls here, a little where nothing does."""
+    """Move the mouse to the target and turn the wheel, by most of the height of the scrollable element
+    there."""
 
     target: Target
     direction: Direction = "down"
@@ -53,18 +54,18 @@ class Wheel(msgspec.Struct, frozen=True, tag_field="name", tag="wheel"):
 
 
 class ScrollElement(msgspec.Struct, frozen=True, tag_field="name", tag="scroll_element"):
-    """Scroll an element, or the nearest around it that scrolls, by what it shows at once."""
+    """Scroll an element, or its nearest scrollable ancestor, by its visible size."""
 
     element: int
     direction: Side
 
 
 class Fill(msgspec.Struct, frozen=True, tag_field="name", tag="fill"):
-    """Click here and type. Where no field takes the focus the keys are pressed all the same.
+    """Click the target and type. The keys are pressed even if no field receives the focus.
 
     Attributes:
-        press_enter: afterwards.
-        delete_existing: clear the field first; else the text goes behind what is there.
+        press_enter: whether to press Enter afterwards.
+        delete_existing: whether to clear the field first; otherwise the text is appended.
     """
 
     target: Target
@@ -74,10 +75,10 @@ class Fill(msgspec.Struct, frozen=True, tag_field="name", tag="fill"):
 
 
 class Choose(msgspec.Struct, frozen=True, tag_field="name", tag="choose"):
-    """Choose an option of a dropdown, which need not be open; anything else is clicked.
+    """Choose an option of a dropdown, open or closed; any other element is clicked.
 
     Attributes:
-        element: the option's number.
+        element: number of the option.
     """
 
     element: int
@@ -85,11 +86,11 @@ class Choose(msgspec.Struct, frozen=True, tag_field="name", tag="choose"):
 
 Gesture: TypeAlias = Click | HoverAndScroll | Wheel | ScrollElement | Fill | Choose
 AnyAction: TypeAlias = BrowserAction | Gesture
-"""Whatever a slot carries out."""
+"""Everything that a slot can carry out."""
 
 
 class _Place(msgspec.Struct, frozen=True):
-    """Where an element is, now that it was scrolled into view."""
+    """The position of an element after it was scrolled into view."""
 
     kind: Literal["shown", "hidden", "gone", "elsewhere", "option"]
     point: Point = (0.0, 0.0)
@@ -120,12 +121,12 @@ _NOTICE_OF: dict[type[PageError], NoticeKind] = {
 
 
 async def attempt(page: Page, action: AnyAction) -> None:
-    """:func:`carry_out`; what the page refuses is kept as a notice."""
+    """:func:`carry_out`, with failures of the action turned into notices."""
     try:
         await carry_out(page, action)
     except (ActionFailed, NavigationFailed) as error:
         page.note(_NOTICE_OF[type(error)], error.message)
-    except CommandFailed as error:  # a page that comes or goes takes no input
+    except CommandFailed as error:  # a page that is being replaced accepts no input
         page.note("action_failed", f"the browser did not take it ({error.message})")
     except BrowserTimeout as error:
         page.end_script()
@@ -133,7 +134,7 @@ async def attempt(page: Page, action: AnyAction) -> None:
 
 
 async def carry_out(page: Page, action: AnyAction) -> None:
-    """Carry an action or a gesture out, without waiting for what it sets off. Raises as
+    """Carry out an action or a gesture, without waiting for its effects. Raises as
     :func:`~webgym.browser.actions.perform` does."""
     match action:
         case Click(target=target):
@@ -160,7 +161,7 @@ async def carry_out(page: Page, action: AnyAction) -> None:
 
 async def _reveal(page: Page, element: int) -> _Place:
     place = await page.run("reveal", element, reply=_Place)
-    if place.kind == "elsewhere" and element in page.points:  # in a frame that only a look reaches
+    if place.kind == "elsewhere" and element in page.points:  # in a frame that only an observation enters
         return _Place("shown", page.points[element])
     if place.kind in {"gone", "elsewhere"}:
         raise ActionFailed(f"there is no element {element} on this page any more")
@@ -191,7 +192,7 @@ async def _click(page: Page, target: Target) -> None:
 
 
 async def _turn(page: Page, point: Point, distance: float) -> None:
-    await asyncio.gather(  # sent at once, taken in order
+    await asyncio.gather(  # sent at once, handled in order
         mouse(page, "mouseMoved", point),
         mouse(page, "mouseWheel", point, deltaX=0, deltaY=distance),
     )

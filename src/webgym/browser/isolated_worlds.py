@@ -1,10 +1,10 @@
-"""Our scripts in the page: an isolated world in the tab's own frame, and one in every frame of another
-origin below it, which the first cannot look into.
+"""WebGym's scripts in the page: an isolated world in the main frame, and one in every frame of another
+origin below it, which the first cannot access.
 
 All of a slot's frames share one renderer and one session. A frame of another origin is entered once per
-document: the world above hands out its element, the protocol tells the frame's id, and a world of its own
-is made there. Closed shadow roots, which no script can enter, are opened to our worlds the same way. A
-page that has neither costs no round trip.
+document: the world of its parent provides the frame's element, the protocol gives the frame's id, and an
+isolated world is created there. Closed shadow roots, which no script can access, are made available to the
+isolated worlds in the same way. A page that has neither costs no round trip.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from webgym.core.errors import BrowserError, BrowserTimeout
 T = TypeVar("T")
 
 _WORLD = "webgym"
-_SAID_LENGTH = 300
+_QUOTED_LENGTH = 300
 
 _FILES = (
     "dom",
@@ -69,35 +69,40 @@ _WORLD_IS_GONE = (
     "No frame for given id",
     "Could not find object",
     "does not belong to the document",
-    "Internal error",  # our script was ended together with the page's own
+    "Internal error",  # WebGym's script was terminated together with the page's own
 )
 
 
 class DocumentGone(BrowserError):
-    """The page moved on to another document while a script ran in it."""
+    """The page navigated to another document while a script ran in it."""
 
     code = "browser_document_gone"
 
 
 class DocumentActivity(msgspec.Struct, frozen=True):
-    """How often a document has changed, and how many milliseconds ago it did so last."""
+    """The activity of a document.
+
+    Attributes:
+        changes: number of changes so far.
+        ago: milliseconds since the last change.
+    """
 
     changes: int
     ago: float
 
 
 class Worlds:
-    """The worlds of one tab.
+    """The isolated worlds of one tab.
 
     Args:
-        session: the tab's.
+        session: the tab's session.
         main_frame: id of its main frame.
         config: the slot's limits.
     """
 
     def __init__(self, session: Session, main_frame: str, config: BrowserConfig) -> None:
         self.in_view: set[str] = set()
-        """Frames of other origins that the last look found in the viewport."""
+        """Frames of other origins that were in the viewport at the last observation."""
         self._session = session
         self._main = main_frame
         self._config = config
@@ -113,21 +118,21 @@ class Worlds:
             }
         )
         self._question = f"webgym-{secrets.token_hex()}"
-        """Type of the event by which the page's own world is asked what listens there."""
+        """Type of the event that asks the page's own world for its event listeners."""
         self._worlds: dict[str, int] = {}
-        """World by frame; they end with their documents."""
+        """Execution context of the isolated world, by frame; it ends with the document."""
         self._parents: dict[str, str] = {}
-        """The frame above, of every frame below the main one."""
+        """Parent frame of every frame below the main one."""
         self._has_new_frames = False
-        self._restless: set[int] = set()
-        """Worlds of frames that are not waited for: they never stop changing."""
+        self._never_quiet: set[int] = set()
+        """Worlds of frames that never stop changing, so that settling ignores them."""
         session.on("Page.frameAttached", FrameAttached, self._on_attached)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.frameDetached", FrameEvent, self._on_detached)
 
     @property
     def script_in_page(self) -> dict[str, object]:
-        """Parameters of ``Page.addScriptToEvaluateOnNewDocument`` for what runs in the page's own world."""
+        """Parameters of ``Page.addScriptToEvaluateOnNewDocument`` for the script in the page's own world."""
         return {"source": f"{_LISTENERS}('{self._question}')", "includeCommandLineAPI": True}
 
     # --- calls --------------------------------------------------------------------------------------
@@ -135,24 +140,27 @@ class Worlds:
     async def run(
         self, function: str, *arguments: object, reply: type[T], seconds: float, frame: str | None = None
     ) -> T:
-        """Call ``webgym.<function>`` and wait for what it gives.
+        """Call ``webgym.<function>`` and wait for its result.
 
         Args:
+            function: name of the function.
             arguments: JSON values; :class:`msgspec.Raw` is JSON already.
-            frame: whose world; ``None`` is the tab's own.
+            reply: type of the result.
+            seconds: deadline.
+            frame: the frame to call it in; ``None`` is the main frame.
 
         Raises:
-            DocumentGone: the frame moved on to another document meanwhile.
+            DocumentGone: the frame navigated to another document in the meantime.
             BrowserTimeout: the page did not answer in time.
         """
         frame = frame or self._main
-        written = ",".join(
+        arguments_json = ",".join(
             bytes(argument).decode() if isinstance(argument, msgspec.Raw) else json.dumps(argument)
             for argument in arguments
         )
         try:
             world = await self._enter(frame, seconds)
-            value = await self._evaluate(f"webgym.{function}({written})", world, seconds)
+            value = await self._evaluate(f"webgym.{function}({arguments_json})", world, seconds)
         except CommandFailed as error:
             self._raise_if_gone(error, frame)
             raise
@@ -160,17 +168,17 @@ class Worlds:
 
     @property
     def is_entered(self) -> bool:
-        """Whether the tab's own frame is: several may ask it at once then, and it answers in their order."""
+        """Whether the main frame has its world; then concurrent calls are answered in their order."""
         return self._main in self._worlds
 
     def post(self, function: str) -> None:
-        """Call ``webgym.<function>()`` in the tab's own frame before whatever comes next; do not wait."""
+        """Call ``webgym.<function>()`` in the main frame, before any later call; do not wait."""
         world = self._worlds.get(self._main)
         if world is not None:
             self._session.send("Runtime.evaluate", {"expression": f"webgym.{function}()", "contextId": world})
 
     def forget(self) -> None:
-        """The renderer is gone, and all worlds with it."""
+        """Forget all worlds: the renderer is gone."""
         self._worlds.clear()
         self._parents.clear()
         self.in_view.clear()
@@ -191,7 +199,7 @@ class Worlds:
     async def _evaluate(
         self, expression: str, world: int, seconds: float, *, group: str = ""
     ) -> RemoteObject:
-        """The result by value; in an object group, as a handle."""
+        """Evaluate an expression: the result by value; in an object group, as a handle."""
         evaluated = await self._session.call(
             "Runtime.evaluate",
             {
@@ -207,8 +215,8 @@ class Worlds:
         )
         if evaluated.exception_details is not None:
             thrown = evaluated.exception_details.exception
-            said = thrown.description if thrown and thrown.description else evaluated.exception_details.text
-            raise CommandFailed(f"a script of ours failed in the page: {said[:_SAID_LENGTH]}")
+            reason = thrown.description if thrown and thrown.description else evaluated.exception_details.text
+            raise CommandFailed(f"a script of WebGym failed in the page: {reason[:_QUOTED_LENGTH]}")
         return evaluated.result
 
     def _raise_if_gone(self, error: CommandFailed, frame: str) -> None:
@@ -216,21 +224,21 @@ class Worlds:
             self._worlds.pop(frame, None)
             raise DocumentGone(error.message) from error
 
-    # --- what has to be entered ---------------------------------------------------------------------
+    # --- entering frames and shadow roots -----------------------------------------------------------
 
     @property
     def has_new_frames(self) -> bool:
-        """Whether a frame came or moved on since :meth:`explore`."""
+        """Whether a frame was added or has navigated since :meth:`explore`."""
         return self._has_new_frames
 
     async def explore(self, *, again: bool = False) -> None:
-        """Enter what came to the page since the last call: frames of other origins, and closed roots.
+        """Enter new frames of other origins and closed shadow roots.
 
         Args:
-            again: look for frames although none came or moved on.
+            again: whether to search for frames even if none was added or has navigated.
 
         Raises:
-            DocumentGone: the tab moved on meanwhile.
+            DocumentGone: the tab navigated in the meantime.
             BrowserTimeout: the page did not answer in time.
         """
         with_frames = self._has_new_frames or again
@@ -238,21 +246,22 @@ class Worlds:
         await self._explore(self._main, with_frames)
 
     async def _explore(self, frame: str, with_frames: bool) -> None:
-        """Ask one world what it cannot enter, enter that, and go on in what was entered."""
+        """Enter what one world cannot access, and continue recursively in the frames that were entered."""
         below = {known for known in self._worlds if self._parents.get(known) == frame}
         try:
-            below |= await self._learn(frame, with_frames)
+            below |= await self._enter_from(frame, with_frames)
         except CommandFailed as error:
             self._raise_if_gone(error, frame)
             raise
         finally:
             self._session.send("Runtime.releaseObjectGroup", {"objectGroup": frame})
-        for one in await asyncio.gather(*(self._explore_below(child) for child in below)):
-            if one is not None:
-                raise one
+        for timeout in await asyncio.gather(*(self._explore_below(child) for child in below)):
+            if timeout is not None:
+                raise timeout
 
     async def _explore_below(self, frame: str) -> BrowserTimeout | None:
-        """A frame that goes away, or that nobody can enter, is left out; one that hangs hangs the page."""
+        """Explore a frame below. One that is removed or cannot be entered is ignored; a timeout is
+        returned."""
         try:
             await self._explore(frame, with_frames=True)
         except (DocumentGone, CommandFailed):
@@ -261,33 +270,33 @@ class Worlds:
             return error
         return None
 
-    async def _learn(self, frame: str, with_frames: bool) -> set[str]:
-        """Ask about what one world cannot enter. Gives the frames found."""
+    async def _enter_from(self, frame: str, with_frames: bool) -> set[str]:
+        """Enter the frames and shadow roots that one world cannot access. Returns the frames' ids."""
         seconds = self._config.execute_seconds
         world = await self._enter(frame, seconds)
-        asked = await self._evaluate(
+        unknown = await self._evaluate(
             f"webgym.unknown({json.dumps(with_frames)})", world, seconds, group=frame
         )
-        if not asked.object_id:
+        if not unknown.object_id:
             return set()
-        listed = await self._session.call(
+        properties = await self._session.call(
             "Runtime.getProperties",
-            {"objectId": asked.object_id, "ownProperties": True},
+            {"objectId": unknown.object_id, "ownProperties": True},
             reply=Properties,
             seconds=seconds,
         )
-        handles = [one.value.object_id for one in listed.result if one.name.isdigit() and one.value]
+        handles = [item.value.object_id for item in properties.result if item.name.isdigit() and item.value]
         described = await asyncio.gather(*(self._describe(handle, world, frame) for handle in handles))
         ids = [node.frame_id for node in described]
         await self._evaluate(f"webgym.learn({json.dumps(ids)})", world, seconds)
-        found = {one for one in ids if one}
-        for one in found:
-            self._parents[one] = frame
-        self.in_view |= found
-        return found
+        frames = {frame_id for frame_id in ids if frame_id}
+        for frame_id in frames:
+            self._parents[frame_id] = frame
+        self.in_view |= frames
+        return frames
 
     async def _describe(self, handle: str, world: int, group: str) -> Node:
-        """What a frame's element, or the host of a root, is; a closed root is opened to the world."""
+        """Describe a frame's element, or the host of a shadow root; a closed root is opened to the world."""
         try:
             described = await self._session.call(
                 "DOM.describeNode",
@@ -299,7 +308,7 @@ class Worlds:
                 if root.shadow_root_type == "closed":
                     await self._open_root(handle, root.backend_node_id, world, group)
         except CommandFailed:
-            return Node()  # it left the page meanwhile
+            return Node()  # it was removed in the meantime
         return described.node
 
     async def _open_root(self, host: str, root: int, world: int, group: str) -> None:
@@ -319,46 +328,50 @@ class Worlds:
 
     # --- frames of other origins --------------------------------------------------------------------
 
-    async def gather(self, wanted: dict[str, bool], more: Iterable[str] = ()) -> msgspec.Raw:
-        """What the frames in view, and these, show: ``{id: {world, items}}``, for the tab's own frame to
-        go over. One that moves on meanwhile shows nothing."""
+    async def gather(self, options: dict[str, bool], more: Iterable[str] = ()) -> msgspec.Raw:
+        """The content of the frames of other origins, as JSON ``{id: {world, items}}`` for the main frame.
+
+        Args:
+            options: the content to read (see :func:`webgym.browser.observe.read_content`).
+            more: frames to read besides those in view. A frame that navigates in the meantime is empty.
+        """
         frames = {*self._entered_in_view(), *more}
-        shown = await asyncio.gather(*(self._gather(frame, wanted) for frame in frames))
+        shown = await asyncio.gather(*(self._gather(frame, options) for frame in frames))
         return msgspec.Raw(msgspec.json.encode(dict(zip(frames, shown, strict=True))))
 
-    async def _gather(self, frame: str, wanted: dict[str, bool]) -> dict[str, object]:
+    async def _gather(self, frame: str, options: dict[str, bool]) -> dict[str, object]:
         try:
             items = await self.run(
-                "gather", wanted, reply=msgspec.Raw, seconds=self._config.execute_seconds, frame=frame
+                "gather", options, reply=msgspec.Raw, seconds=self._config.execute_seconds, frame=frame
             )
         except (DocumentGone, CommandFailed):
             return {"world": 0, "items": []}
         return {"world": self._worlds.get(frame, 0), "items": items}
 
-    async def stand_still(self) -> bool:
-        """Wait until the frames in view stand still. Gives whether they did so already.
+    async def wait_until_quiet(self) -> bool:
+        """Wait until the frames in view are quiet. Returns whether they were quiet already.
 
-        What keeps on changing for ``busy_seconds`` is not waited for again.
+        Frames that go on changing for ``busy_seconds`` are ignored from then on.
         """
         try:
             async with asyncio.timeout(self._config.busy_seconds):
-                was_still = True
-                while (rest := await self._unrest()) > 0:
-                    was_still = False
-                    await asyncio.sleep(rest)
-                return was_still
+                was_quiet = True
+                while (remaining := await self._seconds_until_quiet()) > 0:
+                    was_quiet = False
+                    await asyncio.sleep(remaining)
+                return was_quiet
         except TimeoutError:
-            self._restless |= {self._worlds[frame] for frame in self._entered_in_view()}
+            self._never_quiet |= {self._worlds[frame] for frame in self._entered_in_view()}
             return False
 
-    async def _unrest(self) -> float:
-        """Seconds until the frames in view have been still for as long as a quiet page is."""
-        frames = [one for one in self._entered_in_view() if self._worlds[one] not in self._restless]
-        stills = await asyncio.gather(*(self._still(frame) for frame in frames))
+    async def _seconds_until_quiet(self) -> float:
+        """Seconds until the frames in view have been unchanged for ``quiet_seconds``."""
+        frames = [it for it in self._entered_in_view() if self._worlds[it] not in self._never_quiet]
+        activities = await asyncio.gather(*(self._activity(frame) for frame in frames))
         quiet = self._config.quiet_seconds
-        return max((quiet - still.ago / 1000 for still in stills if still.changes), default=0.0)
+        return max((quiet - activity.ago / 1000 for activity in activities if activity.changes), default=0.0)
 
-    async def _still(self, frame: str) -> DocumentActivity:
+    async def _activity(self, frame: str) -> DocumentActivity:
         try:
             return await self.run(
                 "still", reply=DocumentActivity, seconds=self._config.execute_seconds, frame=frame
@@ -370,13 +383,13 @@ class Worlds:
         return [frame for frame in self._worlds if self._below_main(frame) in self.in_view]
 
     def _below_main(self, frame: str) -> str:
-        """The frame itself, or the one above it that the tab's own frame holds."""
+        """The frame itself, or its ancestor that is a child of the main frame."""
         while (above := self._parents.get(frame, self._main)) in self._worlds and above != self._main:
             frame = above
         return frame
 
-    async def outward(self, frame: str, point: tuple[float, float]) -> tuple[float, float]:
-        """A point of a frame's viewport, in the tab's."""
+    async def to_viewport(self, frame: str, point: tuple[float, float]) -> tuple[float, float]:
+        """Convert a point of a frame's viewport to the tab's viewport."""
         seconds = self._config.execute_seconds
         while frame != self._main:
             above = self._parents.get(frame, self._main)
@@ -391,7 +404,7 @@ class Worlds:
         """The frames of other origins that have a world."""
         return [frame for frame in self._worlds if frame != self._main]
 
-    # --- what the browser tells ---------------------------------------------------------------------
+    # --- events -------------------------------------------------------------------------------------
 
     def _on_attached(self, event: FrameAttached) -> None:
         self._parents[event.frame_id] = event.parent_frame_id
@@ -402,7 +415,7 @@ class Worlds:
         if frame == self._main:
             self.forget()
             self._has_new_frames = False
-            self._restless.clear()
+            self._never_quiet.clear()
         else:
             self._worlds.pop(frame, None)
             self._has_new_frames = True

@@ -1,4 +1,4 @@
-"""From text to what a keyboard or an input method would send (US layout)."""
+"""Turns text into the input of a keyboard (US layout) or an input method."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from typing import Any, Literal, TypeAlias
 
 import msgspec
 
-Way: TypeAlias = Literal["keys", "compose", "insert"]
+InputMethod: TypeAlias = Literal["keys", "compose", "insert"]
+"""How text is entered: key by key, as a composition of an input method, or inserted as a whole."""
 
 SHIFT = 8
-"""The protocol's modifier bit."""
+"""The protocol's modifier bit of Shift."""
 
 
 class Key(msgspec.Struct, frozen=True):
     """One key of a keyboard.
 
     Attributes:
-        key, code: as a page's ``KeyboardEvent`` has them.
-        number: its ``keyCode``, 0 where the layout has no such key.
-        text: what it types; empty for a key that types nothing.
-        shift: whether Shift is held.
+        key, code: as in a page's ``KeyboardEvent``.
+        number: its ``keyCode``; 0 if the layout has no such key.
+        text: the text that it types; empty for a key that types none.
+        shift: whether Shift is held down.
     """
 
     key: str
@@ -45,7 +46,7 @@ class Key(msgspec.Struct, frozen=True):
 ENTER = Key("Enter", "Enter", 13, "\r")
 BACKSPACE = Key("Backspace", "Backspace", 8)
 PROCESS = Key("Process", "", 229)
-"""What a page is told while an input method takes the keys."""
+"""The key that a page sees while an input method handles the keys."""
 
 PLAIN = {
     "-": ("Minus", 189), "=": ("Equal", 187), "[": ("BracketLeft", 219), "]": ("BracketRight", 221),
@@ -55,7 +56,7 @@ PLAIN = {
 """Code and number of the keys that are neither letters nor digits."""
 
 SHIFTED = dict(zip(')!@#$%^&*(_+{}|:"~<>?', "0123456789-=[]\\;'`,./", strict=True))
-"""What is on the key of what Shift types."""
+"""The unshifted character on the key of each shifted one."""
 
 
 def key_of(character: str) -> Key:
@@ -71,36 +72,37 @@ def key_of(character: str) -> Key:
     return Key(character, code, number, character, shift)
 
 
-def runs(text: str) -> Iterator[tuple[Way, str]]:
-    """Cut a text into what is typed key by key, what an input method composes (East Asian scripts), and
-    what is inserted as it is (emoji, characters of several code points, line breaks)."""
-    way: Way | None = None
+def runs(text: str) -> Iterator[tuple[InputMethod, str]]:
+    """Split a text into runs that are typed key by key, composed by an input method (East Asian scripts), or
+    inserted (emoji, characters of several code points, line breaks)."""
+    method: InputMethod | None = None
     start = 0
     for index in range(len(text)):
-        now = _way_at(text, index)
-        if now != way:
-            if way is not None:
-                yield way, text[start:index]
-            way, start = now, index
-    if way is not None:
-        yield way, text[start:]
+        current = _method_at(text, index)
+        if current != method:
+            if method is not None:
+                yield method, text[start:index]
+            method, start = current, index
+    if method is not None:
+        yield method, text[start:]
 
 
-def strokes(text: str, most_keys: int) -> list[tuple[Way, str]]:
-    """:func:`runs`; but a text of more than ``most_keys`` characters is inserted up to its last one."""
-    found = [*runs(text)]
+def split_input(text: str, most_keys: int) -> list[tuple[InputMethod, str]]:
+    """:func:`runs`, except that a text of more than ``most_keys`` characters is inserted, save its last
+    one."""
+    all_runs = [*runs(text)]
     if len(text) <= most_keys:
-        return found
-    way, last = found[-1]
-    if way == "keys":
+        return all_runs
+    method, last = all_runs[-1]
+    if method == "keys":
         last = last[-1]
-    return [("insert", text[: -len(last)]), (way, last)] if len(last) < len(text) else found
+    return [("insert", text[: -len(last)]), (method, last)] if len(last) < len(text) else all_runs
 
 
 _JOINERS = "\u200d\ufe0e\ufe0f"
 
 
-def _way_at(text: str, index: int) -> Way:
+def _method_at(text: str, index: int) -> InputMethod:
     character = text[index]
     if character.isascii():
         following = text[index + 1 : index + 2]

@@ -1,14 +1,14 @@
 """Memory use of browsers; those that use too much are ended.
 
-A page can ask for memory without end. The machine would swap, and then kill whom it likes. So a watch
-looks at the browsers that run (one that is stopped cannot grow) and ends the greediest: its renderer, which
-costs the page one reload, or the whole browser where that is not enough.
+A page can allocate memory without limit, until the kernel kills an arbitrary process. So a watch checks the
+running browsers (a stopped one cannot grow) and ends the largest: its renderer, which costs the page one
+reload, or the whole browser if that is not enough.
 
-Three lines of defence: the watch holds every browser to ``slot_bytes`` and the machine to its reserve; the
-kernel holds every process to twice ``slot_bytes`` between two looks.
+The watch limits every browser to ``slot_bytes`` and keeps the machine's reserve; between two checks, the
+kernel limits every process to twice ``slot_bytes``.
 
-What is counted is a browser's own: anonymous and shared memory. The pages of the binary, which all browsers
-have in common, are not.
+Only a browser's own memory counts: anonymous and shared memory, but not the pages of the executable, which
+all browsers share.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _TYPE = re.compile(rb"--type=([a-z-]+)")
 
 
 class Browser(Protocol):
-    """What the watch asks of a browser process."""
+    """A browser process, as far as the watch needs it."""
 
     pid: int
     is_frozen: bool
@@ -49,11 +49,13 @@ class Browser(Protocol):
 
 
 class MemoryUse(msgspec.Struct):
-    """Of one browser, bytes.
+    """Memory use of one browser, bytes.
 
     Attributes:
-        standing: of the processes that stay when an episode ends: all but renderers.
-        largest: of the largest renderer, whose process id is ``renderer``.
+        total: all of its processes.
+        standing: the processes that remain when an episode ends: all but renderers.
+        largest: the largest renderer.
+        renderer: process id of the largest renderer; ``None`` if there is none.
     """
 
     total: int = 0
@@ -62,7 +64,7 @@ class MemoryUse(msgspec.Struct):
     renderer: int | None = None
 
     def add(self, pid: int, own: int, *, is_renderer: bool) -> None:
-        """Count one more process."""
+        """Add the memory of one process."""
         self.total += own
         if not is_renderer:
             self.standing += own
@@ -70,46 +72,46 @@ class MemoryUse(msgspec.Struct):
             self.largest, self.renderer = own, pid
 
 
-class Census:
-    """Which processes belong to which group. Remembers what it has seen: a look reads only what is new."""
+class ProcessTable:
+    """The processes of process groups. Caches their group and type, so that only new ones are examined."""
 
     def __init__(self) -> None:
         self._group_of: dict[int, int] = {}
         self._types: dict[int, bytes] = {}
 
     def sizes(self, groups: Iterable[int]) -> dict[int, MemoryUse]:
-        """How large the processes of these groups are. Blocks for some milliseconds."""
-        found = {group: MemoryUse() for group in groups}
+        """Memory use of these process groups. Blocks for some milliseconds."""
+        sizes = {group: MemoryUse() for group in groups}
         living = {int(name) for name in os.listdir(_PROC) if name.isdigit()}  # noqa: PTH208 - names alone
         for pid in self._group_of.keys() - living:
             del self._group_of[pid]
             self._types.pop(pid, None)
         for pid in living:
-            with contextlib.suppress(OSError):  # it ended while we looked
-                group = self._group_of.get(pid) or self._meet(pid)
-                size = found.get(group)
+            with contextlib.suppress(OSError):  # it ended in the meantime
+                group = self._group_of.get(pid) or self._read_group(pid)
+                size = sizes.get(group)
                 if size is not None:
                     size.add(pid, own_bytes(pid), is_renderer=self._type(pid) == b"renderer")
-        return found
+        return sizes
 
-    def _meet(self, pid: int) -> int:
+    def _read_group(self, pid: int) -> int:
         group = self._group_of[pid] = os.getpgid(pid)
         return group
 
     def _type(self, pid: int) -> bytes:
-        """What kind of a Chromium's process it is. What was just forked still looks like its parent, so
-        browsers and zygotes are looked at again."""
-        found = self._types.get(pid) or process_type(pid)
-        if found not in (b"", b"zygote"):
-            self._types[pid] = found
-        return found
+        """The type of a Chromium process. A process that was just forked still looks like its parent, so the
+        types of browsers and zygotes are not cached."""
+        kind = self._types.get(pid) or process_type(pid)
+        if kind not in (b"", b"zygote"):
+            self._types[pid] = kind
+        return kind
 
 
 def own_bytes(pid: int) -> int:
-    """Memory that is a process's own, bytes.
+    """Memory of a process that it does not share with the executable, bytes.
 
     Raises:
-        OSError: there is no such process any more.
+        OSError: the process has ended.
     """
     counted = 0
     for line in (_PROC / str(pid) / "status").read_bytes().splitlines():
@@ -119,31 +121,31 @@ def own_bytes(pid: int) -> int:
 
 
 def process_type(pid: int) -> bytes:
-    """What a process of a Chromium is for, as it says itself: ``renderer``, ``gpu-process``; the browser
-    says nothing.
+    """The type of a Chromium process on its command line: ``renderer``, ``gpu-process``; empty for the
+    browser.
 
     Raises:
-        OSError: there is no such process any more.
+        OSError: the process has ended.
     """
-    found = _TYPE.search((_PROC / str(pid) / "cmdline").read_bytes())
-    return found[1] if found else b""
+    match = _TYPE.search((_PROC / str(pid) / "cmdline").read_bytes())
+    return match[1] if match else b""
 
 
 def available_bytes() -> int:
-    """What the machine, or the container that we are in, can still give."""
+    """Available memory of the machine, or of the container that this process runs in, bytes."""
     lines = (_PROC / "meminfo").read_text().splitlines()
     [available] = [int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:")]
     try:
         limit = int((_CGROUP / "memory.max").read_text())  # "max" where there is none
         used = int((_CGROUP / "memory.current").read_text())
-        held = dict(line.split() for line in (_CGROUP / "memory.stat").read_text().splitlines())
+        statistics = dict(line.split() for line in (_CGROUP / "memory.stat").read_text().splitlines())
     except (OSError, ValueError):
         return available
-    return min(available, limit - used + int(held.get("inactive_file", 0)))
+    return min(available, limit - used + int(statistics.get("inactive_file", 0)))
 
 
 def bound(pids: Iterable[int], config: BrowserConfig) -> None:
-    """Have the kernel refuse memory to these processes, and their children, beyond twice ``slot_bytes``."""
+    """Limit the memory of each of these processes, and of their children, to twice ``slot_bytes``."""
     limit = 2 * config.slot_bytes
     for pid in pids:
         with contextlib.suppress(ProcessLookupError, PermissionError):  # gone, or bounded by its sandbox
@@ -153,32 +155,32 @@ def bound(pids: Iterable[int], config: BrowserConfig) -> None:
 
 
 class MemoryWatch:
-    """Ends what takes more memory than it may.
+    """Ends browsers, or renderers, that exceed the memory limits.
 
     Args:
         config: the limits.
-        browsers: all living ones.
+        browsers: returns all running browsers.
     """
 
     def __init__(self, config: BrowserConfig, browsers: Callable[[], Iterable[Browser]]) -> None:
         self._config = config
         self._browsers = browsers
-        self._census = Census()
+        self._processes = ProcessTable()
         self.relieved = 0
-        """How often something was ended."""
+        """How often a browser or renderer was ended."""
 
     async def run(self) -> None:
-        """Look again and again, until cancelled."""
+        """Check at intervals, until cancelled."""
         while True:
             await asyncio.sleep(self._config.memory_look_seconds)
-            await self.look()
+            await self.check()
 
-    async def look(self) -> None:
-        """Look once, at what runs."""
+    async def check(self) -> None:
+        """Check all running browsers once."""
         running = {browser.pid: browser for browser in self._browsers() if not browser.is_frozen}
         if not running:
             return
-        sizes = await asyncio.to_thread(self._census.sizes, running)
+        sizes = await asyncio.to_thread(self._processes.sizes, running)
         limit = self._config.slot_bytes
         for pid, size in sizes.items():
             running[pid].standing_bytes = size.standing
@@ -190,15 +192,15 @@ class MemoryWatch:
         available = await asyncio.to_thread(available_bytes)
         if available >= self._config.reserve_bytes:
             return
-        everyone = {browser.pid: browser for browser in self._browsers()}
-        sizes = await asyncio.to_thread(self._census.sizes, everyone)
+        browsers = {browser.pid: browser for browser in self._browsers()}
+        sizes = await asyncio.to_thread(self._processes.sizes, browsers)
         if sizes:
             pid, size = max(sizes.items(), key=lambda item: item[1].total)
             why = f"the machine had only {available // MIB} MiB of memory left, and it took the most"
-            self._relieve(everyone[pid], size, why)
+            self._relieve(browsers[pid], size, why)
 
     def _relieve(self, browser: Browser, size: MemoryUse, why: str) -> None:
         self.relieved += 1
         log.warning("browser %d, %d MiB: %s", browser.pid, size.total // MIB, why)
-        # A renderer that holds the smaller part would not help.
+        # Ending a renderer that has the smaller part would not help.
         browser.relieve(size.renderer if 2 * size.largest > size.total else None, why)

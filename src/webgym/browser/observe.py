@@ -1,4 +1,4 @@
-"""Observes the page: an observation and the bytes of its screenshot."""
+"""Observes the page: returns an observation and the bytes of its screenshot."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from webgym.core.observation import Element, Notice, Observation
 
 T = TypeVar("T")
 
-_LOOKS = 3
-"""Frames in frames, and roots in roots, take a look each the first time they are seen."""
+_MAX_PASSES = 3
+"""Most passes over the document: each level of nested frames or shadow roots that is new takes one."""
 
 
 _NO_FRAME_YET = ("Unable to capture screenshot", "Not attached to an active page")
-"""What Chromium says while a page comes or goes."""
+"""Chromium's error messages while a page is being replaced."""
 
 
 _SHORTENED = {
@@ -37,14 +37,15 @@ _SHORTENED = {
     "elements": "the list of elements",
     "options": "the open list of options",
 }
-"""What a notice calls each kind of thing that the scripts cut."""
+"""Descriptions in notices of the kinds of content that the scripts truncate."""
 
 
 class Look(msgspec.Struct, frozen=True):
     """An observation with its picture.
 
     Attributes:
-        image: PNG (or JPEG, if the episode wants that), as many pixels as the viewport; its SHA-256 is
+        observation: the observation.
+        image: PNG (or JPEG, if the page's options say so), the size of the viewport in pixels; its SHA-256 is
             ``observation.screenshot``.
     """
 
@@ -53,7 +54,7 @@ class Look(msgspec.Struct, frozen=True):
 
 
 class Metadata(msgspec.Struct, frozen=True):
-    """Where a page is; fields as in :class:`~webgym.core.observation.Observation`."""
+    """A page's state without its content; fields as in :class:`~webgym.core.observation.Observation`."""
 
     url: str
     title: str
@@ -65,14 +66,14 @@ class Metadata(msgspec.Struct, frozen=True):
     """What happened since the last action began."""
 
 
-class Seen(msgspec.Struct, frozen=True):
-    """What a document says of itself.
+class PageContent(msgspec.Struct, frozen=True):
+    """The content of a document; other fields as in :class:`~webgym.core.observation.Observation`.
 
     Attributes:
         frames: the frames of other origins in its viewport.
-        missing: those of them whose content it should have been given.
-        unknown: whether it holds what was not entered yet.
-        shortened: kinds of what was cut for its length (:data:`_SHORTENED`).
+        missing: those of them whose content was not provided.
+        unknown: whether it contains frames or shadow roots that were not entered yet.
+        shortened: kinds of content that were truncated (:data:`_SHORTENED`).
     """
 
     title: str = ""
@@ -87,39 +88,40 @@ class Seen(msgspec.Struct, frozen=True):
     shortened: tuple[str, ...] = ()
 
     def notices(self, page: Page) -> tuple[Notice, ...]:
-        """That something was too long to be observed whole, if something was."""
+        """A notice that content was truncated, if any was."""
         kinds = [*self.shortened, *(["address"] if page.address != page.url else [])]
         named = ", ".join(words for kind, words in _SHORTENED.items() if kind in kinds)
         return (Notice("shortened", named),) if named else ()
 
 
 class Early(NamedTuple):
-    """What was found while the page was still waited for.
+    """An observation that was made while the page was settling.
 
     Attributes:
-        seen: what the document says of itself.
+        content: content of the document.
         picture: returns the screenshot that shows it.
     """
 
-    seen: Seen
+    content: PageContent
     picture: Callable[[], Awaitable[bytes]]
 
 
 async def look(page: Page, settled: str, milliseconds: dict[str, float], early: Early | None = None) -> Look:
-    """Look at the page as it is now.
+    """Observe the page.
 
     Args:
-        settled: why the wait for it ended.
-        milliseconds: wall time of the operations so far; completed here.
-        early: a screenshot taken during the wait that still shows the page as it is, if there is one.
+        page: the page.
+        settled: why the wait for a quiet page ended.
+        milliseconds: wall time of the operations so far; this function adds its own.
+        early: a screenshot taken during the wait that still shows the page's current state, if there is one.
 
     Raises:
-        BrowserTimeout: no picture within the deadline.
+        BrowserTimeout: no screenshot within the deadline.
     """
     page.popups.close_blank()
     start = time.perf_counter()
-    seen = early.seen if early else await ask(page, **wanted_of(page))
-    page.points = {element.number: _middle(element.box) for element in seen.elements or ()}
+    content = early.content if early else await read_content(page, **content_options(page))
+    page.points = {element.number: _middle(element.box) for element in content.elements or ()}
     between = time.perf_counter()
     image = await (early.picture() if early else capture_marked(page))
     end = time.perf_counter()
@@ -131,37 +133,38 @@ async def look(page: Page, settled: str, milliseconds: dict[str, float], early: 
         Observation(
             screenshot=name,
             url=page.address,
-            title=seen.title,
+            title=content.title,
             viewport=page.options.viewport,
             status=page.status,
-            scroll=seen.scroll,
+            scroll=content.scroll,
             mode=page.options.mode,
             settled=settled,
-            notices=(*page.take_notices(), *seen.notices(page)),
-            text=seen.text,
-            fields=seen.fields,
-            cuts=seen.cuts,
-            elements=seen.elements,
+            notices=(*page.take_notices(), *content.notices(page)),
+            text=content.text,
+            fields=content.fields,
+            cuts=content.cuts,
+            elements=content.elements,
             milliseconds=milliseconds,
         ),
         image,
     )
 
 
-async def ask(page: Page, **wanted: bool) -> Seen:
-    """What the document says of itself.
+async def read_content(page: Page, **wanted: bool) -> PageContent:
+    """Read the content of the document.
 
     Args:
+        page: the page.
         wanted: ``text``, ``cuts``, ``elements``, ``marks`` (draw them).
     """
-    return await patiently(page, lambda: _ask(page, wanted))
+    return await with_retries(page, lambda: _read_content(page, wanted))
 
 
-async def patiently(page: Page, question: Callable[[], Awaitable[T]]) -> T:
-    """Ask the document. One that moves on meanwhile is asked again once it is quiet.
+async def with_retries(page: Page, question: Callable[[], Awaitable[T]]) -> T:
+    """Query the document; if it navigates in the meantime, query the next one once it is quiet.
 
     Raises:
-        BrowserTimeout: no answer within the deadline of a look.
+        BrowserTimeout: no answer within ``screenshot_seconds``.
     """
     seconds = page.config.screenshot_seconds
     has_waited = False
@@ -182,25 +185,25 @@ async def patiently(page: Page, question: Callable[[], Awaitable[T]]) -> T:
         raise BrowserTimeout(f"the page could not be looked at within {seconds:g} s") from None
 
 
-async def _ask(page: Page, wanted: dict[str, bool]) -> Seen:
-    """One look; further ones where the first comes upon frames that nobody has looked into."""
+async def _read_content(page: Page, wanted: dict[str, bool]) -> PageContent:
+    """Read the content, with further passes if there are frames that were not entered yet."""
     worlds = page.worlds
     if worlds.has_new_frames:
         await worlds.explore()
-    seen = Seen()
-    for _ in range(_LOOKS):
-        shown = await worlds.gather(wanted, seen.missing)
-        seen = await page.run("observe", wanted, shown, reply=Seen)
-        worlds.in_view = set(seen.frames)
-        if seen.unknown:
+    content = PageContent()
+    for _ in range(_MAX_PASSES):
+        shown = await worlds.gather(wanted, content.missing)
+        content = await page.run("observe", wanted, shown, reply=PageContent)
+        worlds.in_view = set(content.frames)
+        if content.unknown:
             await worlds.explore(again=True)
-        elif not seen.missing:
+        elif not content.missing:
             break
-    return seen
+    return content
 
 
-def wanted_of(page: Page) -> dict[str, bool]:
-    """What its observations are to say (see :func:`ask`)."""
+def content_options(page: Page) -> dict[str, bool]:
+    """The content of the page's observations, by its options (see :func:`read_content`)."""
     marks = page.options.mode == "marks"
     options = page.options
     return {
@@ -217,7 +220,7 @@ def _middle(box: tuple[float, float, float, float]) -> tuple[float, float]:
 
 
 async def capture_marked(page: Page) -> bytes:
-    """:func:`capture`; marks that were drawn for it are gone afterwards."""
+    """:func:`capture`, and remove the marks that were drawn for it."""
     try:
         return await capture(page)
     finally:
@@ -226,10 +229,10 @@ async def capture_marked(page: Page) -> bytes:
 
 
 async def capture(page: Page) -> bytes:
-    """The viewport as PNG, lossless, or as JPEG where the episode wants that.
+    """A screenshot of the viewport as PNG, lossless, or as JPEG if the page's options say so.
 
     Raises:
-        BrowserTimeout: not within the deadline, retries included.
+        BrowserTimeout: no screenshot within the deadline, retries included.
     """
     config = page.config
     quality = page.options.jpeg_quality
@@ -246,7 +249,7 @@ async def capture(page: Page) -> bytes:
                         reply=Screenshot,
                         seconds=config.screenshot_try_seconds,
                     )
-                except BrowserTimeout:  # a frame that was swapped away took the request with it,
+                except BrowserTimeout:  # the request was lost with a replaced frame,
                     await page.complete()  # or there is nothing to draw
                     continue
                 except CommandFailed as error:

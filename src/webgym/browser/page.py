@@ -45,13 +45,13 @@ T = TypeVar("T")
 
 BLANK = "about:blank"
 _NO_CONTENT = (204, 205)
-"""HTTP statuses after which a browser stays where it is."""
+"""HTTP statuses after which a browser stays on the current page."""
 
 _NO_DIALOGS = "window.alert = window.confirm = window.prompt = () => undefined"
-"""What a browser offers to its user when a page opens one dialog after the other."""
+"""Suppresses further dialogs, as browsers offer to when a page opens one dialog after the other."""
 
-_SAID_LENGTH = 300
-"""Characters of a dialog's message, or of an address, that a notice repeats."""
+_QUOTED_LENGTH = 300
+"""Characters of a dialog's message, or of a URL, that a notice quotes."""
 
 _CLEAR_CLIPBOARD = """
 addEventListener('copy', (event) => {
@@ -60,25 +60,30 @@ addEventListener('copy', (event) => {
 }, { capture: true, once: true });
 document.execCommand('copy');
 """
-"""A browser has one clipboard for all its contexts: what an episode copied, the next one must not paste."""
+"""Clears the clipboard, which all contexts of a browser share: the next episode must not paste from it."""
 
 _SCHEMES = ("http://", "https://")
-_WITHIN_REACH = frozenset({"http", "https", "about", "blob", "javascript"})
-"""Schemes that a page may lead to; Chromium leaves the page as it is for any other."""
+_NAVIGABLE_SCHEMES = frozenset({"http", "https", "about", "blob", "javascript"})
+"""Schemes that a page can navigate to; for any other, Chromium stays on the page."""
 
-_PROXY_SAID_NO = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS_UNREACHABLE"})
-"""All that Chromium says when the proxy has no connection for it, whatever the reason."""
+_PROXY_ERRORS = frozenset({"net::ERR_SOCKS_CONNECTION_FAILED", "net::ERR_ADDRESS_UNREACHABLE"})
+"""Chromium's errors when the proxy could not connect, whatever the reason."""
 
 _FORM_RESULT = "net::ERR_CACHE_MISS"
-"""What Chromium says of a page in the history that it would have to send a form for."""
+"""Chromium's error for a page in the history that requires submitting a form again."""
 
 
-def _not_opened(url: str) -> str:
-    return f'"{url[:_SAID_LENGTH]}" was not opened: only http and https addresses are'
+def _not_opened_message(url: str) -> str:
+    return f'"{url[:_QUOTED_LENGTH]}" was not opened: only http and https addresses are'
 
 
 class Returned(msgspec.Struct, frozen=True):
-    """Where in the tab's history an action went back to, and the loader of the document that it left."""
+    """The result of going back.
+
+    Attributes:
+        index: index of the entry in the tab's history that the action went back to.
+        left: loader id of the document that it left.
+    """
 
     index: int
     left: str
@@ -88,11 +93,11 @@ class Page:
     """A tab in a fresh browser context.
 
     Args:
-        session: attached to the tab, which waits for the debugger.
-        target_id: the tab's; also the id of its main frame.
+        session: session attached to the tab, which waits for the debugger.
+        target_id: target id of the tab; also the id of its main frame.
         config: the slot's limits.
-        egress: knows why a connection failed, of which the browser only hears that it did.
-        timers: knows what the browser's pages have planned.
+        egress: the proxy, which knows why a connection failed.
+        timers: the pending timers of the browser's pages.
     """
 
     def __init__(
@@ -106,20 +111,20 @@ class Page:
         self.url = BLANK
         self.status: int | None = None
         self.changes = -1
-        """Of the document, when it was last seen quiet; -1 for a document that never was."""
+        """Number of changes of the document when it was last quiet; -1 if it never was."""
         self.points: dict[int, tuple[float, float]] = {}
-        """Where a click hits each element of the last observation, by number."""
+        """The point to click for each element of the last observation, by number, CSS pixels."""
         self.is_gone = False
-        """The page closed itself: there is no tab any more."""
+        """Whether the page closed itself, and the tab with it."""
         self.is_closed = False
         self.is_substitute = True
-        """No document is there, but the blank one that a tab begins with, or one that a failure left."""
+        """Whether the document is the initial blank page or an error page."""
         self.traffic = Traffic(session, target_id, config)
         self.timers = timers
         self.timers_set = 0
-        """Timers that the document had set when it was last seen quiet."""
+        """Number of timers that the document had set when it was last quiet."""
         self.idlers = IdleTimers()
-        """Timers that were waited for and brought nothing to see."""
+        """Timers that had no visible effect when they fired."""
         self.acted = time.monotonic()
         """When the last action began, seconds of ``time.monotonic()``."""
         self._notices: list[Notice] = []
@@ -129,46 +134,51 @@ class Page:
         self._statuses: dict[str, int] = {}
         """HTTP status by loader, until the document is committed."""
         self._failures: dict[str, str] = {}
-        """The browser's error word by loader, until the error page is committed."""
+        """The browser's error code by loader, until the error page is committed."""
         self.loader = ""
-        """Of the document that is there."""
+        """Loader id of the current document."""
         self.returned: Returned | None = None
-        """Where this action has gone back to."""
-        self._told_failure = ""
-        self._is_asked = False
-        self._told_unopened = ""
-        """Where this action wanted to lead, and was said not to."""
+        """The result of going back in this action, if it did."""
+        self._reported_failure = ""
+        """Loader of a failed navigation that was reported by an exception."""
+        self._is_navigating = False
+        """Whether :meth:`navigate` waits for its reply."""
+        self._reported_unopened = ""
+        """URL of another scheme that the page tried to open in this action, and that a notice names."""
         self._leaving_for = ""
-        """Loader of the navigation that was begun last."""
+        """Loader of the navigation that was started last."""
         self._documents = 0
-        """That have been there since the action began."""
-        self._forget_hold: Callable[[], None] | None = None
-        """Set while the tab is kept at its document."""
-        self.files: dict[str, Path] = {}  # that can be chosen, by name
-        self.requests = 0  # begun, and words that were sent on sockets
+        """Number of documents since the action began."""
+        self._release: Callable[[], None] | None = None
+        """Set while the tab is kept at its document: unsubscribes from paused requests."""
+        self.files: dict[str, Path] = {}
+        """Files that can be uploaded, by name."""
+        self.requests = 0
+        """Number of requests started and messages sent on sockets."""
         self.ineffective_if_same = ""
-        """What to say of the last action if the next picture is ``picture``, the last one, again."""
+        """Text of a "no_effect" notice, to be added if the next screenshot equals ``picture``, the last
+        one."""
         self.picture = ""
         self.choosers: list[FileChooser] | None = None
-        """What asks for files, while an action waits for that."""
+        """File choosers that were opened, while an action waits for one; else ``None``."""
         self.worlds = Worlds(session, target_id, config)
         self.popups = Popups(self)
         self.workers = Workers(session, self.traffic, config)
         session.on("Page.frameStartedNavigating", NavigationStarted, self._on_leaving)
-        session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_wanted)
-        session.on("Page.frameRequestedNavigation", RequestedNavigation, self._on_wanted)
+        session.on("Page.frameScheduledNavigation", ScheduledNavigation, self._on_navigation_requested)
+        session.on("Page.frameRequestedNavigation", RequestedNavigation, self._on_navigation_requested)
         session.on("Page.frameNavigated", FrameNavigated, self._on_navigated)
         session.on("Page.navigatedWithinDocument", NavigatedWithinDocument, self._on_within_document)
         session.on("Page.javascriptDialogOpening", DialogOpening, self._on_dialog)
         session.on("Page.downloadWillBegin", DownloadWillBegin, self._on_download)
         session.on("Page.fileChooserOpened", FileChooser, self._on_file_chooser)
-        session.on("Network.requestWillBeSent", EmptyReply, self._on_asked)
-        session.on("Network.webSocketFrameSent", EmptyReply, self._on_asked)
+        session.on("Network.requestWillBeSent", EmptyReply, self._on_sent)
+        session.on("Network.webSocketFrameSent", EmptyReply, self._on_sent)
         session.on("Network.responseReceived", ResponseReceived, self._on_response)
         session.on("Network.loadingFailed", RequestFailed, self._on_request_failed)
         session.on("Inspector.targetCrashed", EmptyReply, self._on_crashed)
         self._ended = asyncio.Event()
-        """Set while there is no renderer: nothing can be waited for."""
+        """Set while there is no renderer, so that nothing waits for it."""
         self._forget_browser = session.connection.when_lost(self._on_ended)
 
     # --- life ---------------------------------------------------------------------------------------
@@ -190,7 +200,7 @@ class Page:
         await self._do_all(commands)
 
     async def begin(self, options: PageOptions) -> None:
-        """An episode begins in this tab. Costs nothing if it wants what every tab has."""
+        """Start an episode in this tab. Needs no command if the options are those of every tab."""
         commands: list[tuple[str, dict[str, Any]]] = []
         has_own_size = options.viewport != self.options.viewport
         self.options = options
@@ -207,13 +217,13 @@ class Page:
 
     async def _do_all(self, commands: list[tuple[str, dict[str, Any]]]) -> None:
         seconds = self.config.open_seconds
-        await asyncio.gather(  # sent at once, taken in order
+        await asyncio.gather(  # sent at once, handled in order
             *(self.session.do(method, params, seconds=seconds) for method, params in commands)
         )
 
     @property
     def address(self) -> str:
-        """Where it is, at most ``address_characters`` of it."""
+        """Its URL, truncated to ``address_characters``."""
         return self.url[: self.config.address_characters]
 
     @property
@@ -227,7 +237,7 @@ class Page:
         return self.is_gone or self.is_crashed or self.is_closed
 
     async def close(self) -> None:
-        """Stop what runs for the page here. The tab itself goes with its context."""
+        """Stop the page's background tasks. The tab itself is closed with its context."""
         self.is_closed = True
         self._forget_browser()
         await self.popups.close()
@@ -235,21 +245,21 @@ class Page:
         self.session.connection.drop_session(self.session.id, TargetGone("the page was closed"))
 
     def begin_action(self) -> None:
-        """An action starts: what is limited per action is counted anew."""
+        """Start an action: reset the state and the counters that are per action."""
         self._happened.clear()
         self._dialogs = self._documents = 0
-        if self._forget_hold is not None:
-            self._forget_hold()
-            self._forget_hold = None
+        if self._release is not None:
+            self._release()
+            self._release = None
             self.session.send("Fetch.disable")
         self.returned = None
-        self._told_unopened = self.ineffective_if_same = ""
+        self._reported_unopened = self.ineffective_if_same = ""
         self.popups.begin_action()
         self.acted = time.monotonic()
         self.traffic.started.clear()
 
     async def rest(self, seconds: float) -> None:
-        """Let the page go on for so long. One that is lost meanwhile is not waited for."""
+        """Wait, or return early if the page's renderer is lost."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(seconds):
                 await self._ended.wait()
@@ -257,7 +267,7 @@ class Page:
     # --- notices ------------------------------------------------------------------------------------
 
     def note(self, kind: NoticeKind, text: str) -> None:
-        """Keep something for the next observation to say."""
+        """Add a notice to the next observation."""
         if len(self._happened) < self.config.notices_per_observation:
             self._happened.append(Notice(kind, text))
         if len(self._notices) < self.config.notices_per_observation:
@@ -267,17 +277,17 @@ class Page:
 
     @property
     def happened(self) -> tuple[Notice, ...]:
-        """What there was to note since the last action began; the next observation says it too."""
+        """The notices since the last action began, which the next observation contains too."""
         return tuple(self._happened)
 
     def pictured(self, name: str) -> None:
-        """A picture was taken. One that is the same as before may say that the action had no effect."""
+        """Record the name of a new screenshot. If it is unchanged, the action may have had no effect."""
         if self.ineffective_if_same and name == self.picture and not self._happened:
             self.note("no_effect", self.ineffective_if_same)
         self.ineffective_if_same, self.picture = "", name
 
     def take_notices(self) -> tuple[Notice, ...]:
-        """What happened since the last call."""
+        """The notices since the last call."""
         notices = self._notices
         if self._more_notices:
             last = notices[-1]
@@ -300,17 +310,17 @@ class Page:
         return await self.worlds.run(function, *arguments, reply=reply, seconds=limit, frame=frame)
 
     def post(self, function: str) -> None:
-        """Call ``webgym.<function>()`` in the tab's own frame before whatever comes next; do not wait."""
+        """Call ``webgym.<function>()`` in the main frame, before any later call; do not wait."""
         self.worlds.post(function)
 
     def end_script(self) -> None:
-        """End the script that keeps the page from answering."""
+        """Terminate the running script, which keeps the page from answering."""
         self.session.send("Runtime.terminateExecution")
 
     async def complete(self) -> None:
-        """Give a document that ended before its body an empty one: Chromium never draws it otherwise.
+        """Add an empty body to a document that ended before its body: Chromium never draws it otherwise.
 
-        A script in its head has led to another program, say for mail, and the rest was not read any more.
+        This happens if a script in its head opens another program, such as for mail: the rest is not parsed.
         """
         with contextlib.suppress(DocumentGone, CommandFailed, BrowserTimeout):
             if await self.run("isCutOff", reply=bool):
@@ -320,20 +330,24 @@ class Page:
     # --- navigation ---------------------------------------------------------------------------------
 
     async def navigate(self, url: str, referrer: str = "") -> None:
-        """Open a URL, up to the first byte that replaces the page.
+        """Open a URL, and wait for the first byte that replaces the page.
+
+        Args:
+            url: the URL.
+            referrer: sent as ``Referer``; empty for none.
 
         Raises:
-            NavigationFailed: with the browser's own error word.
-            EgressRefused: the egress policy says no.
+            NavigationFailed: it could not be opened; with the browser's own error code.
+            EgressRefused: the egress policy refused the connection.
         """
         params = {"url": url, "referrer": referrer} if referrer else {"url": url}
-        said = url[:_SAID_LENGTH]
+        quoted_url = url[:_QUOTED_LENGTH]
         if not url.lower().startswith(_SCHEMES):
-            raise NavigationFailed(_not_opened(url))
+            raise NavigationFailed(_not_opened_message(url))
         self._leaving_for = ""
-        self._is_asked = True
+        self._is_navigating = True
         loop = asyncio.get_running_loop()
-        hold_up = loop.call_later(self.config.execute_seconds, self._end_hold_up)
+        unload_timer = loop.call_later(self.config.execute_seconds, self._end_unload)
         try:
             navigated = await self.session.call(
                 "Page.navigate", params, reply=Navigated, seconds=self.config.navigate_seconds
@@ -341,21 +355,21 @@ class Page:
         except BrowserTimeout:
             self.session.send("Page.stopLoading")
             raise NavigationFailed(
-                f"{said} gave no answer within {self.config.navigate_seconds:g} s"
+                f"{quoted_url} gave no answer within {self.config.navigate_seconds:g} s"
             ) from None
         except CommandFailed as error:
-            raise NavigationFailed(f"{said}: {error.message}") from error
+            raise NavigationFailed(f"{quoted_url}: {error.message}") from error
         finally:
-            hold_up.cancel()
-            self._is_asked = False
+            unload_timer.cancel()
+            self._is_navigating = False
         if navigated.is_download or navigated.error_text == "net::ERR_ABORTED":
             return  # a download has its own notice; an aborted navigation leaves the page as it is
         if navigated.error_text:
-            self._told_failure = navigated.loader_id  # its error page comes later, and is no news
+            self._reported_failure = navigated.loader_id  # its error page needs no further notice
             raise self._failure(url, navigated)
 
-    def _end_hold_up(self) -> None:
-        """A page is asked before it is left. As long as it does not answer, nothing is requested."""
+    def _end_unload(self) -> None:
+        """End a script of the page that blocks leaving it: until it returns, nothing is requested."""
         if not self.traffic.document_url(self._leaving_for):
             self.end_script()
             self.note("still_loading", "the page would not be left; its script was ended")
@@ -365,26 +379,29 @@ class Page:
             self._leaving_for = event.loader_id
 
     def _failure(self, url: str, navigated: Navigated) -> NavigationFailed:
-        """Why a navigation failed, at the address that it was led to."""
+        """The error for a failed navigation, with the URL that it was redirected to."""
         failed = self.traffic.document_url(navigated.loader_id) or url
-        why, is_refused = self._why(failed, navigated.error_text)
-        said = url[:_SAID_LENGTH]
+        why, is_refused = self._explain(failed, navigated.error_text)
+        quoted_url = url[:_QUOTED_LENGTH]
         if urldefrag(failed).url != urldefrag(url).url:
-            said = f"{said} (which leads to {failed[:_SAID_LENGTH]})"
-        return (EgressRefused if is_refused else NavigationFailed)(f"{said}: {why}")
+            quoted_url = f"{quoted_url} (which leads to {failed[:_QUOTED_LENGTH]})"
+        return (EgressRefused if is_refused else NavigationFailed)(f"{quoted_url}: {why}")
 
-    def _why(self, url: str, said: str) -> tuple[str, bool]:
-        """What the proxy knows of a connection that failed, and whether the egress policy refused it."""
-        if said == _FORM_RESULT:
-            return f"{said}, this page was the answer to a form, which is not sent again", False
-        failure = self._egress.failure(url) if said in _PROXY_SAID_NO else None
-        return (failure.message, failure.is_refusal) if failure is not None else (said, False)
+    def _explain(self, url: str, error: str) -> tuple[str, bool]:
+        """The reason for a browser's error, and whether the egress policy refused the connection."""
+        if error == _FORM_RESULT:
+            return f"{error}, this page was the answer to a form, which is not sent again", False
+        failure = self._egress.failure(url) if error in _PROXY_ERRORS else None
+        return (failure.message, failure.is_refusal) if failure is not None else (error, False)
 
     async def revive(self, why: str) -> None:
-        """Bring a crashed renderer back, at the URL where it died.
+        """Reload a crashed page at its URL.
+
+        Args:
+            why: why it crashed; empty if that is not known.
 
         Raises:
-            TargetGone: it died again.
+            TargetGone: it crashed again.
         """
         self.session.crashed = None
         self._ended.clear()
@@ -395,42 +412,42 @@ class Page:
         except NavigationFailed as error:
             self.note("navigation_failed", error.message)
 
-    # --- what the browser tells ---------------------------------------------------------------------
+    # --- events -------------------------------------------------------------------------------------
 
-    def _on_wanted(self, event: ScheduledNavigation | RequestedNavigation) -> None:
-        """The page wants to go somewhere. Of one wish there may be an event of each kind."""
-        if event.frame_id != self.target_id or event.url.split(":")[0] in _WITHIN_REACH:
+    def _on_navigation_requested(self, event: ScheduledNavigation | RequestedNavigation) -> None:
+        """The page tries to navigate. There may be an event of each kind for the same attempt."""
+        if event.frame_id != self.target_id or event.url.split(":")[0] in _NAVIGABLE_SCHEMES:
             return
-        self.traffic.end(self.target_id)  # a document that was still being read is never said to be complete
-        if event.url != self._told_unopened:
-            self._told_unopened = event.url
-            self.note("navigation_failed", _not_opened(event.url))
+        self.traffic.end(self.target_id)  # a document that was still loading is never reported as complete
+        if event.url != self._reported_unopened:
+            self._reported_unopened = event.url
+            self.note("navigation_failed", _not_opened_message(event.url))
 
     def _on_navigated(self, event: FrameNavigated) -> None:
         frame = event.frame
         if frame.id != self.target_id:
             return
         self._documents += 1
-        if self._documents > self.config.most_documents and self._forget_hold is None:
-            self._hold()
+        if self._documents > self.config.most_documents and self._release is None:
+            self._keep_document()
         self.url = (frame.unreachable_url or frame.url) + frame.url_fragment
         self.status = self._statuses.get(frame.loader_id)
         self.loader = frame.loader_id
         self.is_substitute = bool(frame.unreachable_url) or frame.url == BLANK
-        # The error page of a navigation that was asked for may come before its reply is looked at.
-        if frame.unreachable_url and not self._is_asked and frame.loader_id != self._told_failure:
-            said = self._failures.get(frame.loader_id, "it could not be opened")
-            why, _ = self._why(self.url, said)
-            self.note("navigation_failed", f"{self.url[:_SAID_LENGTH]}: {why}")
+        # The error page of our own navigation may be committed before the reply to it is processed.
+        if frame.unreachable_url and not self._is_navigating and frame.loader_id != self._reported_failure:
+            failure = self._failures.get(frame.loader_id, "it could not be opened")
+            why, _ = self._explain(self.url, failure)
+            self.note("navigation_failed", f"{self.url[:_QUOTED_LENGTH]}: {why}")
         self._statuses.clear()
         self._failures.clear()
         self.changes = -1
         self.timers_set = 0
         self.points = {}
 
-    def _hold(self) -> None:
-        """Keep the tab at its document until the next action."""
-        self._forget_hold = self.session.on("Fetch.requestPaused", RequestPaused, self._on_paused)
+    def _keep_document(self) -> None:
+        """Block further navigations until the next action."""
+        self._release = self.session.on("Fetch.requestPaused", RequestPaused, self._on_paused)
         self.session.send("Fetch.enable", {"patterns": [{"urlPattern": "*", "resourceType": "Document"}]})
         self.note(
             "still_loading", f"the page led on {self.config.most_documents} times; it is held here for now"
@@ -439,14 +456,14 @@ class Page:
     def _on_paused(self, event: RequestPaused) -> None:
         if event.frame_id != self.target_id:
             self.session.send("Fetch.continueRequest", {"requestId": event.request_id})
-        else:  # a document whose successor is only made to wait is never drawn
+        else:  # Chromium never draws a document while the next one is only delayed
             self.session.send("Fetch.failRequest", {"requestId": event.request_id, "errorReason": "Aborted"})
 
     def _on_within_document(self, event: NavigatedWithinDocument) -> None:
         if event.frame_id == self.target_id:
             self.url = event.url
 
-    def _on_asked(self, _: EmptyReply) -> None:
+    def _on_sent(self, _: EmptyReply) -> None:
         self.requests += 1
 
     def _on_response(self, event: ResponseReceived) -> None:
@@ -455,16 +472,18 @@ class Page:
         status = event.response.status
         self._statuses[event.loader_id] = status
         if status in _NO_CONTENT:
-            said = event.response.url[:_SAID_LENGTH]
-            self.note("navigation_failed", f"{said}: answered {status}, no content; the page stays as it is")
+            quoted_url = event.response.url[:_QUOTED_LENGTH]
+            self.note(
+                "navigation_failed", f"{quoted_url}: answered {status}, no content; the page stays as it is"
+            )
 
     def _on_request_failed(self, event: RequestFailed) -> None:
         if event.type != "Document":
             return
         self._failures[event.request_id] = event.error_text
         if event.request_id == self.loader and not event.canceled:
-            said = self.url[:_SAID_LENGTH]
-            self.note("navigation_failed", f"{said}: the page broke off, {event.error_text}")
+            quoted_url = self.url[:_QUOTED_LENGTH]
+            self.note("navigation_failed", f"{quoted_url}: the page broke off, {event.error_text}")
 
     def _on_dialog(self, event: DialogOpening) -> None:
         self._dialogs += 1
@@ -473,18 +492,20 @@ class Page:
             if self._dialogs == self.config.dialogs_per_action + 1:
                 self.note("dialog", "the page would not stop opening dialogs; it may open no more")
         else:
-            said = f'{event.type} "{event.message[:_SAID_LENGTH]}"'
+            dialog = f'{event.type} "{event.message[:_QUOTED_LENGTH]}"'
             answer = (
-                f'answered "{event.default_prompt[:_SAID_LENGTH]}"' if event.type == "prompt" else "accepted"
+                f'answered "{event.default_prompt[:_QUOTED_LENGTH]}"'
+                if event.type == "prompt"
+                else "accepted"
             )
-            self.note("dialog", f"{said}: {answer}")
+            self.note("dialog", f"{dialog}: {answer}")
         self.session.send("Page.handleJavaScriptDialog", {"accept": True, "promptText": event.default_prompt})
         if self._dialogs > self.config.dialogs_per_action:
             self.session.send("Runtime.evaluate", {"expression": _NO_DIALOGS})
 
     def _on_download(self, event: DownloadWillBegin) -> None:
         name = event.suggested_filename or event.url
-        self.note("download_refused", f'the download of "{name[:_SAID_LENGTH]}" was refused')
+        self.note("download_refused", f'the download of "{name[:_QUOTED_LENGTH]}" was refused')
 
     def _on_file_chooser(self, event: FileChooser) -> None:
         if self.choosers is not None:

@@ -1,4 +1,4 @@
-"""The mouse: clicks of every kind, drags, the wheel."""
+"""Mouse input: clicks, drags, the wheel."""
 
 from __future__ import annotations
 
@@ -24,30 +24,30 @@ Button: TypeAlias = Literal["left", "right"]
 
 _BUTTON_BITS: dict[Button, int] = {"left": 1, "right": 2}
 _DRAG_STEPS = 8
-"""Places on the way of a drag, shared among its parts. Pages look at where it comes from and goes to, and at
-what it passes."""
+"""Number of intermediate points of a drag, over all of its segments. Pages handle the start, the end and the
+elements that the mouse passes."""
 _MOST_TURNS = 40
-"""Of the wheel, over what moves a little at each."""
+"""Most wheel events of one scroll, for pages that move a few lines at each."""
 _DRAG_START = 6.0
-"""CSS pixels of the first of them: more than what libraries take for a trembling hand."""
+"""Distance of the first point of a drag, CSS pixels: above the threshold of drag-and-drop libraries."""
 
 
 class Wheel(msgspec.Struct, frozen=True):
-    """Where the wheel turns, and the length of which it scrolls a part, CSS pixels."""
+    """Where to turn the wheel, and the visible size of what it scrolls, CSS pixels."""
 
     point: Point
     extent: float
 
 
 class _Turned(msgspec.Struct, frozen=True):
-    """How far a script of the page scrolled, and the length of its box, CSS pixels."""
+    """How far a script of the page scrolled, and the size of its box, CSS pixels."""
 
     by: float
     extent: float
 
 
 class _List(msgspec.Struct, frozen=True):
-    """The wheel over an open list, if there is one."""
+    """The wheel over an open list; ``None`` if none is open."""
 
     wheel: Wheel | None = None
 
@@ -57,7 +57,7 @@ class _DragIntercepted(CdpMessage, frozen=True):
 
 
 async def mouse(page: Page, kind: str, point: Point, **more: Any) -> None:
-    """One mouse event of the protocol, until the page has taken it."""
+    """Send one mouse event of the protocol, and wait until the page has handled it."""
     params = {"type": kind, "x": point[0], "y": point[1], **more}
     await page.session.call(
         "Input.dispatchMouseEvent", params, reply=EmptyReply, seconds=page.config.execute_seconds
@@ -65,9 +65,9 @@ async def mouse(page: Page, kind: str, point: Point, **more: Any) -> None:
 
 
 async def send_keys(page: Page, events: Iterable[dict[str, Any]]) -> None:
-    """Key events of the protocol, in their order, until the page has taken the last."""
+    """Send key events of the protocol in order, and wait until the page has handled the last."""
     seconds = page.config.execute_seconds
-    await asyncio.gather(  # sent at once, taken in order
+    await asyncio.gather(  # sent at once, handled in order
         *(page.session.do("Input.dispatchKeyEvent", event, seconds=seconds) for event in events)
     )
 
@@ -76,7 +76,7 @@ async def press(page: Page, names: Sequence[str]) -> None:
     """Press these keys together.
 
     Raises:
-        ActionFailed: a name that no key has.
+        ActionFailed: a name is not that of a key.
     """
     try:
         keys = keys_of(names)
@@ -86,8 +86,8 @@ async def press(page: Page, names: Sequence[str]) -> None:
 
 
 @asynccontextmanager
-async def held(page: Page, modifiers: Sequence[Modifier]) -> AsyncIterator[int]:
-    """Hold these keys for the block. Gives the protocol's bits of them."""
+async def holding(page: Page, modifiers: Sequence[Modifier]) -> AsyncIterator[int]:
+    """Hold these keys down during the block. Yields the protocol's bit mask of them."""
     events = chord(keys_of(modifiers))
     half = len(events) // 2
     await send_keys(page, events[:half])
@@ -100,26 +100,25 @@ async def held(page: Page, modifiers: Sequence[Modifier]) -> AsyncIterator[int]:
 async def click(
     page: Page, point: Point, *, button: Button = "left", count: int = 1, modifiers: int = 0
 ) -> None:
-    """Move the mouse here and press and release a button, ``count`` times.
+    """Move the mouse to a point and press and release a button, ``count`` times.
 
-    As with a hand, the page sees the mouse come before the button goes down, and that before it goes up: what
-    it does about the one has happened when the other comes. Where the mouse drives away what lay here, it
-    follows once.
+    As with a real mouse, the page can react to every event before the next: to the move before the press, and
+    to the press before the release. If the element moves away when the mouse arrives, the mouse follows once.
     """
-    moved = await _act(page, "mouseMoved", point, modifiers=modifiers)
+    moved = await _send_and_react(page, "mouseMoved", point, modifiers=modifiers)
     if moved != point and _is_inside(page, moved):
         point = moved
-        await _act(page, "mouseMoved", point, modifiers=modifiers)
+        await _send_and_react(page, "mouseMoved", point, modifiers=modifiers)
     for number in range(1, count + 1):
         pressed = {"button": button, "clickCount": number, "modifiers": modifiers}
-        await _act(page, "mousePressed", point, **pressed, buttons=_BUTTON_BITS[button])
+        await _send_and_react(page, "mousePressed", point, **pressed, buttons=_BUTTON_BITS[button])
         await mouse(page, "mouseReleased", point, **pressed)
 
 
-async def _act(page: Page, kind: str, point: Point, **more: Any) -> Point:
-    """One mouse event, and a frame for the page if it does anything about it. Gives where now lies what lay
-    at the point."""
-    is_blind = bool(page.worlds.entered)  # frames of other origins are not looked into for this
+async def _send_and_react(page: Page, kind: str, point: Point, **more: Any) -> Point:
+    """Send one mouse event, and give the page time for a frame if it reacts. Returns the new position of the
+    element that was at the point."""
+    is_blind = bool(page.worlds.entered)  # reactions in frames of other origins are not seen
     try:
         await page.run("expect", *point, reply=bool)
         await mouse(page, kind, point, **more)
@@ -139,15 +138,15 @@ def _is_inside(page: Page, point: Point) -> bool:
 async def drag(page: Page, points: Sequence[Point]) -> None:
     """Press the left button at the first point, move through the others, and release it at the last.
 
-    What the page makes draggable by HTML is dragged as the system would: Chromium hands the drag over, and
-    is told where it passes and is dropped.
+    For HTML drag and drop, Chromium's drag is intercepted, and the drag events are dispatched instead of
+    mouse events.
     """
     with contextlib.ExitStack() as stack:
-        taken: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
+        intercepted: asyncio.Future[dict[str, Any]] = asyncio.get_running_loop().create_future()
 
         def on_intercepted(event: _DragIntercepted) -> None:
-            if not taken.done():
-                taken.set_result(event.data)
+            if not intercepted.done():
+                intercepted.set_result(event.data)
 
         stack.callback(page.session.on("Input.dragIntercepted", _DragIntercepted, on_intercepted))
         stack.callback(page.session.send, "Input.setInterceptDrags", {"enabled": False})
@@ -155,45 +154,48 @@ async def drag(page: Page, points: Sequence[Point]) -> None:
         await mouse(page, "mouseMoved", points[0])
         await mouse(page, "mousePressed", points[0], button="left", buttons=1, clickCount=1)
         try:
-            await _carry(page, _way(points), taken)
+            await _move_and_drop(page, _path(points), intercepted)
         finally:
             await mouse(page, "mouseReleased", points[-1], button="left", clickCount=1)
 
 
-async def _carry(page: Page, way: Sequence[Point], taken: asyncio.Future[dict[str, Any]]) -> None:
-    """Pass these places with the button down, and drop at the last what Chromium hands over on the way.
+async def _move_and_drop(
+    page: Page, path: Sequence[Point], intercepted: asyncio.Future[dict[str, Any]]
+) -> None:
+    """Move along a path with the button down; if Chromium intercepts a drag, drop its data at the end.
 
-    A drag that the page began and Chromium does not hand over goes on as one without.
+    If the page began a drag that is not intercepted, the mouse moves go on as in any other drag.
     """
     data: dict[str, Any] | None = None
-    is_asked = True
-    for place in way:
+    may_intercept = True
+    for point in path:
         if data is not None:
-            await _drag_event(page, "dragOver", place, data)
+            await _drag_event(page, "dragOver", point, data)
             continue
-        await mouse(page, "mouseMoved", place, button="left", buttons=1)
-        if is_asked and await _has_drag_begun(page):
-            done, _ = await asyncio.wait({taken}, timeout=page.config.execute_seconds)
-            is_asked = bool(done)
+        await mouse(page, "mouseMoved", point, button="left", buttons=1)
+        if may_intercept and await _has_drag_begun(page):
+            done, _ = await asyncio.wait({intercepted}, timeout=page.config.execute_seconds)
+            may_intercept = bool(done)
             if done:
-                data = taken.result()
-                await _drag_event(page, "dragEnter", place, data)
+                data = intercepted.result()
+                await _drag_event(page, "dragEnter", point, data)
     if data is not None:
-        await _drag_event(page, "drop", way[-1], data)
+        await _drag_event(page, "drop", path[-1], data)
 
 
-def _way(points: Sequence[Point]) -> list[Point]:
-    """The places that a drag passes, each of its points among them; its end twice, where most pages look."""
-    legs = list(itertools.pairwise(points))
-    lengths = [math.dist(*leg) for leg in legs]
-    whole = max(1.0, sum(lengths))
-    first = _between(*legs[0], min(1.0, _DRAG_START / max(1.0, lengths[0])))
-    legs[0] = first, legs[0][1]
-    way = [first]
-    for (start, end), length in zip(legs, lengths, strict=True):
-        steps = max(1, math.ceil(_DRAG_STEPS * length / whole))
-        way += [_between(start, end, step / steps) for step in range(1, steps + 1)]
-    return [*way, points[-1]]
+def _path(points: Sequence[Point]) -> list[Point]:
+    """The path of a drag through all of its points, with intermediate ones. The last point occurs twice,
+    because pages react to it most."""
+    segments = list(itertools.pairwise(points))
+    lengths = [math.dist(*segment) for segment in segments]
+    total = max(1.0, sum(lengths))
+    first = _between(*segments[0], min(1.0, _DRAG_START / max(1.0, lengths[0])))
+    segments[0] = first, segments[0][1]
+    path = [first]
+    for (start, end), length in zip(segments, lengths, strict=True):
+        steps = max(1, math.ceil(_DRAG_STEPS * length / total))
+        path += [_between(start, end, step / steps) for step in range(1, steps + 1)]
+    return [*path, points[-1]]
 
 
 def _between(start: Point, end: Point, share: float) -> Point:
@@ -201,7 +203,7 @@ def _between(start: Point, end: Point, share: float) -> Point:
 
 
 async def _has_drag_begun(page: Page) -> bool:
-    """Whether a drag of the system began, in the tab's own frame or one below it."""
+    """Whether an HTML drag began, in the main frame or one below it."""
     for frame in (None, *page.worlds.entered):
         with contextlib.suppress(DocumentGone):
             if await page.run("hasDragBegun", reply=bool, frame=frame):
@@ -218,22 +220,22 @@ async def _drag_event(page: Page, kind: str, point: Point, data: dict[str, Any])
 
 
 async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
-    """Turn the wheel by a share of what scrolls here, or where it does the most.
+    """Turn the wheel over a point, or over the largest scrollable part of the page, by ``scroll_fraction`` of
+    its visible size.
 
-    What scrolls by a script, as editors and tables with thousands of lines do, may go a few lines for each
-    turn: it is turned again until it has gone as far.
+    Elements that scroll by a script, such as editors and tables with thousands of lines, may move a few lines
+    for each wheel event: it is repeated until the distance is reached.
     """
     sign = 1 if side in ("down", "right") else -1
     wheel = await wheel_over(page, side, point)
     distance = wheel.extent * page.config.scroll_fraction * sign
-    way = (
-        {"deltaX": distance, "deltaY": 0} if side in ("left", "right") else {"deltaX": 0, "deltaY": distance}
-    )
+    is_horizontal = side in ("left", "right")
+    deltas = {"deltaX": distance, "deltaY": 0} if is_horizontal else {"deltaX": 0, "deltaY": distance}
     done = 0.0
     with contextlib.suppress(DocumentGone):
         for _ in range(_MOST_TURNS):
             await page.run("expectTurn", side, wheel.point, reply=bool)
-            await _act(page, "mouseWheel", wheel.point, **way)
+            await _send_and_react(page, "mouseWheel", wheel.point, **deltas)
             turned = await page.run("turned", reply=_Turned)
             done += turned.by
             if not turned.by or done + turned.by / 2 >= turned.extent * page.config.scroll_fraction:
@@ -241,14 +243,14 @@ async def scroll(page: Page, side: Side, point: Point | None = None) -> None:
 
 
 async def wheel_over(page: Page, side: Side, point: Point | None = None) -> Wheel:
-    """Where the wheel turns. An open list in a frame of another origin goes first: the tab's own frame does
-    not know of it."""
+    """Where to turn the wheel: over an open list in a frame of another origin, which the main frame cannot
+    see, else where the main frame says."""
     width, height = page.options.viewport
     try:
         for frame in page.worlds.entered if point is None else ():
             over = (await page.run("listWheel", reply=_List, frame=frame)).wheel
             if over is not None:
-                return Wheel(await page.worlds.outward(frame, over.point), over.extent)
+                return Wheel(await page.worlds.to_viewport(frame, over.point), over.extent)
         return await page.run("wheel", side, point, reply=Wheel)
     except DocumentGone:
         return Wheel(point or (width / 2, height / 2), height if side in ("up", "down") else width)

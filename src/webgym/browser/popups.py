@@ -1,7 +1,7 @@
-"""There is one tab: what a page wants to open in a second window is opened in this one.
+"""Keeps an episode in one tab: what a page opens in a new window is opened in this tab instead.
 
-A new window is attached to before it runs. Its first request is held back, tells us the address, and
-is never sent: the window is closed and the tab goes there itself.
+A new window is attached to before it runs. Its first request, which gives the URL, is intercepted and never
+sent: the window is closed, and the tab navigates to the URL.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from webgym.browser.traffic import Traffic
 from webgym.core.errors import BrowserError, NavigationFailed
 from webgym.core.observation import NoticeKind
 
-_SAID_LENGTH = 300
+_QUOTED_LENGTH = 300
 _REQUESTED = frozenset({"http", "https", "about"})
-"""Schemes of windows that ask for a document, at once or when their page says what for."""
+"""Schemes of windows that request a document, at once or when their page sets the URL."""
 
 
 class Opener(Protocol):
@@ -35,7 +35,7 @@ class Opener(Protocol):
     is_closed: bool
 
     def note(self, kind: NoticeKind, text: str) -> None:
-        """Tell the agent of something with the next observation."""
+        """Add a notice to the next observation."""
         ...
 
     async def navigate(self, url: str, referrer: str = "") -> None:
@@ -49,37 +49,37 @@ class Popups:
     def __init__(self, page: Opener) -> None:
         self._page = page
         self._open: dict[str, str] = {}
-        """Session by target, of windows that have not yet said where they go."""
-        self._elsewhere: list[str] = []
-        """Where windows of this action lead that a request will never be seen of."""
+        """Session id by target id, of windows whose URL is not known yet."""
+        self._unrequested: list[str] = []
+        """URLs of this action's windows that will never send a request, such as ``mailto:``."""
         self._has_followed = False
         self._tasks: set[asyncio.Task[None]] = set()
-        page.session.on("Page.windowOpen", WindowOpen, self._on_wanted)
+        page.session.on("Page.windowOpen", WindowOpen, self._on_window_open)
 
     def begin_action(self) -> None:
-        """Each action may lead to one window."""
+        """Start an action, which may follow one window."""
         self._has_followed = False
-        self._elsewhere.clear()
+        self._unrequested.clear()
 
-    def _on_wanted(self, event: WindowOpen) -> None:
+    def _on_window_open(self, event: WindowOpen) -> None:
         if event.url and event.url.split(":")[0] not in _REQUESTED:
-            self._elsewhere.append(event.url)
+            self._unrequested.append(event.url)
             for target_id in self._open:
                 self._page.traffic.end(target_id)
 
     def adopt(self, attached: AttachedToTarget) -> None:
-        """A new window is attached to and waits for us."""
+        """Handle a new window, which is attached to and does not run yet."""
         connection = self._page.session.connection
         session_id, target_id = attached.session_id, attached.target_info.target_id
         if self._page.is_closed:
             connection.send("Target.closeTarget", {"targetId": target_id})
             return
         self._open[target_id] = session_id
-        if not self._elsewhere:
+        if not self._unrequested:
             self._page.traffic.begin(target_id, self._page.config.minor_seconds)
 
         def on_request(paused: RequestPaused) -> None:
-            self._shut(target_id)
+            self._close_window(target_id)
             self._follow(target_id, paused)
 
         connection.on("Fetch.requestPaused", RequestPaused, on_request, session_id)
@@ -87,27 +87,29 @@ class Popups:
         connection.send("Runtime.runIfWaitingForDebugger", {}, session_id)
 
     def forget(self, target_id: str) -> None:
-        """A window is gone."""
+        """Handle that a window is gone."""
         session_id = self._open.pop(target_id, None)
         if session_id is not None:
             self._page.session.connection.drop_session(session_id, BrowserError("the window was closed"))
             self._page.traffic.end(target_id)
 
     def close_blank(self) -> None:
-        """Close the windows that never said where they go."""
+        """Close the windows without a URL, with a notice."""
         for target_id in tuple(self._open):
-            self._shut(target_id)
+            self._close_window(target_id)
             self._page.traffic.end(target_id)
-            where = f"for {self._elsewhere.pop(0)[:_SAID_LENGTH]}" if self._elsewhere else "that is empty"
+            where = (
+                f"for {self._unrequested.pop(0)[:_QUOTED_LENGTH]}" if self._unrequested else "that is empty"
+            )
             self._page.note("popup", f"the page opened a window {where}; it was closed")
 
     async def close(self) -> None:
-        """Stop following."""
+        """Cancel navigations to windows' URLs."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
-    def _shut(self, target_id: str) -> None:
+    def _close_window(self, target_id: str) -> None:
         session_id = self._open.pop(target_id, None)
         if session_id is None:
             return
@@ -119,10 +121,10 @@ class Popups:
         url = paused.request.url
         if self._has_followed:
             self._page.traffic.end(target_id)
-            self._page.note("popup", f"a further window was not opened: {url[:_SAID_LENGTH]}")
+            self._page.note("popup", f"a further window was not opened: {url[:_QUOTED_LENGTH]}")
             return
         self._has_followed = True
-        self._page.note("popup", f"a new window was opened in this tab: {url[:_SAID_LENGTH]}")
+        self._page.note("popup", f"a new window was opened in this tab: {url[:_QUOTED_LENGTH]}")
         task = asyncio.get_running_loop().create_task(self._navigate(target_id, paused))
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -130,8 +132,8 @@ class Popups:
     async def _navigate(self, target_id: str, paused: RequestPaused) -> None:
         request = paused.request
         try:
-            with contextlib.suppress(BrowserError):  # whoever acts next meets the same error
-                async with self._as_wanted(request):
+            with contextlib.suppress(BrowserError):  # the next action raises the same error
+                async with self._replaying(request):
                     await self._page.navigate(request.url, request.headers.get("Referer", ""))
         except NavigationFailed as error:
             self._page.note("navigation_failed", error.message)
@@ -139,9 +141,9 @@ class Popups:
             self._page.traffic.end(target_id)
 
     @asynccontextmanager
-    async def _as_wanted(self, wanted: Request) -> AsyncIterator[None]:
-        """The tab's next document is asked for as the window asked for it: with its method and its body."""
-        if wanted.method == "GET":
+    async def _replaying(self, original: Request) -> AsyncIterator[None]:
+        """Send the tab's next document request with the window's method, body and headers."""
+        if original.method == "GET":
             yield
             return
         page = self._page
@@ -151,11 +153,11 @@ class Popups:
             nonlocal is_first
             more: dict[str, Any] = {}
             if is_first and paused.frame_id == page.target_id:
-                is_first = False  # what it is redirected to is asked for in the usual way
-                body = b"".join(part.data for part in wanted.post_data_entries)
-                headers = {**paused.request.headers, **wanted.headers}
+                is_first = False  # redirects are requested in the usual way
+                body = b"".join(part.data for part in original.post_data_entries)
+                headers = {**paused.request.headers, **original.headers}
                 more = {
-                    "method": wanted.method,
+                    "method": original.method,
                     "postData": base64.b64encode(body).decode(),
                     "headers": [{"name": name, "value": value} for name, value in headers.items()],
                 }

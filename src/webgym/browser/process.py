@@ -1,4 +1,4 @@
-"""A Chromium in its own process group, which is ended completely."""
+"""A Chromium in its own process group, all of which is ended with it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from webgym.browser.config import BrowserConfig
 from webgym.browser.egress.proxy import ProxyListener
 from webgym.browser.memory import bound
 from webgym.browser.profiles import ProfileRoot
-from webgym.browser.sandbox import SandboxState, examined, is_to_blame, planned_sandbox, remedy
+from webgym.browser.sandbox import SandboxState, examine_sandbox, is_sandbox_failure, planned_sandbox, remedy
 from webgym.core.errors import (
     BrowserCrashed,
     BrowserError,
@@ -42,7 +42,7 @@ PICTURE_FLAGS = (
     "--disable-lcd-text",
     "--lang=en-US",
 )
-"""The same page gives the same picture."""
+"""Flags for reproducible screenshots: the same page gives the same picture."""
 
 _FLAGS = (
     "--remote-debugging-pipe",
@@ -51,7 +51,7 @@ _FLAGS = (
     "--no-default-browser-check",
     "--no-startup-window",
     *PICTURE_FLAGS,
-    # Nothing that runs by itself, nothing that calls home.
+    # No background activity, no requests to the vendor.
     "--disable-background-networking",
     "--disable-breakpad",
     "--disable-crash-reporter",
@@ -77,7 +77,7 @@ _FLAGS = (
     "--disable-hang-monitor",
     "--disable-popup-blocking",
     # One renderer per slot: half the memory, and frames of other origins are observed like the rest.
-    # Nothing of value lives in a context that is thrown away after each episode.
+    # A context has nothing of value, and is disposed of after each episode.
     "--disable-site-isolation-trials",
     "--disable-features="
     "IsolateOrigins,site-per-process,BackForwardCache,Prerender2,SpareRendererForSitePerProcess,"
@@ -86,29 +86,29 @@ _FLAGS = (
     "PaintHolding,InterestFeedContentSuggestions,GlobalMediaControls",
     "--disable-gpu",
     "--disable-dev-shm-usage",
-    # A process less, and 9 MB less, per slot. On Linux it would have no sandbox of its own anyway.
+    # Saves a process and 9 MB per slot. On Linux it would have no sandbox of its own anyway.
     "--enable-features=NetworkServiceInProcess2",
 )
 
-_MAY_HOLD_A_SECRET = re.compile(r"TOKEN|SECRET|PASS|KEY|CRED|AUTH|COOKIE|PROXY|URL|URI|DSN", re.IGNORECASE)
-"""By the names of environment variables."""
+_SECRET_NAME = re.compile(r"TOKEN|SECRET|PASS|KEY|CRED|AUTH|COOKIE|PROXY|URL|URI|DSN", re.IGNORECASE)
+"""Names of environment variables that may contain a secret."""
 
 _FIRST_FREE_FD = 10
-"""Descriptors below are left for the child's own numbering (3 and 4 are the pipe)."""
+"""Lower descriptors are reserved for the child's numbering (3 and 4 are the pipe)."""
 
 _LOG_TAIL_BYTES = 16_384
 _LOG_LINES = 3
-_LAST_WORDS = ("FATAL:", "Check failed:", "sandbox!", "sandbox helper")
-"""By which a line that says why Chromium ends is known; a stack trace may follow it."""
+_REASON_MARKERS = ("FATAL:", "Check failed:", "sandbox!", "sandbox helper")
+"""Text in a log line that says why Chromium ended; a stack trace may follow the line."""
 
-_GONE_POLL_SECONDS = (0.001, 0.05)
-"""Backoff, first and longest pause, while the kernel takes a killed group apart."""
+_EXIT_POLL_SECONDS = (0.001, 0.05)
+"""First and longest pause while waiting for a killed process group to end."""
 
 
 class BrowserProcess:
     """A running browser: its connection, its process group and its profile.
 
-    Get one from :func:`launch`; :meth:`kill` it when done.
+    Create one with :func:`launch`; call :meth:`kill` when done.
     """
 
     def __init__(
@@ -127,9 +127,9 @@ class BrowserProcess:
         self.started = asyncio.get_running_loop().time()
         self.is_frozen = False
         self.standing_bytes = 0
-        """Size when it was last looked at, renderers left out."""
+        """Memory use without renderers at the last check, bytes."""
         self.relieved = ""
-        """Why its renderer was ended last, if it was."""
+        """Why its renderer was last ended; empty if it was not."""
         self._root = root
         self._cgroup = cgroup
         self._kill_seconds = kill_seconds
@@ -144,7 +144,7 @@ class BrowserProcess:
         self.connection.abandon(self._why_lost() or BrowserCrashed("the browser process ended"))
 
     def _why_lost(self) -> BrowserCrashed | None:
-        """The kernel's reason, if it was the kernel."""
+        """The reason, if the kernel ended the browser."""
         if self._cgroup is not None and self._cgroup.ran_out:
             return BrowserOutOfMemory("the kernel ended the browser: it took too much memory")
         return None
@@ -158,7 +158,7 @@ class BrowserProcess:
 
     @property
     def is_alive(self) -> bool:
-        """Whether it can still be talked to."""
+        """Whether the process runs and its connection is open."""
         return not self._exited.is_set() and not self.connection.is_lost
 
     @property
@@ -167,12 +167,12 @@ class BrowserProcess:
         return asyncio.get_running_loop().time() - self.started
 
     def log_tail(self) -> str:
-        """The last lines that Chromium wrote."""
+        """The last lines of Chromium's log."""
         return _tail(self.profile)
 
     def processes(self) -> list[int]:
-        """Ids of all living processes of the group."""
-        return _living(self.pid)
+        """Ids of all running processes of the group."""
+        return _running_members(self.pid)
 
     def freeze(self) -> None:
         """Stop the whole group: it uses no CPU until :meth:`thaw`. It can still be killed."""
@@ -180,12 +180,12 @@ class BrowserProcess:
         self._signal(signal.SIGSTOP)
 
     def thaw(self) -> None:
-        """Let the group go on."""
+        """Let the group continue."""
         self.is_frozen = False
         self._signal(signal.SIGCONT)
 
     def relieve(self, renderer: int | None, why: str) -> None:
-        """End what took too much memory: this renderer, or the whole browser."""
+        """End this renderer, or the whole browser, because of its memory use."""
         if renderer is None:
             self.connection.abandon(BrowserOutOfMemory(f"the browser was ended: {why}"))
             self._signal(signal.SIGKILL)
@@ -196,7 +196,7 @@ class BrowserProcess:
                 os.kill(renderer, signal.SIGKILL)
 
     def _signal(self, number: signal.Signals) -> None:
-        if not (self._ending or self._exited.is_set()):  # until then the leader's id is the group's
+        if not (self._ending or self._exited.is_set()):  # later, the id may belong to another group
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(self.pid, number)
 
@@ -204,7 +204,7 @@ class BrowserProcess:
         """End the whole group and remove its profile. Safe to call twice; not undone by cancellation.
 
         Raises:
-            BrowserError: processes of the group outlived SIGKILL.
+            BrowserError: processes of the group did not end after SIGKILL.
         """
         if self._ending is None:
             self.connection.abandon(BrowserCrashed("the browser was closed"))
@@ -219,11 +219,11 @@ class BrowserProcess:
             await self._root.remove(self.profile)
 
 
-def _living(group: int) -> list[int]:
-    """Process ids of the group's members, zombies left out. Reads all of /proc: a few ms."""
+def _running_members(group: int) -> list[int]:
+    """Process ids of the group's members, without zombies. Reads all of /proc: a few ms."""
     try:
         return list(_members(group))
-    except OSError:  # no descriptor is left to look with: the leader, who is our child, must do for all
+    except OSError:  # out of file descriptors: check only the leader, which is our child
         with contextlib.suppress(ChildProcessError):
             if os.waitid(os.P_PID, group, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
                 return [group]
@@ -236,28 +236,28 @@ def _members(group: int) -> Iterator[int]:
             if not entry.name.isdigit():
                 continue
             try:
-                # "pid (name) state ppid pgrp ...", and the name may hold anything
+                # "pid (name) state ppid pgrp ...", where the name may contain anything
                 fields = Path(entry.path, "stat").read_text(errors="replace").rpartition(")")[2].split()
             except (FileNotFoundError, ProcessLookupError):
-                continue  # it ended while we looked
+                continue  # it ended in the meantime
             if int(fields[2]) == group and fields[0] not in "ZX":
                 yield int(entry.name)
 
 
 def _reap(group: int) -> None:
-    """Collect the exit status of our own children in the group, so that none stays a zombie."""
+    """Collect the exit status of our own children in the group, so that none remains a zombie."""
     with contextlib.suppress(ChildProcessError):
         while os.waitpid(-group, os.WNOHANG)[0]:
             pass
 
 
 async def _end_group(group: int, seconds: float, cgroup: Cgroup | None = None) -> None:
-    """SIGKILL the group and wait until no living process of it is left.
+    """SIGKILL the group and wait until none of its processes runs.
 
-    Members that are not our children are collected by the system's init, at its own pace: as zombies
-    they hold nothing and count as gone.
+    Members that are not our children are reaped by the system's init, at some later time: zombies hold no
+    resources and count as ended.
     """
-    pause, longest = _GONE_POLL_SECONDS
+    pause, longest = _EXIT_POLL_SECONDS
     loop = asyncio.get_running_loop()
     deadline = loop.time() + seconds
     while True:
@@ -265,11 +265,11 @@ async def _end_group(group: int, seconds: float, cgroup: Cgroup | None = None) -
             os.killpg(group, signal.SIGKILL)
         if cgroup is not None:
             cgroup.kill()
-        living = await asyncio.to_thread(_living, group)
-        if not living and (cgroup is None or cgroup.is_empty):
+        running = await asyncio.to_thread(_running_members, group)
+        if not running and (cgroup is None or cgroup.is_empty):
             break
         if loop.time() > deadline:
-            raise BrowserError(f"processes {living} outlived SIGKILL by {seconds:g} s")
+            raise BrowserError(f"processes {running} outlived SIGKILL by {seconds:g} s")
         await asyncio.sleep(pause)
         pause = min(pause * 2, longest)
     _reap(group)
@@ -278,13 +278,13 @@ async def _end_group(group: int, seconds: float, cgroup: Cgroup | None = None) -
 
 
 def _tail(profile: Path) -> str:
-    """What the log says last; where the browser says why it ended, that."""
+    """The last lines of the log, or those that say why the browser ended."""
     try:
         text = (profile / "chromium.log").read_bytes()[-_LOG_TAIL_BYTES:].decode(errors="replace")
     except OSError:
         return ""
     lines = [line.strip() for line in text.splitlines()]
-    reasons = [line for line in lines if any(word in line for word in _LAST_WORDS)]
+    reasons = [line for line in lines if any(word in line for word in _REASON_MARKERS)]
     return " | ".join(reasons[-_LOG_LINES:] or lines[-_LOG_LINES:])
 
 
@@ -297,8 +297,8 @@ def _arguments(executable: Path, profile: Path, sandbox: SandboxState, listener:
 
 
 @contextlib.contextmanager
-def _high(descriptor: int) -> Iterator[int]:
-    """A copy of a descriptor above the numbers that the child gives out itself."""
+def _high_descriptor(descriptor: int) -> Iterator[int]:
+    """A copy of a descriptor, above the numbers that the child process assigns."""
     copy = fcntl.fcntl(descriptor, fcntl.F_DUPFD_CLOEXEC, _FIRST_FREE_FD)
     try:
         yield copy
@@ -307,25 +307,25 @@ def _high(descriptor: int) -> Iterator[int]:
 
 
 def _environment(profile: Path) -> dict[str, str]:
-    """What Chromium may know of ours. A page that breaks out of its renderer finds no keys there."""
+    """The environment of Chromium, without secrets, so that a page that escapes its renderer finds none."""
     harmless = {
         name: value
         for name, value in os.environ.items()
-        if not (_MAY_HOLD_A_SECRET.search(name) or name.startswith("XDG_"))
+        if not (_SECRET_NAME.search(name) or name.startswith("XDG_"))
     }
-    # Crash reports, caches and certificates go to folders of the user's, whatever the profile is.
+    # Crash reports, caches and certificates are written below the home folder, whatever the profile is.
     return {**harmless, "TMPDIR": str(profile), "HOME": str(profile)}
 
 
-def _spawn(arguments: list[str], theirs: socket.socket, profile: Path) -> int:
-    """Start Chromium as the leader of a new process group, with our socket as its descriptors 3 and 4.
+def _spawn(arguments: list[str], child_end: socket.socket, profile: Path) -> int:
+    """Start Chromium as the leader of a new process group, with a socket as its descriptors 3 and 4.
 
     Raises:
         OSError: it cannot be started.
     """
     log_file = os.open(profile / "chromium.log", os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        with _high(theirs.fileno()) as pipe, _high(log_file) as errors:
+        with _high_descriptor(child_end.fileno()) as pipe, _high_descriptor(log_file) as errors:
             return os.posix_spawn(
                 arguments[0],
                 arguments,
@@ -349,7 +349,7 @@ async def _new_profile(root: ProfileRoot) -> Path:
         return await asyncio.shield(making)
     except asyncio.CancelledError:
         with contextlib.suppress(OSError):
-            await root.remove(await making)  # its thread makes it all the same
+            await root.remove(await making)  # cancellation does not stop the thread that creates it
         raise
     except OSError as error:
         raise BrowserLaunchFailed(
@@ -358,21 +358,21 @@ async def _new_profile(root: ProfileRoot) -> Path:
         ) from error
 
 
-async def _started(
+async def _start(
     config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, listener: ProxyListener
 ) -> tuple[BrowserProcess, socket.socket]:
-    """A browser and our end of its pipe, or nothing at all of it."""
+    """Start a browser. Returns it with our end of its pipe; leaves nothing behind if it fails."""
     profile = await _new_profile(root)
     pid = cgroup = None
     with contextlib.ExitStack() as undo:
         try:
             cgroup = new_cgroup(config)
-            ours, theirs = socket.socketpair()
-            undo.callback(ours.close)
-            ours.setblocking(False)
-            with theirs:
+            own_end, child_end = socket.socketpair()
+            undo.callback(own_end.close)
+            own_end.setblocking(False)
+            with child_end:
                 arguments = _arguments(executable, profile, sandbox, listener)
-                pid = _spawn(cgroup.command(arguments) if cgroup else arguments, theirs, profile)
+                pid = _spawn(cgroup.command(arguments) if cgroup else arguments, child_end, profile)
             process = BrowserProcess(pid, Connection(), profile, root, config.kill_seconds, cgroup)
         except OSError as error:
             if pid is not None:
@@ -387,28 +387,28 @@ async def _started(
             await root.remove(profile)
             raise
         undo.pop_all()
-    return process, ours
+    return process, own_end
 
 
 async def launch(
     config: BrowserConfig, executable: Path, root: ProfileRoot, sandbox: SandboxState, listener: ProxyListener
 ) -> BrowserProcess:
-    """Start a browser that reaches the network through ``listener`` alone, and wait for its first answer.
+    """Start a browser that can connect only through ``listener``, and wait for its first answer.
 
     Raises:
         BrowserLaunchFailed: it cannot be started, ended at once, or did not answer in time.
     """
-    process, ours = await _started(config, executable, root, sandbox, listener)
+    process, own_end = await _start(config, executable, root, sandbox, listener)
     connection = process.connection
     try:
-        await asyncio.get_running_loop().create_unix_connection(lambda: connection, sock=ours)
+        await asyncio.get_running_loop().create_unix_connection(lambda: connection, sock=own_end)
         version = await connection.call("Browser.getVersion", reply=Version, seconds=config.launch_seconds)
-        bound(await asyncio.to_thread(_living, process.pid), config)
+        bound(await asyncio.to_thread(_running_members, process.pid), config)
     except (BrowserCrashed, BrowserTimeout) as error:
-        said = process.log_tail()
+        log_tail = process.log_tail()
         await process.kill()
         raise BrowserLaunchFailed(
-            f"{executable} did not come up: {said or error.message}", hint="see `webgym doctor`"
+            f"{executable} did not start: {log_tail or error.message}", hint="see `webgym doctor`"
         ) from error
     except BaseException:
         await process.kill()
@@ -424,13 +424,17 @@ async def launch_sandboxed(
     sandbox: SandboxState | None,
     listener: ProxyListener,
 ) -> tuple[BrowserProcess, SandboxState]:
-    """Start a browser with its sandbox if that can be had; what was found out is said in the log.
+    """Start a browser with its sandbox if possible; log a warning if not.
 
     Args:
-        sandbox: what an earlier launch found out; ``None`` at the first.
+        config: the slot's limits and its sandbox setting.
+        executable: the Chromium to run.
+        root: where to create its profile.
+        sandbox: the result of an earlier launch; ``None`` at the first.
+        listener: the proxy's listener for this browser.
 
     Raises:
-        BrowserLaunchFailed: it does not come up, or not with the sandbox that the setting demands.
+        BrowserLaunchFailed: it does not start, or not with the sandbox that the setting requires.
     """
     state = sandbox or planned_sandbox(config)
     if sandbox is not None or not state.on:
@@ -446,15 +450,15 @@ async def launch_sandboxed(
 async def _launch_first(
     config: BrowserConfig, executable: Path, root: ProfileRoot, listener: ProxyListener
 ) -> tuple[BrowserProcess, SandboxState]:
-    """Start a browser with its sandbox, or without it if that is the only way and allowed."""
+    """Start a browser with its sandbox, or without it if it fails otherwise and the setting allows it."""
     try:
         return await _launch_examined(config, executable, root, SandboxState(True), listener)
     except BrowserLaunchFailed as error:
-        if not is_to_blame(error.message):
+        if not is_sandbox_failure(error.message):
             raise
         if config.sandbox == "on":
             raise BrowserLaunchFailed(
-                f"the sandbox is demanded and not to be had: {error.message}", hint=remedy()
+                f"the sandbox is required but not available: {error.message}", hint=remedy()
             ) from error
         log.info("%s", error.message)
     state = SandboxState(False, "this machine does not let Chromium build it")
@@ -465,12 +469,12 @@ async def _launch_first(
 async def _launch_examined(
     config: BrowserConfig, executable: Path, root: ProfileRoot, planned: SandboxState, listener: ProxyListener
 ) -> tuple[BrowserProcess, SandboxState]:
-    """Start a browser, see that it renders, and whether its pages are contained."""
+    """Start a browser, and check that it renders a page and whether its renderer is sandboxed."""
     process = await launch(config, executable, root, planned, listener)
     try:
-        seen = await examined(process.connection, process.processes, config.open_seconds)
-        if config.sandbox == "on" and not seen.on:
-            raise BrowserLaunchFailed(f"the sandbox is demanded and is not there: {seen.reason}")
+        observed = await examine_sandbox(process.connection, process.processes, config.open_seconds)
+        if config.sandbox == "on" and not observed.on:
+            raise BrowserLaunchFailed(f"the sandbox is required but not active: {observed.reason}")
     except (BrowserCrashed, BrowserTimeout, CommandFailed) as error:
         await process.kill()
         raise BrowserLaunchFailed(
@@ -479,4 +483,4 @@ async def _launch_examined(
     except BaseException:
         await process.kill()
         raise
-    return process, seen
+    return process, observed

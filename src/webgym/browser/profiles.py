@@ -1,9 +1,9 @@
-"""Temporary browser profiles that a dead server cannot leave behind.
+"""Temporary browser profiles, which the next server removes if a server dies without cleaning up.
 
-Every server keeps its profiles in one folder, which it holds locked. The system lets the lock go when the
-process ends, however it ends, and nobody else can take it before: no process id that was given out again, no
-clock that was set and no container that sees other processes makes a living server look dead. The next
-server to start sweeps the folders that nobody holds, and any process that still uses them.
+Every server keeps its profiles in one folder, on which it holds a lock. The system releases the lock when the
+process ends, for any reason, and not before: unlike checks by process id or time, it is not confused by
+reused ids, clock changes or containers. The next server to start removes the folders that are not locked,
+and ends any processes that still use them.
 """
 
 from __future__ import annotations
@@ -23,11 +23,13 @@ import psutil
 from webgym.core.errors import BrowserLaunchFailed
 
 _END_SECONDS = 5.0
-"""For a killed process of a dead server to be gone. What it still writes meanwhile is swept next time."""
+"""How long to wait for a killed process of a dead server to end. What it writes in the meantime is removed
+next time."""
 
 
 def _locked(folder: Path, *, wait: bool) -> int | None:
-    """A descriptor that holds a folder's lock; ``None`` if somebody else holds it, or the folder is gone."""
+    """Lock a folder. Returns the descriptor that holds the lock; ``None`` if another process holds it, or the
+    folder is gone."""
     try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
     except (FileNotFoundError, NotADirectoryError):
@@ -57,10 +59,10 @@ def _users_of(folder: Path) -> list[psutil.Process]:
 def _shared_parent(temporary_root: Path | None) -> Path:
     parent = (temporary_root or Path(tempfile.gettempdir())) / f"webgym-{os.getuid()}"
     parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-    found = parent.lstat()
-    if parent.is_symlink() or found.st_uid != os.getuid():
+    status = parent.lstat()
+    if parent.is_symlink() or status.st_uid != os.getuid():
         raise BrowserLaunchFailed(
-            f"{parent} belongs to somebody else", hint="remove it, or set browser.temporary_root"
+            f"{parent} belongs to another user", hint="remove it, or set browser.temporary_root"
         )
     return parent
 
@@ -69,7 +71,7 @@ class ProfileRoot:
     """The folder of one server's browser profiles. Its methods may be called from any thread.
 
     Args:
-        temporary_root: where to make it; ``None`` is the system's temporary folder.
+        temporary_root: folder to create it in; ``None`` is the system's temporary folder.
     """
 
     def __init__(self, temporary_root: Path | None = None) -> None:
@@ -78,11 +80,12 @@ class ProfileRoot:
         self.path = self._parent / f"{os.getpid()}-{secrets.token_hex(4)}"
         self._count = 0
         self._lock: int | None = None
-        self._stayed: list[Path] = []
-        self._turn = threading.Lock()
+        self._remaining: list[Path] = []
+        self._mutex = threading.Lock()
 
     def sweep(self) -> list[Path]:
-        """Remove what dead servers left: their browsers first, then their folders. Returns the folders."""
+        """Remove the profiles of dead servers: end their browsers, then delete their folders. Returns
+        these."""
         swept = []
         for folder in self._parent.iterdir():
             lock = _locked(folder, wait=False)
@@ -104,38 +107,36 @@ class ProfileRoot:
         """A fresh, private folder for one browser.
 
         Raises:
-            OSError: it cannot be made.
+            OSError: it cannot be created.
         """
-        with self._turn:
+        with self._mutex:
             self._count += 1
             try:
                 while self._lock is None:
-                    _shared_parent(
-                        self._temporary_root
-                    )  # temporary folders are tidied while nobody uses them
+                    _shared_parent(self._temporary_root)  # the system may have removed an unused one
                     self.path.mkdir(mode=0o700, exist_ok=True)
-                    self._lock = _locked(self.path, wait=True)  # none if a sweep was quicker
+                    self._lock = _locked(self.path, wait=True)  # None if a sweep removed it first
                 return Path(tempfile.mkdtemp(prefix=f"{self._count}-", dir=self.path))
             except OSError:
-                self._leave()
+                self._remove_if_empty()
                 raise
 
     async def remove(self, profile: Path) -> None:
-        """Remove one browser's folder, and the root when it was the last."""
+        """Remove one browser's folder, and the root if it is then empty."""
         await asyncio.to_thread(self._remove, profile)
 
     def _remove(self, profile: Path) -> None:
         shutil.rmtree(profile, ignore_errors=True)
-        with self._turn:
-            # What stays, say for want of a descriptor, is tried again at the next one's end.
-            self._stayed = [folder for folder in (*self._stayed, profile) if folder.exists()]
-            for folder in self._stayed:
+        with self._mutex:
+            # What could not be removed, for example without a free descriptor, is retried next time.
+            self._remaining = [folder for folder in (*self._remaining, profile) if folder.exists()]
+            for folder in self._remaining:
                 shutil.rmtree(folder, ignore_errors=True)
-            self._leave()
+            self._remove_if_empty()
 
-    def _leave(self) -> None:
-        """Give the root up if nothing is in it."""
-        with contextlib.suppress(OSError):  # others still live in it
+    def _remove_if_empty(self) -> None:
+        """Remove the root, and release its lock, if it is empty."""
+        with contextlib.suppress(OSError):  # it is not empty
             self.path.rmdir()
         if self._lock is not None and not self.path.exists():
             os.close(self._lock)

@@ -1,8 +1,8 @@
 """Chromium's sandbox: whether it is requested, whether it is active, and how to enable it.
 
-The sandbox has two layers: a renderer lives in user, process and network namespaces of its own, and a filter
-(seccomp) refuses it most system calls. What a browser was told on its command line proves nothing, since
-wrapper scripts add flags of their own. So the first browser's renderer is looked at from outside.
+The sandbox has two layers: a renderer runs in user, process and network namespaces of its own, and a filter
+(seccomp) blocks most system calls. The command line does not prove that it is active, since wrapper scripts
+add flags of their own. So the first browser's renderer is examined from outside.
 """
 
 from __future__ import annotations
@@ -20,31 +20,31 @@ from webgym.browser.cdp_messages import Attached, BrowserContext, CreatedTarget,
 from webgym.browser.config import BrowserConfig
 from webgym.core.errors import BrowserCrashed, BrowserLaunchFailed
 
-_REFUSED = re.compile(
+_NO_SANDBOX = re.compile(
     r"no usable sandbox"
     r"|SUID sandbox helper"
     r"|FATAL:[^|]*(?:sandbox|zygote|namespace)"
     r"|Check failed:[^|]*(?:chroot|namespace|credentials)",
     re.IGNORECASE,
 )
-"""What Chromium writes when it ends for want of a sandbox. Its mere warnings name the sandbox as well."""
+"""Chromium's messages when it ends because it has no sandbox. Its warnings mention the sandbox as well."""
 
 _SECCOMP_FILTER = "2"
 _SETTINGS = Path("/proc/sys")
 
 
 class SandboxState(msgspec.Struct, frozen=True):
-    """Whether Chromium's sandbox is on, and why not if it is off."""
+    """Whether Chromium's sandbox is on, and the reason if it is off or incomplete."""
 
     on: bool
     reason: str = ""
 
 
 def planned_sandbox(config: BrowserConfig) -> SandboxState:
-    """What the setting and this user allow, before anything was tried.
+    """Whether to start with the sandbox, by the setting and the current user.
 
     Raises:
-        BrowserLaunchFailed: the sandbox is demanded, and we are root.
+        BrowserLaunchFailed: the sandbox is required, but the user is root.
     """
     if config.sandbox == "off":
         return SandboxState(False, "switched off by the setting browser.sandbox")
@@ -55,26 +55,27 @@ def planned_sandbox(config: BrowserConfig) -> SandboxState:
     return SandboxState(False, "running as root, where Chromium's sandbox does not work")
 
 
-def is_to_blame(said: str) -> bool:
-    """Whether a browser that ended at its start did so for want of a sandbox, by what it wrote."""
-    return _REFUSED.search(said) is not None
+def is_sandbox_failure(output: str) -> bool:
+    """Whether a browser that ended at its start did so because it had no sandbox, by its output."""
+    return _NO_SANDBOX.search(output) is not None
 
 
-# --- looking from outside -----------------------------------------------------------------------------
+# --- examining a renderer from outside ----------------------------------------------------------------
 
 
-async def examined(
+async def examine_sandbox(
     connection: Connection, processes: Callable[[], list[int]], seconds: float
 ) -> SandboxState:
-    """Let a browser render a page, and see whether that is contained.
+    """Let a browser render a page, and check whether the renderer is sandboxed.
 
     Args:
-        processes: tells the ids of the browser's processes.
-        seconds: deadline of each of the few commands.
+        connection: the browser's connection.
+        processes: returns the ids of the browser's processes.
+        seconds: deadline of each command.
 
     Raises:
         BrowserCrashed: its pages crash, or it is gone.
-        BrowserTimeout: no page came up in time.
+        BrowserTimeout: no page opened in time.
     """
 
     def on_crash(_: TargetCrashed) -> None:
@@ -90,7 +91,7 @@ async def examined(
     target = await connection.call("Target.createTarget", blank, reply=CreatedTarget, seconds=seconds)
     flat = {"targetId": target.target_id, "flatten": True}
     page = await connection.call("Target.attachToTarget", flat, reply=Attached, seconds=seconds)
-    # A renderer that has run a script has closed its sandbox.
+    # A renderer enters its sandbox before it runs a script.
     script = {"expression": "0"}
     await connection.call(
         "Runtime.evaluate", script, reply=EmptyReply, seconds=seconds, session_id=page.session_id
@@ -108,29 +109,29 @@ def _status(process: int | str) -> dict[str, str]:
 
 
 def _containment(processes: Callable[[], list[int]]) -> SandboxState:
-    ours = _status("self")
+    own = _status("self")
     renderers = []
     for pid in processes():
         try:
             if b"--type=renderer" in Path(f"/proc/{pid}/cmdline").read_bytes():
                 renderers.append(_status(pid))
         except (FileNotFoundError, ProcessLookupError):
-            continue  # it ended while we looked
+            continue  # it ended in the meantime
     if not renderers:
-        return SandboxState(False, "no renderer of it is to be seen in /proc")
-    # A process has one number in every namespace that it can be seen from.
-    if any(len(each["NSpid"].split()) <= len(ours["NSpid"].split()) for each in renderers):
+        return SandboxState(False, "none of its renderers is visible in /proc")
+    # A process has one id in every namespace in which it is visible.
+    if any(len(renderer["NSpid"].split()) <= len(own["NSpid"].split()) for renderer in renderers):
         return SandboxState(
             False,
-            "the browser leaves it off, though told to have it on: does a wrapper of it add --no-sandbox?",
+            "the browser runs without it although it was requested: does a wrapper script add --no-sandbox?",
         )
-    if any(_filters(each) <= _filters(ours) for each in renderers):
+    if any(_filters(renderer) <= _filters(own) for renderer in renderers):
         return SandboxState(True, "in namespaces only: this kernel filters no system calls")
     return SandboxState(True)
 
 
 def _filters(status: dict[str, str]) -> int:
-    """How many filters stand before a process's system calls. A container's own is one of them."""
+    """Number of seccomp filters on a process's system calls. A container's own filter is one of them."""
     return int(status.get("Seccomp_filters", status.get("Seccomp") == _SECCOMP_FILTER))
 
 
@@ -138,7 +139,7 @@ def _filters(status: dict[str, str]) -> int:
 
 
 def remedy() -> str:
-    """What gives Chromium its sandbox on this machine: one line, a command where there is one."""
+    """How to enable Chromium's sandbox on this machine: one line, a command if there is one."""
     if os.geteuid() == 0:
         return "run it as another user, e.g. `runuser -u USER -- webgym serve`"
     settings = [f"sudo sysctl -w {setting}" for setting in _settings()]
@@ -150,8 +151,8 @@ def remedy() -> str:
 
 
 def _settings() -> Iterator[str]:
-    """The kernel settings of this machine that are in the way, as they should be."""
-    for name, is_in_the_way, wanted in (
+    """The kernel settings of this machine that prevent the sandbox, with the values that allow it."""
+    for name, blocking, required in (
         ("kernel.apparmor_restrict_unprivileged_userns", "1", "0"),
         ("kernel.unprivileged_userns_clone", "0", "1"),
         ("user.max_user_namespaces", "0", "10000"),
@@ -160,5 +161,5 @@ def _settings() -> Iterator[str]:
             value = _SETTINGS.joinpath(*name.split(".")).read_text().strip()
         except OSError:  # this kernel has no such setting, or hides it
             continue
-        if value == is_in_the_way:
-            yield f"{name}={wanted}"
+        if value == blocking:
+            yield f"{name}={required}"

@@ -1,10 +1,10 @@
-"""Waiting until a page is quiet: decided by events, with a hard deadline; the reason is recorded.
+"""Waits until a page is quiet: decided by events, with a hard deadline; the reason is recorded.
 
-Nothing is waited for but what is known to be under way or shows itself: loading and requests
-(:mod:`~webgym.browser.traffic`), computing workers (:mod:`~webgym.browser.workers`), changes, animations that
-end and signs of loading (``scripts/settle.js``), and timers that the action set off
+It waits only for what is known to be in progress or visible: loading and requests
+(:mod:`~webgym.browser.traffic`), computing workers (:mod:`~webgym.browser.workers`), changes, finite
+animations and signs of loading (``scripts/settle.js``), and timers that the action caused
 (:mod:`~webgym.browser.timers`). Each kind has its own limit in :class:`~webgym.browser.config.BrowserConfig`;
-docs/settling.md says how they play together.
+docs/settling.md describes how they work together.
 """
 
 from __future__ import annotations
@@ -25,28 +25,30 @@ Reason: TypeAlias = Literal["unchanged", "quiet", "long_poll", "loading", "busy"
 """Why a wait ended: ``Observation.settled``.
 
 * ``unchanged``: nothing happened after the action.
-* ``quiet``: all that was started has ended.
-* ``long_poll``: quiet, but a request is left open that is too old to be waited for.
-* ``loading``: quiet, but the page still shows that it is loading, which a notice says, or nothing at all.
+* ``quiet``: everything that was started has ended.
+* ``long_poll``: quiet, but a request is still open that counts as a long poll.
+* ``loading``: quiet, but the page still shows that it is loading, which a notice says, or is blank.
 * ``busy``: loaded, but the page never stopped changing.
-* ``deadline``: still under way when time was up; a notice says so.
+* ``deadline``: still in progress at the deadline; a notice says so.
 """
 
-_TOGETHER = 0.05
-"""Timers that are due within this time, seconds, are waited for together."""
+_TIMER_GROUP_SECONDS = 0.05
+"""Timers that are due within this time of each other are awaited together."""
 
 
 class _Quiet(msgspec.Struct, frozen=True):
-    """What ``webgym.quiet`` found. The page's timers are counted since its document began.
+    """The result of ``webgym.quiet``. Timers are counted since the document began.
 
     Attributes:
-        planned: timers set before the action's first event; ``None`` if none was seen.
-        target: number of the element that the action's first event went to; 0 if none was seen.
-        typed: whether a key was among the events.
+        reason: why the page counts as quiet.
+        changes: number of changes of the document so far.
+        planned: timers set before the action's first event; ``None`` if no event was seen.
+        target: number of the element that received the action's first event; 0 if no event was seen.
+        typed: whether one of the events was a key.
         early, timers: timers set when the wait began, and when it ended.
-        handles: the same as ``timers``, our own included.
+        handles: the same as ``timers``, including those of WebGym's scripts.
         loading: whether the page shows that it is loading.
-        blank: whether it does so by showing nothing, as an empty page does.
+        blank: whether it does so by being blank.
     """
 
     reason: Literal["unchanged", "quiet", "busy"]
@@ -65,7 +67,7 @@ async def settle(page: Page) -> Reason:
     """Wait until the page is quiet, ``settle_seconds`` at most.
 
     Raises:
-        BrowserCrashed, TargetGone: there is no page any more.
+        BrowserCrashed, TargetGone: the browser or the page is gone.
     """
     reason: Reason
     try:
@@ -85,7 +87,7 @@ async def settle(page: Page) -> Reason:
 
 
 async def settle_timed(page: Page, milliseconds: dict[str, float]) -> Reason:
-    """:func:`settle`, and how long it took."""
+    """:func:`settle`; adds its wall time to ``milliseconds``."""
     start = time.perf_counter()
     try:
         return await settle(page)
@@ -103,22 +105,22 @@ class _Settling:
         self._patience = 0.0
         self._linger = 0.0
         self._first_quiet: float | None = None
-        """When the page looked quiet first; timers are waited for from then on."""
-        self._last_fruit = 0.0
-        """When a timer that was waited for last brought something."""
+        """When the page was first quiet; from then on the wait is for timers."""
+        self._last_effect = 0.0
+        """When an awaited timer last had an effect."""
         self._known_timers: int | None = None
-        """Timers that the document had set when the trace was last read."""
+        """Number of timers that the document had set when the trace was last read."""
         self._handles = 0
-        """The same, our own included."""
+        """The same, including those of WebGym's scripts."""
         self._missed_at = -1
-        """Changes of the document when some timers were known to be missing from the trace."""
+        """Number of changes of the document when timers were known to be missing from the trace."""
         self._waited_until = 0.0
         """Timers that were due before this have fired, or will not."""
         self._awaited: list[Timer] = []
-        self._began: dict[str, float] = {}
-        """When timers of some code were first waited for while the page showed that it is loading."""
-        self._vain: list[Timer] = []
-        """Timers that brought nothing in this wait. It is one lesson, however many there are."""
+        self._first_awaited: dict[str, float] = {}
+        """When timers set by the same code were first awaited while the page showed that it is loading."""
+        self._ineffective: list[Timer] = []
+        """Timers that had no effect in this wait. Together they count once."""
         self._target = ""
         self._has_typed = False
         self._changes = page.changes
@@ -127,20 +129,20 @@ class _Settling:
         page = self._page
         while True:
             self._has_loaded = self._has_loaded or not page.traffic.is_idle()
-            page.workers.ask()
+            page.workers.probe()
             await page.traffic.idle(self._patience)
             try:
-                seen = await self._quiet()
+                quiet = await self._quiet()
             except DocumentGone:
                 self._begin_document()
                 continue
             if page.worlds.has_new_frames:
                 await page.worlds.explore()
-            if not page.traffic.is_idle(self._patience) or not await page.worlds.stand_still():
+            if not page.traffic.is_idle(self._patience) or not await page.worlds.wait_until_quiet():
                 continue
-            if await self._has_waited(seen) or not await self._is_still(seen):
+            if await self._wait_for_more(quiet) or not await self._is_unchanged(quiet):
                 continue
-            return self._end(seen)
+            return self._end(quiet)
 
     async def _quiet(self) -> _Quiet:
         config = self._config
@@ -161,15 +163,15 @@ class _Settling:
             seconds=config.settle_seconds,
         )
 
-    async def _is_still(self, seen: _Quiet) -> bool:
-        """Whether nothing came while the timers were read, which takes a while."""
-        if self._known_timers is None or seen.reason == "busy":
+    async def _is_unchanged(self, quiet: _Quiet) -> bool:
+        """Whether the page has not changed while the timers were read, which takes some milliseconds."""
+        if self._known_timers is None or quiet.reason == "busy":
             return True
         try:
-            still = await self._page.run("still", reply=DocumentActivity)
+            activity = await self._page.run("still", reply=DocumentActivity)
         except DocumentGone:
             return False
-        return still.changes == seen.changes and self._page.traffic.is_idle(self._patience)
+        return activity.changes == quiet.changes and self._page.traffic.is_idle(self._patience)
 
     def _begin_document(self) -> None:
         self._has_loaded = True
@@ -178,115 +180,115 @@ class _Settling:
         self._handles = 0
         self._patience = self._linger = 0.0
 
-    def _end(self, seen: _Quiet) -> Reason:
+    def _end(self, quiet: _Quiet) -> Reason:
         page = self._page
-        page.changes, page.timers_set = seen.changes, seen.timers
-        page.idlers.learn(self._vain, self._target, brought=False)
-        if seen.loading:
-            page.post("overlook")  # so it is told once
-            if not seen.blank:
+        page.changes, page.timers_set = quiet.changes, quiet.timers
+        page.idlers.learn(self._ineffective, self._target, had_effect=False)
+        if quiet.loading:
+            page.post("overlook")  # so that it is reported once
+            if not quiet.blank:
                 page.note("still_loading", "the page still shows that it is loading")
             return "loading"
-        if seen.reason == "quiet" and not page.traffic.is_empty:
+        if quiet.reason == "quiet" and not page.traffic.is_empty:
             return "long_poll"
-        return seen.reason
+        return quiet.reason
 
-    # --- what is to come ----------------------------------------------------------------------------
+    # --- pending requests and timers ----------------------------------------------------------------
 
-    async def _has_waited(self, seen: _Quiet) -> bool:
-        """Whether something was known to be under way, and time was given to it."""
-        self._learn(seen)
-        if seen.reason == "busy":
+    async def _wait_for_more(self, quiet: _Quiet) -> bool:
+        """Wait for requests or timers that are in progress. Returns whether there were any."""
+        self._learn(quiet)
+        if quiet.reason == "busy":
             return False
         if self._first_quiet is None:
             self._first_quiet = time.monotonic()
-        if seen.loading and not self._patience:  # requests that have outlasted their time have more now
+        if quiet.loading and not self._patience:  # requests that exceeded their limit have more time now
             self._patience = self._config.loading_seconds
             if not self._page.traffic.is_idle(self._patience):
                 return True
-        timer = await self._next_timer(seen)
+        timer = await self._next_timer(quiet)
         if timer is not None:
-            until = timer.due + _TOGETHER
-            due = (one.next(self._waited_until) for one in self._planned())
-            self._awaited = [one for one in due if self._waited_until < one.due <= until]
-            self._waited_until, self._changes = until, seen.changes
+            until = timer.due + _TIMER_GROUP_SECONDS
+            pending = (it.next(self._waited_until) for it in self._pending())
+            self._awaited = [it for it in pending if self._waited_until < it.due <= until]
+            self._waited_until, self._changes = until, quiet.changes
             await asyncio.sleep(max(0.0, timer.due - time.monotonic()))
             return True
-        if seen.loading and not self._linger:
+        if quiet.loading and not self._linger:
             self._linger = self._config.linger_seconds
             return True
         return False
 
-    async def _next_timer(self, seen: _Quiet) -> Timer | None:
+    async def _next_timer(self, quiet: _Quiet) -> Timer | None:
         """The next timer that is worth waiting for."""
         assert self._first_quiet is not None
-        page, horizon = self._page, self._horizon(seen, self._first_quiet)
-        if self._has_set_timers(seen):
-            await self._read_timers(seen)
+        page, horizon = self._page, self._horizon(quiet, self._first_quiet)
+        if self._has_set_timers(quiet):
+            await self._read_timers(quiet)
         elif self._known_timers is None:
             return None
-        for timer in self._planned():
-            if timer.repeats and not (seen.loading and 0 < timer.delay <= page.config.timer_seconds):
+        for timer in self._pending():
+            if timer.repeats and not (quiet.loading and 0 < timer.delay <= page.config.timer_seconds):
                 continue
-            due = timer.next(self._waited_until)
-            if due.due > horizon:
+            upcoming = timer.next(self._waited_until)
+            if upcoming.due > horizon:
                 break
-            if due.due > self._waited_until and self._is_worthwhile(due, seen):
-                return due
-        if self._missed_at != seen.changes or time.monotonic() > horizon:
+            if upcoming.due > self._waited_until and self._is_worthwhile(upcoming, quiet):
+                return upcoming
+        if self._missed_at != quiet.changes or time.monotonic() > horizon:
             return None
-        step = self._config.quiet_seconds  # something is planned, and nobody knows for when
+        step = self._config.quiet_seconds  # a timer is set, but it is not known when it is due
         return Timer(due=time.monotonic() + step, delay=math.inf, repeats=False, root=page.acted)
 
-    def _planned(self) -> list[Timer]:
+    def _pending(self) -> list[Timer]:
         return self._page.timers.pending(self._page.acted)
 
-    def _is_worthwhile(self, timer: Timer, seen: _Quiet) -> bool:
-        # What is typed may always bring something: a search finds nothing for one word, much for two.
-        if not seen.loading:
+    def _is_worthwhile(self, timer: Timer, quiet: _Quiet) -> bool:
+        # Typing may always have an effect: a search finds nothing for one word, and results for two.
+        if not quiet.loading:
             return self._has_typed or not self._page.idlers.is_known(timer, self._target)
-        # Code that sets the next timer whenever one fires may ask whether something is there, or be a clock.
+        # Code that sets the next timer whenever one fires may be polling, or be a clock.
         now = time.monotonic()
-        return now - self._began.setdefault(timer.origin, now) < self._config.linger_seconds
+        return now - self._first_awaited.setdefault(timer.origin, now) < self._config.linger_seconds
 
-    async def _read_timers(self, seen: _Quiet) -> None:
-        # A document that began after the action has been watched from its first timer on.
+    async def _read_timers(self, quiet: _Quiet) -> None:
+        # The timers of a document that began after the action are all in the trace.
         has_watched = self._known_timers is not None or self._page.changes < 0
-        # What a timer brought that fired a moment ago came too late to be seen.
+        # The effect of a timer that fired just now may not be visible yet.
         self._waited_until = max(self._waited_until, time.monotonic() - self._config.tick_seconds)
-        found = await self._page.timers.read()
-        if found is None or (has_watched and found < seen.handles - self._handles):
-            self._missed_at = seen.changes
-        self._known_timers, self._handles = seen.timers, seen.handles
+        newly_set = await self._page.timers.read()
+        if newly_set is None or (has_watched and newly_set < quiet.handles - self._handles):
+            self._missed_at = quiet.changes
+        self._known_timers, self._handles = quiet.timers, quiet.handles
 
-    def _has_set_timers(self, seen: _Quiet) -> bool:
+    def _has_set_timers(self, quiet: _Quiet) -> bool:
         """Whether the page may have set timers since the trace was read, or since the action."""
         if self._known_timers is not None:
-            return seen.timers != self._known_timers
+            return quiet.timers != self._known_timers
         if self._has_loaded:
-            return seen.timers > 0 or len(self._page.workers) > 0
-        before = self._page.timers_set if seen.planned is None else seen.planned
-        # A page that shows no reaction has set them in its listeners, or it has set none.
-        return (seen.early if seen.reason == "unchanged" else seen.timers) != before
+            return quiet.timers > 0 or len(self._page.workers) > 0
+        before = self._page.timers_set if quiet.planned is None else quiet.planned
+        # A page that shows no reaction has set them in its event listeners, or has set none.
+        return (quiet.early if quiet.reason == "unchanged" else quiet.timers) != before
 
-    def _horizon(self, seen: _Quiet, first: float) -> float:
-        """Until when timers are waited for."""
+    def _horizon(self, quiet: _Quiet, first: float) -> float:
+        """Until when to wait for timers, ``time.monotonic()``."""
         config = self._config
-        if seen.loading:
+        if quiet.loading:
             return first + config.loading_seconds
-        if seen.reason == "unchanged":
+        if quiet.reason == "unchanged":
             return first + config.silent_timer_seconds
-        # One stage of several brought something: the next has as much time again, but a ticker has no more.
-        return min(max(first, self._last_fruit), first + config.timer_seconds) + config.timer_seconds
+        # If a timer had an effect, the next one has as much time again, but in total only twice the limit.
+        return min(max(first, self._last_effect), first + config.timer_seconds) + config.timer_seconds
 
-    def _learn(self, seen: _Quiet) -> None:
-        """Whether the timers that were waited for brought anything, and what the action went to."""
-        if seen.planned is not None:
-            self._target = f"{self._page.loader} {seen.target}"
-        self._has_typed = self._has_typed or seen.typed
+    def _learn(self, quiet: _Quiet) -> None:
+        """Record whether the awaited timers had an effect, and the target of the action."""
+        if quiet.planned is not None:
+            self._target = f"{self._page.loader} {quiet.target}"
+        self._has_typed = self._has_typed or quiet.typed
         timers, self._awaited = self._awaited, []
-        if seen.changes == self._changes:
-            self._vain += timers
+        if quiet.changes == self._changes:
+            self._ineffective += timers
         elif timers:
-            self._page.idlers.learn(timers, self._target, brought=True)
-            self._last_fruit = time.monotonic()
+            self._page.idlers.learn(timers, self._target, had_effect=True)
+            self._last_effect = time.monotonic()

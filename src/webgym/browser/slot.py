@@ -1,6 +1,6 @@
 """One browser slot: a browser process group that serves one episode after the other.
 
-Every episode gets a fresh browser context with one page, made ahead of it and thrown away at its end.
+Every episode gets a fresh browser context with one page, created in advance and disposed of at its end.
 The browser itself is kept, and replaced after a number of episodes, at an age, or when it has crashed.
 Between calls its processes are stopped (:meth:`Slot.awake`): an idle page uses no CPU.
 """
@@ -14,7 +14,7 @@ from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
-from webgym.browser.actions import is_led_on
+from webgym.browser.actions import has_redirected
 from webgym.browser.cdp import CommandFailed, Session, TargetGone
 from webgym.browser.cdp_messages import (
     AttachedToTarget,
@@ -29,14 +29,14 @@ from webgym.browser.early_screenshot import EarlyScreenshot
 from webgym.browser.effect import EffectCheck
 from webgym.browser.egress.proxy import Egress, ProxyListener
 from webgym.browser.gestures import AnyAction, attempt
-from webgym.browser.observe import Look, Metadata, ask, capture, look
+from webgym.browser.observe import Look, Metadata, capture, look, read_content
 from webgym.browser.page import Page
 from webgym.browser.process import BrowserProcess, launch_sandboxed
 from webgym.browser.profiles import ProfileRoot
 from webgym.browser.sandbox import SandboxState
 from webgym.browser.settle import settle_timed
 from webgym.browser.timers import Timers
-from webgym.browser.upload import lay_out
+from webgym.browser.upload import write_files
 from webgym.core.action import GoBack, Navigate
 from webgym.core.errors import (
     BrowserCrashed,
@@ -51,16 +51,16 @@ _PAGES_ONLY = [{"type": "page", "exclude": False}, {"exclude": True}]
 
 
 class Slot:
-    """One place where an episode can run.
+    """One browser in which one episode at a time can run.
 
-    Not safe for concurrent calls: whoever holds the slot makes one call at a time.
+    Not safe for concurrent calls.
 
     Args:
         config: the limits.
         executable: the Chromium to run.
-        profiles: where its profiles live.
-        egress: the proxy that its browser reaches the network through.
-        sandbox: what another slot's launch found out about the sandbox; ``None`` if nothing is known.
+        profiles: where its profiles are created.
+        egress: the proxy for all of its browser's connections.
+        sandbox: the state of the sandbox in another slot; ``None`` if it is not known.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Slot:
         self._page: Page | None = None
         self._is_open = False
         self._was_revived = False
-        """Whether the page was brought back since the last action: twice would be in vain."""
+        """Whether the page was reloaded after a crash since the last action; that is done only once."""
         self._frozen_at: float | None = None
         self._timers: Timers | None = None
         self._attached: asyncio.Future[AttachedToTarget] | None = None
@@ -95,17 +95,17 @@ class Slot:
 
     @property
     def is_up(self) -> bool:
-        """Whether its browser runs."""
+        """Whether its browser is running."""
         return self._process is not None and self._process.is_alive
 
     @property
     def is_open(self) -> bool:
-        """Whether an episode is on."""
+        """Whether an episode is open."""
         return self._is_open
 
     @property
     def is_warm(self) -> bool:
-        """Whether a fresh page waits for an episode."""
+        """Whether a fresh page is ready for the next episode."""
         return self._page is not None and not self._is_open
 
     @property
@@ -113,7 +113,8 @@ class Slot:
         """The open episode's page, for measurements.
 
         Raises:
-            BrowserCrashed, BrowserError: there is none.
+            BrowserError: no episode is open.
+            BrowserCrashed: the browser or the page is gone.
         """
         return self._living_page()
 
@@ -124,7 +125,7 @@ class Slot:
 
     @property
     def needs_replacement(self) -> bool:
-        """Whether the browser is gone, or has served as long as it may."""
+        """Whether the browser is gone, or has reached a limit at which it is recycled."""
         process = self._process
         if process is None or not process.is_alive:
             return True
@@ -136,10 +137,10 @@ class Slot:
 
     @contextlib.contextmanager
     def awake(self) -> Iterator[None]:
-        """Let the slot's processes run for the block; they are stopped after it.
+        """Let the slot's processes run during the block; they are stopped after it.
 
-        For whoever holds many slots: every other method may be called outside of it only if no such block
-        was left before. With ``freeze`` off it does nothing.
+        For servers with many slots: once such a block was left, other methods must be called inside of one.
+        With ``freeze`` off it does nothing.
         """
         self._thaw()
         try:
@@ -150,7 +151,7 @@ class Slot:
 
     @contextlib.contextmanager
     def asleep(self) -> Iterator[None]:
-        """Within a block of :meth:`awake`: stop the processes for this one. With ``freeze`` off it does
+        """Inside a block of :meth:`awake`: stop the processes during this block. With ``freeze`` off it does
         nothing."""
         if self.config.freeze:
             self._freeze()
@@ -178,10 +179,10 @@ class Slot:
         self._process.thaw()
 
     async def start(self) -> None:
-        """Bring up a browser, a fresh one if there is one already.
+        """Start a browser, replacing a running one.
 
         Raises:
-            BrowserLaunchFailed: it does not come up.
+            BrowserLaunchFailed: it does not start.
         """
         await self.stop()
         self._listener = await self._egress.open_listener()
@@ -209,7 +210,7 @@ class Slot:
 
     async def stop(self) -> None:
         """End the browser and everything in it. Safe to call twice."""
-        self._thaw()  # who is stopped does not answer
+        self._thaw()  # a stopped process does not answer
         process, self._process = self._process, None
         page, self._page = self._page, None
         self._is_open = False
@@ -222,10 +223,10 @@ class Slot:
             await listener.close()
 
     def _on_attached(self, attached: AttachedToTarget) -> None:
-        wanted = self._attached
-        if wanted is not None and not wanted.done() and not attached.target_info.opener_id:
-            wanted.set_result(attached)
-        elif self._page is not None:  # also without an opener: Ctrl and a click open a tab of its own
+        expected = self._attached
+        if expected is not None and not expected.done() and not attached.target_info.opener_id:
+            expected.set_result(attached)
+        elif self._page is not None:  # also without an opener: a click with Ctrl opens a new tab
             self._page.popups.adopt(attached)
 
     def _on_detached(self, detached: DetachedFromTarget) -> None:
@@ -241,10 +242,10 @@ class Slot:
     # --- an episode ---------------------------------------------------------------------------------
 
     async def warm(self) -> None:
-        """Have a fresh page ready, so that the next episode begins at once. A browser that is there is kept.
+        """Create a fresh page, so that the next episode begins at once. A running browser is kept.
 
         Raises:
-            BrowserCrashed, BrowserTimeout, BrowserLaunchFailed: there is no page to be had.
+            BrowserCrashed, BrowserTimeout, BrowserLaunchFailed: no page could be created.
         """
         if self.is_warm:
             return
@@ -264,8 +265,12 @@ class Slot:
     async def open(self, options: PageOptions) -> None:
         """Start an episode: a fresh context with a blank page.
 
+        Args:
+            options: options of the episode's page.
+
         Raises:
-            BrowserCrashed, BrowserTimeout, BrowserLaunchFailed: there is no page to be had.
+            BrowserError: the task's files cannot be written.
+            BrowserCrashed, BrowserTimeout, BrowserLaunchFailed: no page could be created.
         """
         if self._is_open:
             await self.close()
@@ -281,7 +286,7 @@ class Slot:
         try:
             await self._page.begin(options)
             if options.files:
-                self._page.files = await lay_out(options.files, self._process.profile / "files")
+                self._page.files = await write_files(options.files, self._process.profile / "files")
         except OSError as error:
             raise BrowserError(f"the task's files cannot be written: {error.strerror}") from error
         except (CommandFailed, TargetGone) as error:
@@ -312,9 +317,9 @@ class Slot:
         return page
 
     async def close(self) -> None:
-        """End the episode: the context and all its state are thrown away. Safe to call twice.
+        """End the episode: the context is disposed of with all its state. Safe to call twice.
 
-        A browser that does not let go of it is ended; the next episode brings up another.
+        If that fails, the browser is ended; the next episode starts another.
         """
         self._thaw()
         page, self._page = self._page, None
@@ -338,7 +343,7 @@ class Slot:
     # --- one step -----------------------------------------------------------------------------------
 
     async def act(self, action: AnyAction) -> None:
-        """Carry an action out and wait until the page is quiet. What the page refuses is kept as a notice.
+        """Carry out an action and wait until the page is quiet. A failure of the action becomes a notice.
 
         Raises:
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
@@ -353,7 +358,7 @@ class Slot:
         page.begin_action()
         try:
             if page.is_crashed:
-                await self._bring_back(page)
+                await self._reload_crashed(page)
             trace = EffectCheck(page, action)
             await trace.begin()
             await attempt(page, action)
@@ -362,21 +367,21 @@ class Slot:
                 await early.begin()
             self._settled = await settle_timed(page, self._milliseconds)
             if isinstance(action, GoBack):
-                await self._go_past(page, action)
+                await self._skip_redirects(page, action)
             ending = [early.end(self._settled)] if early is not None else []
-            await asyncio.gather(*ending, trace.end())  # asked at once, answered in this order
+            await asyncio.gather(*ending, trace.end())  # sent at once, answered in this order
         except TargetGone:
-            await self._bring_back(page)
+            await self._reload_crashed(page)
 
-    async def _go_past(self, page: Page, action: GoBack) -> None:
-        """Go further back where the page that was gone back to leads on by itself."""
+    async def _skip_redirects(self, page: Page, action: GoBack) -> None:
+        """Go further back if the page that the action went back to redirects by script."""
         for _ in range(self.config.passed_over):
-            if not await is_led_on(page):
+            if not await has_redirected(page):
                 return
             await attempt(page, action)
             self._settled = await settle_timed(page, self._milliseconds)
 
-    async def _bring_back(self, page: Page) -> None:
+    async def _reload_crashed(self, page: Page) -> None:
         process = self._living_process()
         if page.is_gone:
             raise BrowserCrashed("the page closed itself")
@@ -391,12 +396,12 @@ class Slot:
             raise self._crashed("the page crashed again while it was loaded") from error
 
     def _crashed(self, what: str) -> BrowserCrashed:
-        """The error for a page that cannot be brought back."""
+        """The error for a page that crashed again."""
         why = self._process.relieved if self._process is not None else ""
         return BrowserOutOfMemory(f"{what}: {why}") if why else BrowserCrashed(what)
 
     async def observe(self) -> Look:
-        """Look at the page as it is.
+        """Observe the page, without an action and without waiting.
 
         Raises:
             BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
@@ -407,28 +412,36 @@ class Slot:
         page = self._living_page()
         milliseconds, self._milliseconds = self._milliseconds, {}
         try:
-            return await self._look_at(
+            return await self._query(
                 page, lambda: look(page, self._settled, milliseconds, early.result if early else None)
             )
         except CommandFailed as error:
             raise BrowserCrashed(f"the page could not be looked at: {error.message}") from error
 
-    async def _look_at(self, page: Page, ask: Callable[[], Awaitable[T]]) -> T:
-        """Look at the page; one that has crashed is brought back first."""
+    async def _query(self, page: Page, query: Callable[[], Awaitable[T]]) -> T:
+        """Query the page; if it has crashed, reload it first."""
         while True:
             try:
-                seen = await ask()
+                result = await query()
             except TargetGone:
-                await self._bring_back(page)
+                await self._reload_crashed(page)
             else:
                 self._was_revived = False
-                return seen
+                return result
 
     async def step(
         self, action: AnyAction | None = None, *, between: Callable[[], Awaitable[None]] | None = None
     ) -> Look:
-        """Act, then look. What is awaited ``between`` the two may put the slot to sleep; it is left out
-        where the picture was taken while the page was waited for."""
+        """Carry out an action, and observe the page.
+
+        Args:
+            action: the action; ``None`` only observes.
+            between: awaited between the two; it may freeze the slot. It is not called if the screenshot was
+                taken while the page was settling.
+
+        Raises:
+            BrowserCrashed, BrowserTimeout: the browser is gone, or no longer answers.
+        """
         if action is None:
             return await self.observe()
         page = self._living_page()
@@ -444,32 +457,32 @@ class Slot:
             await early.drop()
 
     async def screenshot(self) -> bytes:
-        """The bare picture, without marks and without waiting."""
+        """A screenshot without marks and without waiting."""
         page = self._living_page()
         try:
-            return await self._look_at(page, lambda: capture(page))
+            return await self._query(page, lambda: capture(page))
         except CommandFailed as error:
-            raise BrowserCrashed(f"no picture could be had: {error.message}") from error
+            raise BrowserCrashed(f"no screenshot could be taken: {error.message}") from error
 
     async def metadata(self) -> Metadata:
-        """Where the page is, without a picture."""
+        """The page's state, without a screenshot."""
         page = self._living_page()
         try:
-            seen = await self._look_at(page, lambda: ask(page))
+            content = await self._query(page, lambda: read_content(page))
         except CommandFailed as error:
-            raise BrowserCrashed(f"the page could not be asked: {error.message}") from error
+            raise BrowserCrashed(f"the page could not be queried: {error.message}") from error
         return Metadata(
             page.address,
-            seen.title,
+            content.title,
             page.options.viewport,
             page.status,
-            seen.scroll,
+            content.scroll,
             self._settled,
-            (*page.happened, *seen.notices(page)),
+            (*page.happened, *content.notices(page)),
         )
 
     async def read(self, request: ReadRequest) -> Document:
-        """What the whole document holds."""
+        """Read the whole document, in view or not."""
         try:
             return await read(self._living_page(), request)
         except (TargetGone, CommandFailed) as error:

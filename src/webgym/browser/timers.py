@@ -1,9 +1,9 @@
-"""A page's pending timers: those that it has set and that are not due yet.
+"""A page's pending timers: those that are set and have not fired yet.
 
-No script of ours can see them without replacing the page's own functions, which pages look for. The
-browser's own trace names every timer that is set, fires or is removed, in all frames and workers, and the
-page knows nothing of it. The trace runs all the time, in a small ring, which costs next to nothing; to read
-it takes some ten milliseconds, so it is read only when something says that timers were set.
+A script in the page could only see them by replacing the page's own functions, which pages can detect. The
+browser's trace contains every timer that is set, fires or is removed, in all frames and workers, and is not
+visible to the page. It is recorded all the time in a small ring buffer, which costs almost nothing; reading
+it takes some ten milliseconds, so it is read only if timers may have been set.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ from webgym.browser.config import BrowserConfig
 log = logging.getLogger(__name__)
 
 _CATEGORIES = ["devtools.timeline", "disabled-by-default-devtools.timeline.stack"]
-"""The second adds to each event by which lines of code it came about; it costs some ten microseconds each."""
+"""The second adds the stack trace to each event, which costs about ten microseconds per event."""
 _MICROSECONDS = 1e6
 
-_VAIN_WAITS = 2
-"""Waits in a row for the timers of some code, after actions on one element, that end the waiting for them."""
+_IDLE_WAITS = 2
+"""After this many waits in a row without effect, for timers set by the same code after actions on the same
+element, settling does not wait for them any more."""
 
-_VAIN_WAITS_ANYWHERE = 5
-"""The same, whatever was acted on."""
+_IDLE_WAITS_ANYWHERE = 5
+"""The same, for actions on any element."""
 
 _Key = tuple[int, str, int]
-"""Process, frame or thread, and the number of a timer in it."""
+"""Process id, frame or thread, and the timer's id in it."""
 
 
 class Timer(msgspec.Struct, frozen=True):
@@ -41,10 +42,11 @@ class Timer(msgspec.Struct, frozen=True):
 
     Attributes:
         due: when it fires, for the first time if it repeats.
-        delay: between setting and firing.
-        root: when the chain of timers began that it was set in; a timer that fires may set the next.
-        origin: the lines of code that set it, the calling ones included: a function that many share, say one
-            that delays others, is not all there is to tell them apart.
+        delay: time between setting and firing.
+        repeats: whether it is an interval timer.
+        root: when the first timer of its chain was set: a timer that fires may set the next one.
+        origin: stack trace of the code that set it. The callers are included because a shared helper, such
+            as a debounce function, sets timers of many kinds.
     """
 
     due: float
@@ -54,7 +56,7 @@ class Timer(msgspec.Struct, frozen=True):
     origin: str = ""
 
     def next(self, now: float) -> Timer:
-        """The timer, if it repeats at its next time after ``now``."""
+        """The timer; if it repeats, with its next due time after ``now``."""
         if not (self.repeats and self.delay):
             return self
         times = max(0, math.floor((now - self.due) / self.delay) + 1)
@@ -108,36 +110,36 @@ _read_args = msgspec.json.Decoder(_Args).decode
 
 
 class IdleTimers:
-    """Timers that bring nothing to see, known by the code that sets them and by what was acted on. Neither
-    the delay nor the line alone tells a search that waits for the next key from what counts clicks."""
+    """Timers without visible effect, identified by the code that sets them and the element that was acted on.
+    Delay and code alone do not distinguish a search that waits for the next key from a click counter."""
 
     def __init__(self) -> None:
-        self.vain: dict[tuple[object, ...], int] = {}
-        """Waits in a row that brought nothing."""
+        self.waits: dict[tuple[object, ...], int] = {}
+        """Number of waits in a row without effect."""
 
     def is_known(self, timer: Timer, target: str) -> bool:
-        """Whether this one is not worth waiting for after an action on ``target``."""
-        return any(self.vain.get(key, 0) >= most for key, most in self._keys(timer, target))
+        """Whether this timer is known to have no effect after an action on ``target``."""
+        return any(self.waits.get(key, 0) >= most for key, most in self._keys(timer, target))
 
-    def learn(self, timers: Iterable[Timer], target: str, *, brought: bool) -> None:
-        """Whether waiting for these, which fire together, brought anything."""
+    def learn(self, timers: Iterable[Timer], target: str, *, had_effect: bool) -> None:
+        """Record whether these timers, which fired together, had a visible effect."""
         for key in {key for timer in timers for key, _ in self._keys(timer, target)}:
-            if brought:
-                self.vain.pop(key, None)
+            if had_effect:
+                self.waits.pop(key, None)
             else:
-                self.vain[key] = self.vain.get(key, 0) + 1
+                self.waits[key] = self.waits.get(key, 0) + 1
 
     @staticmethod
     def _keys(timer: Timer, target: str) -> tuple[tuple[tuple[object, ...], int], ...]:
         code = timer.origin or timer.delay
-        return ((code, timer.delay, target), _VAIN_WAITS), ((code,), _VAIN_WAITS_ANYWHERE)
+        return ((code, timer.delay, target), _IDLE_WAITS), ((code,), _IDLE_WAITS_ANYWHERE)
 
 
 class Timers:
     """The timers of one browser's pages.
 
     Args:
-        connection: the browser's.
+        connection: the browser's connection.
         config: the slot's limits.
     """
 
@@ -148,7 +150,7 @@ class Timers:
         self._is_wanted = False
         self._is_on = False
         self._was_full = False
-        """Whether the last trace had lost its beginning."""
+        """Whether the buffer of the last trace was full, so that its beginning was lost."""
         self._has_ended = asyncio.Event()
         self._has_ended.set()
         self._events: list[_Event] = []
@@ -157,8 +159,8 @@ class Timers:
         connection.on("Tracing.tracingComplete", _Complete, self._on_complete)
 
     def start(self) -> None:
-        """Let the trace run. To be called when the page's renderer is there: one that comes later holds up
-        the first reading by seconds."""
+        """Start the trace. Call it when the page's renderer exists: a renderer that starts later delays the
+        first reading by seconds."""
         self._is_wanted = True
         if self._is_on or not self._has_ended.is_set():
             return
@@ -172,29 +174,30 @@ class Timers:
         self._connection.send("Tracing.start", {"transferMode": "ReportEvents", "traceConfig": trace})
 
     async def stop(self) -> None:
-        """End the trace. To be called while the page's renderer is there."""
+        """End the trace. Call it while the page's renderer exists."""
         self._is_wanted = False
         self._set.clear()
         await self._end()
 
     async def read(self) -> float | None:
-        """Read the trace and update the known timers. If that takes too long, they stay as they are.
+        """Read the trace and update the known timers. If that takes too long, they are not changed.
 
-        What happens while the trace is read, for some milliseconds, is not seen.
+        Events while the trace is read, for some milliseconds, are missed.
 
         Returns:
-            How many timers were set since it was read last, at most: infinity if the ring has lost its
-            beginning. ``None`` if it could not be read.
+            The number of timers set since the last reading; infinity if the beginning of the trace was lost,
+            ``None`` if it could not be read.
         """
         is_read = await self._end()
         events, self._events = self._events, []
         if not is_read:
             return None
-        self._enter(events)
+        self._apply(events)
         return math.inf if self._was_full else sum(event.name == "TimerInstall" for event in events)
 
     async def _end(self) -> bool:
-        """End the trace; whether it was there in time. It goes on once it has ended, if it is wanted."""
+        """End the trace and wait for its events; returns whether they came in time. If the trace is still
+        wanted, it starts again."""
         if not self._is_on:
             return False
         self._is_on = False
@@ -216,16 +219,16 @@ class Timers:
             self.start()
 
     def pending(self, since: float) -> list[Timer]:
-        """What is set and not fired, in chains that began after ``since``, the soonest first."""
-        found = (timer for timer in self._set.values() if timer.root >= since)
-        return sorted(found, key=lambda timer: timer.due)
+        """The pending timers of chains that began after ``since``, ordered by due time."""
+        recent = (timer for timer in self._set.values() if timer.root >= since)
+        return sorted(recent, key=lambda timer: timer.due)
 
-    # --- the records --------------------------------------------------------------------------------
+    # --- updating the known timers ------------------------------------------------------------------
 
-    def _enter(self, events: list[_Event]) -> None:
+    def _apply(self, events: list[_Event]) -> None:
         firing: dict[int, tuple[float, float]] = {}
-        """By thread: until when a timer's function runs, and where its chain began."""
-        for event in sorted((one for one in events if one.name in _NAMES), key=lambda one: one.ts):
+        """By thread: until when a timer's function runs, and when its chain began."""
+        for event in sorted((it for it in events if it.name in _NAMES), key=lambda it: it.ts):
             data = _read_args(event.args).data
             place = data.frame or str(event.tid)
             key = (event.pid, place, data.timer_id)
@@ -246,9 +249,9 @@ class Timers:
                     fired = self._set.get(key)
                     if fired is not None and not fired.repeats:
                         del self._set[key]
-                    root = fired.root if fired is not None else now  # set while nobody looked
+                    root = fired.root if fired is not None else now  # it was set while the trace was read
                     firing[event.tid] = (now + event.dur / _MICROSECONDS, root)
-                case "CommitLoad":  # a new document: what the old one had planned is off
+                case "CommitLoad":  # a new document: the timers of the old one are cancelled
                     self._forget(event.pid, "" if data.is_outermost_main_frame else place)
         self._prune()
 
@@ -258,6 +261,6 @@ class Timers:
         }
 
     def _prune(self) -> None:
-        """A timer whose end was lost from the ring is not kept for ever."""
+        """Remove overdue timers, whose firing was lost from the buffer."""
         old = time.monotonic() - self._seconds
         self._set = {key: timer for key, timer in self._set.items() if timer.repeats or timer.due > old}

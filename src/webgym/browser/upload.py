@@ -17,30 +17,30 @@ from webgym.core.task import Attachment
 
 
 @contextmanager
-def _choosing(page: Page) -> Iterator[list[FileChooser]]:
-    """What asks for files during the block. It is not told as refused."""
-    found: list[FileChooser] = []
-    page.choosers = found
+def _collecting_choosers(page: Page) -> Iterator[list[FileChooser]]:
+    """Collect the file choosers that open during the block, instead of reporting them as refused."""
+    choosers: list[FileChooser] = []
+    page.choosers = choosers
     try:
-        yield found
+        yield choosers
     finally:
         page.choosers = None
 
 
 async def upload(page: Page, point: Point, names: Sequence[str]) -> None:
-    """Click here and choose these files.
+    """Click at a point and choose these files in the file chooser that opens.
 
     Raises:
-        ActionFailed: the task has no such file, or nothing here takes them.
+        ActionFailed: the task has no such file, or no file chooser for them opens.
     """
     for name in names:
         if name not in page.files:
-            there = ", ".join(f'"{one}"' for one in page.files) or "none"
-            raise ActionFailed(f'the task comes with no file "{name[:100]}"; its files: {there}')
-    with _choosing(page) as choosers:
+            available = ", ".join(f'"{file}"' for file in page.files) or "none"
+            raise ActionFailed(f'the task comes with no file "{name[:100]}"; its files: {available}')
+    with _collecting_choosers(page) as choosers:
         await click(page, point)
         if not choosers:
-            await settle(page)  # a script may ask a moment later
+            await settle(page)  # a script may open it with a delay
     if not choosers:
         raise ActionFailed("nothing at this place asks for a file")
     chooser = choosers[0]
@@ -53,16 +53,16 @@ async def upload(page: Page, point: Point, names: Sequence[str]) -> None:
     await page.session.do("DOM.setFileInputFiles", chosen, seconds=page.config.execute_seconds)
 
 
-async def lay_out(files: Sequence[Attachment], folder: Path) -> dict[str, Path]:
-    """Write a task's files where a browser can read them. Gives where each is.
+async def write_files(files: Sequence[Attachment], folder: Path) -> dict[str, Path]:
+    """Write a task's files to a folder that the browser can read. Returns their paths by name.
 
     Raises:
         OSError: they cannot be written.
     """
-    return await asyncio.to_thread(_lay_out, files, folder)
+    return await asyncio.to_thread(_write_files, files, folder)
 
 
-def _lay_out(files: Sequence[Attachment], folder: Path) -> dict[str, Path]:
+def _write_files(files: Sequence[Attachment], folder: Path) -> dict[str, Path]:
     folder.mkdir(mode=0o700, exist_ok=True)
     for old in folder.iterdir():
         with contextlib.suppress(FileNotFoundError):

@@ -1,8 +1,8 @@
 """The dedicated workers of a page: what they load, and whether they compute.
 
-A worker is a target of its own, with its own session: the page's says nothing of what it loads. Whether it
-computes is found out by asking it something: the answer comes when it has time. Pages without workers cost
-nothing.
+A worker is a target with a session of its own: the page's session does not report what it loads. Whether it
+computes is found out by evaluating a trivial expression, which it answers once it is idle. Pages without
+workers cost nothing.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ class Workers:
     """The workers of one page. Attaches to each before it runs.
 
     Args:
-        session: the page's.
-        traffic: is told what the workers load.
+        session: the page's session.
+        traffic: records what the workers load.
         config: deadlines.
     """
 
@@ -39,36 +39,36 @@ class Workers:
         self._traffic = traffic
         self._config = config
         self._sessions: dict[str, Session] = {}
-        self._asked: dict[str, asyncio.Task[None]] = {}
+        self._probes: dict[str, asyncio.Task[None]] = {}
         session.on("Target.attachedToTarget", AttachedToTarget, self._on_attached)
         session.on("Target.detachedFromTarget", DetachedFromTarget, self._on_detached)
 
     def __len__(self) -> int:
         return len(self._sessions)
 
-    def ask(self) -> None:
-        """Ask every worker whether it has time; the page's traffic waits for the answers."""
+    def probe(self) -> None:
+        """Check whether every worker is idle; the page's traffic waits for the answers."""
         for session_id, session in self._sessions.items():
-            if session_id not in self._asked:
-                task = asyncio.get_running_loop().create_task(self._ask(session))
-                self._asked[session_id] = task
+            if session_id not in self._probes:
+                task = asyncio.get_running_loop().create_task(self._probe(session))
+                self._probes[session_id] = task
 
-    async def _ask(self, session: Session) -> None:
+    async def _probe(self, session: Session) -> None:
         key = f"worker {session.id}"
         self._traffic.begin(key, self._config.minor_seconds, endpoint=key)
         try:
-            # A worker that blocks its own thread for good is known as one that does not answer.
+            # A worker that blocks its thread forever exceeds the limit, and is then ignored.
             with contextlib.suppress(BrowserError):
                 await session.do("Runtime.evaluate", {"expression": "0"}, seconds=self._config.settle_seconds)
         finally:
-            self._asked.pop(session.id, None)
+            self._probes.pop(session.id, None)
             self._traffic.end(key)
 
     async def close(self) -> None:
-        """Stop asking."""
-        for task in tuple(self._asked.values()):
+        """Cancel the checks."""
+        for task in tuple(self._probes.values()):
             task.cancel()
-        await asyncio.gather(*self._asked.values(), return_exceptions=True)
+        await asyncio.gather(*self._probes.values(), return_exceptions=True)
 
     def _on_attached(self, attached: AttachedToTarget) -> None:
         session = Session(self._session.connection, attached.session_id)

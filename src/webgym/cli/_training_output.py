@@ -15,7 +15,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 
 from webgym.cli import _run
-from webgym.core.background import beside
+from webgym.core.background import running_in_background
 from webgym.report.training import write_training_report
 from webgym.rollout.live import LINE_SECONDS, REFRESH_SECONDS, duration, line, panel
 from webgym.rollout.progress import Progress
@@ -54,11 +54,11 @@ class TrainingView:
         """Show the training until the block ends."""
         self._training = training
         if not self._console.is_terminal:
-            async with beside(self._print_lines()):
+            async with running_in_background(self._print_lines()):
                 yield
             return
         with Live(self._panel(), console=self._console, auto_refresh=False, transient=True) as live:
-            async with beside(self._refresh(live)):
+            async with running_in_background(self._refresh(live)):
                 yield
 
     async def _refresh(self, live: Live) -> None:

@@ -94,7 +94,7 @@ def command(
 
     import uvloop
 
-    from webgym.server.listening import open_as_many_files_as_may_be
+    from webgym.server.listening import raise_open_files_limit
     from webgym.settings import validated
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
@@ -109,7 +109,7 @@ def command(
     token_source = f"in {token_file}" if token_file else f"in {TOKEN}" if token else ""
     compat_config = config.model_copy(update={"port": compat_port}) if compat else None
     key = _read_or_create_token(compat_key_file) if compat_key_file else None
-    open_as_many_files_as_may_be()
+    raise_open_files_limit()
     uvloop.run(_serve(config, fleet, cluster, token_source, compat_config, key))
     if cluster is not None:
         # If the cluster's head is gone, Ray hangs or crashes when the interpreter exits.

@@ -3,9 +3,9 @@
 In *coordinates* mode a target is a point on a 0-1000 grid over the viewport, whatever its size in
 pixels. In *marks* mode (Set-of-Marks) a target is the number drawn on an element.
 
-The *paper* space has the paper's seven actions (§5, appendix C), each by the fields that it must have. The
-*extended* space has every action here, with all of its fields. Prompt, parser and server take both from
-these types: an action, or a field of one, that is added here is everywhere.
+The *paper* space has the paper's seven actions (§5, appendix C), each with its required fields only. The
+*extended* space has every action here, with all of its fields. Prompt, parser and server derive both from
+these types: an action, or a field of one, that is added here is supported everywhere.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ Side: TypeAlias = Literal["up", "down", "left", "right"]
 Modifier: TypeAlias = Literal["Alt", "Control", "Meta", "Shift"]
 
 MAX_WAIT_SECONDS = 10.0
-"""The longest ``wait`` that is carried out; longer ones are cut to it."""
+"""The longest ``wait`` that is carried out; longer ones are shortened to it."""
 
 MAX_WAY_POINTS = 100
-"""The most points that a ``drag`` passes on its way."""
+"""The most points in the path of a ``drag``."""
 
 
 class Target(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -54,15 +54,15 @@ def _check_on_grid(point: tuple[float, float]) -> None:
 
 
 class _Action(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="name"):
-    """Base of all actions. What has its default is not written, so that records of the paper's space stay as
-    they are."""
+    """Base of all actions. A field that has its default is not written, so that records of the paper's space
+    are the same whatever fields the extended space adds."""
 
 
 class LeftClick(_Action, frozen=True, tag="left_click"):
     """Press and release the left mouse button on the target.
 
     Attributes:
-        modifiers: keys that are held meanwhile.
+        modifiers: keys that are held down during the click.
     """
 
     target: Target
@@ -89,7 +89,7 @@ class Scroll(_Action, frozen=True, tag="scroll"):
 
 
 class Wait(_Action, frozen=True, tag="wait"):
-    """Let the page go on for ``time`` seconds."""
+    """Wait for ``time`` seconds."""
 
     time: float
 
@@ -132,7 +132,7 @@ class Drag(_Action, frozen=True, tag="drag"):
     """Press the left mouse button at the start, move to the target, release it there.
 
     Attributes:
-        path: points on the 0-1000 grid that the mouse passes on its way, for what is no straight line.
+        path: points on the 0-1000 grid to pass on the way, for a drag that is not a straight line.
 
     Raises:
         ValueError: a point is off the grid, or there are more than ``MAX_WAY_POINTS``.
@@ -153,10 +153,11 @@ class Press(_Action, frozen=True, tag="press"):
     """Press keys together: down in this order, up in the reverse one.
 
     Attributes:
-        keys: names of :mod:`webgym.browser.chords`; ``("Control", "a")`` and ``("Control+a",)`` are one.
+        keys: names of :mod:`webgym.browser.chords`; ``("Control", "a")`` means the same as
+            ``("Control+a",)``.
 
     Raises:
-        ValueError: there is none.
+        ValueError: no key is named.
     """
 
     keys: tuple[str, ...]
@@ -167,13 +168,13 @@ class Press(_Action, frozen=True, tag="press"):
 
 
 class Upload(_Action, frozen=True, tag="upload"):
-    """Click the target, which asks for a file, and choose these.
+    """Click the target, which opens a file chooser, and choose these files.
 
     Attributes:
         files: names of files that the task comes with; no others can be chosen.
 
     Raises:
-        ValueError: there is none.
+        ValueError: no file is named.
     """
 
     target: Target
@@ -219,23 +220,23 @@ _EXTENDED: Final[tuple[type[Action], ...]] = (
     Answer,
 )
 DIRECTIONS: Final[dict[Space, tuple[Side, ...]]] = {"paper": get_args(Direction), "extended": get_args(Side)}
-"""Where a scroll leads, by space."""
+"""The directions in which a page can be scrolled, by action space."""
 
 
 def name_of(action: Action) -> str:
-    """What an action is called in prompts, replies and records."""
+    """The action's name in prompts, replies and records."""
     return str(type(action).__struct_config__.tag)
 
 
 def actions_of(space: Space) -> dict[str, type[Action]]:
-    """The actions of a space by name, in the order in which a model is told of them."""
+    """The actions of a space by name, in the order in which the prompt lists them."""
     chosen = _PAPER if space == "paper" else _EXTENDED
     return {str(action.__struct_config__.tag): action for action in chosen}
 
 
 def fields_of(action: type[Action], space: Space) -> dict[str, Any]:
-    """The fields by which an action is given in a space, with their defaults; ``msgspec.NODEFAULT`` where
-    one must be given. The paper's space has none that need not be."""
+    """The fields of an action in a space, with their defaults; ``msgspec.NODEFAULT`` for a required field. In
+    the paper's space, actions have their required fields only."""
     fields = {field.name: field.default for field in msgspec.structs.fields(action)}
     return {
         name: default

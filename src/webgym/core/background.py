@@ -1,4 +1,4 @@
-"""Background work that ends with a block."""
+"""A background task for the duration of a block."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 
 @asynccontextmanager
-async def beside(work: Coroutine[Any, Any, object]) -> AsyncIterator[None]:
-    """Run work in the background while the block lasts; it is cancelled when the block ends.
+async def running_in_background(work: Coroutine[Any, Any, object]) -> AsyncIterator[None]:
+    """Run ``work`` as a task during the block; it is cancelled when the block ends.
 
     Raises:
-        Exception: what the work has raised meanwhile, when the block ends.
+        Exception: the exception that ended ``work``, raised when the block ends.
     """
     task = asyncio.create_task(work)
     try:

@@ -7,45 +7,45 @@
     │   ├── TooFewWebsites     more test tasks are asked for than there are websites
     │   ├── NothingToDraw      a sampler is asked for tasks of a kind that there is none of
     │   └── RunFolderError     the folder is not a run, or not the run that was asked for
-    ├── PageError              the web did it; the agent is told and the attempt goes on
+    ├── PageError              the website's fault; the agent is informed and the attempt continues
     │   ├── NavigationFailed   DNS, TLS, refused connection, reset, deadline
-    │   │   └── EgressRefused  the egress policy, or its limit on connections to a host, said no
+    │   │   └── EgressRefused  refused by the egress policy or its limit on connections to a host
     │   ├── DownloadRefused    a navigation turned out to be a download
     │   └── ActionFailed       no such element, nothing to go back to
-    ├── BrowserError           a browser process did it
+    ├── BrowserError           a browser process failed
     │   ├── BrowserNotFound    no Chromium on this machine
     │   ├── BrowserLaunchFailed
     │   ├── BrowserCrashed     the process or its renderer is gone
-    │   │   └── BrowserOutOfMemory   it was ended because it took too much
+    │   │   └── BrowserOutOfMemory   it exceeded its memory limit and was ended
     │   └── BrowserTimeout     no answer within the hard deadline
-    ├── ServerError            the browser server, or the way to it, did it
+    ├── ServerError            the browser server, or the connection to it, failed
     │   ├── ServerUnreachable
     │   ├── Unauthorized       the token is invalid or missing
     │   ├── LeaseLost          the session expired, was closed or belongs to a successor
     │   │   └── WorkerLost     the process or machine that held the session is gone
-    │   ├── NoCapacity         every slot stayed taken for as long as we may wait
-    │   │   ├── TooManySessions  one client holds as many as it may
-    │   │   └── TooManyWaiting   as many wait for a slot as may
-    │   └── ProtocolError      a request or reply that breaks the contract
-    ├── SitesError             the offline web, or the way to it, did it
-    ├── LLMError               a model's endpoint did it; agent and judge say whose model it was
+    │   ├── NoCapacity         no slot became free within the longest wait
+    │   │   ├── TooManySessions  one client has reached its limit on sessions
+    │   │   └── TooManyWaiting   the queue for slots is full
+    │   └── ProtocolError      a request or reply that violates the protocol
+    ├── SitesError             the offline web, or the connection to it, failed
+    ├── LLMError               a model's endpoint failed; agent and judge turn it into an error of their own
     │   ├── LLMUnreachable
     │   ├── LLMTimeout         no complete reply within the deadline
     │   ├── LLMBadReply        an HTTP error, HTML, nothing, an endless stream
-    │   ├── LLMUnusable        it replied, and none of its replies is what was asked for
-    │   ├── BudgetSpent        the next call could cost more than is left
-    │   └── NotCached          a reply that is to come from a batch is not there yet
-    ├── CacheError             the file of paid replies cannot be read or written
-    ├── PolicyError            the policy, or its endpoint, did it
+    │   ├── LLMUnusable        none of its replies has the requested form
+    │   ├── BudgetSpent        the next call could cost more than is left of the budget
+    │   └── NotCached          the batch that is to provide this reply has not been imported yet
+    ├── CacheError             the cache of model replies cannot be read or written
+    ├── PolicyError            the policy, or its endpoint, failed
     │   ├── PolicyUnreachable
     │   ├── PolicyTimeout      no complete reply within the deadline
     │   └── PolicyBadReply     an HTTP error, HTML, nothing, an endless stream
-    ├── AttemptOverdue         an attempt, or a step of it, took longer than any may
-    ├── EpisodeLost            an environment's episode ended without a reward, and that is to be an error
-    ├── JudgeError             no verdict could be had; never a silent 0 or 1
-    ├── TrainingError          learning cannot go on; what was saved before is whole
-    │   └── PublishError       the policy's server did not take new weights, or its replies are not theirs
-    └── StoreError             the run folder did it; the run stops, nothing counted is lost
+    ├── AttemptOverdue         an attempt, or a step of it, exceeded its time limit
+    ├── EpisodeLost            an environment's episode ended without a reward (with ``on_fault="raise"``)
+    ├── JudgeError             the judge gave no verdict; never a silent 0 or 1
+    ├── TrainingError          training cannot continue; earlier checkpoints are intact
+    │   └── PublishError       the policy's server did not load new weights, or replies with other ones
+    └── StoreError             the run folder cannot be written or read; the run stops, no record is lost
         ├── StoreFull          no space left on the device
         ├── StoreLocked        another collector writes to this run
         └── StoreCorrupt       a record's checksum does not match
@@ -104,7 +104,7 @@ class TooFewWebsites(UsageError):
 
 
 class NothingToDraw(UsageError):
-    """A sampler is asked for tasks of a kind that there is none of."""
+    """A sampler is asked for tasks of a kind that the task set does not contain."""
 
     code = "nothing_to_draw"
 
@@ -116,7 +116,7 @@ class RunFolderError(UsageError):
 
 
 class PageError(WebGymError):
-    """The web did it: told to the agent, never the end of an attempt."""
+    """The website's fault: the agent is informed, and the attempt continues."""
 
     code = "page_error"
 
@@ -128,7 +128,7 @@ class NavigationFailed(PageError):
 
 
 class EgressRefused(NavigationFailed):
-    """The egress policy, or its limit on new connections to one host, did not let it."""
+    """The egress policy, or its limit on new connections to one host, refused the connection."""
 
     code = "egress_refused"
 
@@ -146,7 +146,7 @@ class ActionFailed(PageError):
 
 
 class BrowserError(WebGymError):
-    """A browser process did it."""
+    """A browser process failed."""
 
     code = "browser_error"
 
@@ -158,7 +158,7 @@ class BrowserNotFound(BrowserError):
 
 
 class BrowserLaunchFailed(BrowserError):
-    """A Chromium was found but did not come up."""
+    """A Chromium was found but did not start."""
 
     code = "browser_launch_failed"
 
@@ -171,7 +171,7 @@ class BrowserCrashed(BrowserError):
 
 
 class BrowserOutOfMemory(BrowserCrashed):
-    """The browser, or its page, took more memory than it may and was ended."""
+    """The browser, or its page, exceeded its memory limit and was ended."""
 
     code = "browser_out_of_memory"
     usual_hint = "the session is over; open a new one, or allow more with browser.slot_bytes"
@@ -185,7 +185,7 @@ class BrowserTimeout(BrowserError):
 
 
 class ServerError(WebGymError):
-    """The browser server, or the way to it, did it."""
+    """The browser server, or the connection to it, failed."""
 
     code = "server_error"
 
@@ -197,7 +197,7 @@ class ServerUnreachable(ServerError):
 
 
 class Unauthorized(ServerError):
-    """The token is wrong or missing."""
+    """The token is invalid or missing."""
 
     code = "unauthorized"
 
@@ -215,42 +215,42 @@ class WorkerLost(LeaseLost):
 
 
 class NoCapacity(ServerError):
-    """Every slot stayed taken for as long as we may wait."""
+    """No slot became free within the longest wait."""
 
     code = "no_capacity"
 
 
 class TooManySessions(NoCapacity):
-    """One client holds as many sessions as a client may."""
+    """One client has reached its limit on sessions."""
 
     code = "too_many_sessions"
 
 
 class TooManyWaiting(NoCapacity):
-    """As many callers wait for a slot as may; come back later."""
+    """The queue for slots is full; try again later."""
 
     code = "too_many_waiting"
 
     @classmethod
     def of(cls, count: int) -> TooManyWaiting:
-        """With the number of those who wait."""
-        return cls(f"{count:,} callers wait for a slot already", hint="ask again later, or start more slots")
+        """The error for a queue of this length."""
+        return cls(f"{count:,} callers wait for a slot already", hint="try again later, or start more slots")
 
 
 class ProtocolError(ServerError):
-    """A request or a reply breaks the contract."""
+    """A request or a reply violates the protocol."""
 
     code = "protocol_error"
 
 
 class SitesError(WebGymError):
-    """The offline web, or the way to it, did it."""
+    """The offline web, or the connection to it, failed."""
 
     code = "sites_error"
 
 
 class LLMError(WebGymError):
-    """A model's endpoint did it. The package that asked turns it into a policy's or a judge's error."""
+    """A model's endpoint failed. The calling package turns it into a policy's or a judge's error."""
 
     code = "llm_error"
 
@@ -268,16 +268,16 @@ class LLMTimeout(LLMError):
 
 
 class LLMBadReply(LLMError):
-    """The endpoint answered with something that is no completion."""
+    """The endpoint answered with something that is not a completion."""
 
     code = "llm_bad_reply"
 
 
 class LLMUnusable(LLMError):
-    """The model replied, and none of its replies is what was asked for.
+    """The model replied, and none of its replies has the requested form.
 
     Attributes:
-        reason: why the last reply was refused.
+        reason: why the last reply was rejected.
         replies: the texts of all replies, oldest first.
     """
 
@@ -295,24 +295,24 @@ class BudgetSpent(LLMError):
     """The next call could cost more than is left of the budget. It was not made."""
 
     code = "budget_spent"
-    usual_hint = "what was paid for is kept: raise the budget and run again, and it goes on from here"
+    usual_hint = "paid replies are cached: raise the budget and run again to continue from here"
 
 
 class NotCached(LLMError):
-    """A reply that is to come from a batch is not there yet. The request has been noted."""
+    """The batch that is to provide this reply has not been imported yet. The request was recorded."""
 
     code = "not_cached"
     usual_hint = "send the batch files, and import the results"
 
 
 class CacheError(WebGymError):
-    """The file of paid replies cannot be read or written."""
+    """The cache of model replies cannot be read or written."""
 
     code = "cache_error"
 
 
 class PolicyError(WebGymError):
-    """The policy, or its endpoint, did it."""
+    """The policy, or its endpoint, failed."""
 
     code = "policy_error"
 
@@ -330,46 +330,46 @@ class PolicyTimeout(PolicyError):
 
 
 class PolicyBadReply(PolicyError):
-    """The policy's endpoint answered with something that is no completion."""
+    """The policy's endpoint answered with something that is not a completion."""
 
     code = "policy_bad_reply"
 
 
 class AttemptOverdue(WebGymError):
-    """An attempt, or one step of it, took longer than any may: nobody's fault that is known."""
+    """An attempt, or one step of it, exceeded its time limit, for a reason that is not known."""
 
     code = "attempt_overdue"
     usual_hint = "attempt.longest_seconds is the limit"
 
 
 class EpisodeLost(WebGymError):
-    """An episode of an environment ended without a reward: blocked, or for an error of environment, policy or
-    judge."""
+    """An episode of an environment ended without a reward: it was blocked, or the environment, the policy or
+    the judge failed."""
 
     code = "episode_lost"
-    usual_hint = "reset and go on; on_fault='nan' gives a reward of NaN instead"
+    usual_hint = "reset and continue; on_fault='nan' gives a reward of NaN instead"
 
 
 class JudgeError(WebGymError):
-    """No verdict could be had."""
+    """The judge gave no verdict."""
 
     code = "judge_error"
 
 
 class TrainingError(WebGymError):
-    """Learning cannot go on, such as with a loss that is not a number. What was saved before is whole."""
+    """Training cannot continue, for example because the loss is NaN. Earlier checkpoints are intact."""
 
     code = "training_error"
 
 
 class PublishError(TrainingError):
-    """The policy's server did not take new weights, or its replies are not theirs. No reply was used."""
+    """The policy's server did not load new weights, or replies with other ones. No such reply was used."""
 
     code = "publish_error"
 
 
 class StoreError(WebGymError):
-    """The run folder cannot take or give a record."""
+    """A record of the run folder cannot be written or read."""
 
     code = "store_error"
 
@@ -392,17 +392,17 @@ class StoreCorrupt(StoreError):
     code = "store_corrupt"
 
 
-def _tree(cls: type[WebGymError]) -> dict[str, type[WebGymError]]:
-    # A class without a code of its own is private to a module, and travels as the one above it.
-    found = {cls.code: cls} if "code" in vars(cls) else {}
+def _classes_by_code(cls: type[WebGymError]) -> dict[str, type[WebGymError]]:
+    # A class without a code of its own is private to a module, and is sent as its base class.
+    classes = {cls.code: cls} if "code" in vars(cls) else {}
     for child in cls.__subclasses__():
-        found |= _tree(child)
-    return found
+        classes |= _classes_by_code(child)
+    return classes
 
 
 def error_from_code(code: str, message: str, hint: str = "") -> WebGymError:
-    """The error that ``code`` names, as it was raised on the other side of a wire.
+    """The error that ``code`` names, as it was raised on the other side of a connection.
 
     An unknown code (a newer peer) gives a plain :class:`WebGymError`.
     """
-    return _tree(WebGymError).get(code, WebGymError)(message, hint=hint)
+    return _classes_by_code(WebGymError).get(code, WebGymError)(message, hint=hint)

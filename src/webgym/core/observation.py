@@ -1,4 +1,4 @@
-"""What an agent sees, and what a picture does not show."""
+"""What an agent observes: the screenshot's name, and what a picture does not show."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import msgspec
 from webgym.core.action import Mode
 
 NoticeKind: TypeAlias = Literal[
-    "navigation_failed",  # DNS, TLS, refused, reset, deadline: the browser's own words
+    "navigation_failed",  # DNS, TLS, refused, reset, deadline: with the browser's own message
     "download_refused",
     "action_failed",
     "dialog",  # alert, confirm, prompt, beforeunload: what it said, how it was answered
-    "popup",  # a second window was wanted; it was opened in this tab
+    "popup",  # the page tried to open a second window; its URL was opened in this tab
     "still_loading",  # the page was not quiet at the settle deadline, or showed that more was to come
     "crashed",  # the renderer died and was brought back
     "reply_unreadable",  # the agent's last reply held no action
-    "shortened",  # something was too long to be observed whole
+    "shortened",  # something was too long to be observed in full
     "no_effect",  # nothing on the page reacted to a click or a scroll
     "unchanged",  # the screen is the same as before the action
 ]
 
 
 class Notice(msgspec.Struct, frozen=True):
-    """Something that happened and that the next observation must say."""
+    """An event that the next observation must report."""
 
     kind: NoticeKind
     text: str
@@ -53,31 +53,30 @@ class Element(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One look at the page. The picture itself travels and is stored apart, as bytes, by its name.
+    """The state of the page at one moment. The picture itself is sent and stored separately, by its name.
 
     Attributes:
-        screenshot: name of the picture, the SHA-256 hex digest of its lossless encoding. Equal name
-            means equal picture.
-        url: of the main frame.
-        title: of the document.
+        screenshot: name of the picture, the SHA-256 hex digest of its lossless encoding. Equal names
+            mean equal pictures.
+        url: URL of the main frame.
+        title: title of the document.
         status: HTTP status of the main document; ``None`` where there was no HTTP response.
         viewport: ``(width, height)`` in CSS pixels, which are also the picture's pixels.
         scroll: ``(offset, extent)``: how far the page is scrolled down, and how tall it is, CSS pixels.
         mode: whether marks are drawn on the picture.
         settled: why the wait for a quiet page ended (``quiet``, ``deadline``, ...).
         notices: what happened since the last observation.
-        text: the text that can be seen in the viewport, line by line, where it was asked for: what is cut
-            off, covered, faded or of the colour of its ground is left out, word by word, and "…" stands for
-            it where the rest of a line can be seen. What stands in fields that can be written into is not
-            in it.
-        fields: what stands in the fields in view that can be written into, one string each, where the text
-            was asked for. An agent may have typed it, so it proves nothing about the website.
-        cuts: the lines of the whole document that show less than they hold, however far one scrolls, as
-            ``(whole, shown)``, where they were asked for.
-        elements: the interactive elements, where they were asked for (always in marks mode).
+        text: the text that is visible in the viewport, line by line; ``None`` if not requested. Words that
+            are clipped, covered, transparent or in the colour of their background are left out; "…" stands
+            for them where the rest of a line is visible. The content of editable fields is not part of it.
+        fields: the content of the editable fields in view, one string per field; empty if the text was not
+            requested. An agent may have typed it, so it proves nothing about the website.
+        cuts: the lines of the whole document of which a part is never visible, wherever the page is
+            scrolled, as ``(whole, shown)``; empty if not requested.
+        elements: the interactive elements; ``None`` if not requested (always there in marks mode).
         milliseconds: wall time per operation (``execute``, ``navigate``, ``settle``, ``screenshot``,
-            ``metadata``), and for how long the step waited for its turns in the server's queues: to act
-            (``queued``) and to be looked at (``queued_screenshot``).
+            ``metadata``), and how long the step waited in the server's queues: to act (``queued``) and to be
+            observed (``queued_screenshot``).
     """
 
     screenshot: str
@@ -96,14 +95,14 @@ class Observation(msgspec.Struct, frozen=True, omit_defaults=True):
     milliseconds: dict[str, float] = {}
 
     def seconds(self, *operations: str) -> float:
-        """Wall time of these operations together.
+        """Total wall time of these operations, seconds.
 
         Args:
-            operations: by their names in :attr:`milliseconds`; one that was not measured counts as 0.
+            operations: their names in :attr:`milliseconds`; one that was not measured counts as 0.
         """
         return sum(self.milliseconds.get(operation, 0.0) for operation in operations) / 1000
 
     @property
     def own_seconds(self) -> float:
-        """Wall time of all operations, without waits for turns."""
+        """Total wall time of all operations, without waiting in queues, seconds."""
         return self.seconds(*(self.milliseconds.keys() - {"queued", "queued_screenshot"}))

@@ -28,17 +28,17 @@ class Outcome(StrEnum):
 
     @property
     def reward(self) -> float | None:
-        """1.0 or 0.0; ``None`` where there is none, which is never a 0."""
+        """1.0 or 0.0; ``None`` for an outcome without a reward, which never counts as 0."""
         return float(self is Outcome.SUCCESS) if self.is_rewarded else None
 
     @property
     def is_retried(self) -> bool:
-        """Whether another attempt at the same task may end better for no doing of the policy's."""
+        """Whether the task is attempted again: the attempt ended for a reason that is not the policy's."""
         return self in (Outcome.ENVIRONMENT_ERROR, Outcome.POLICY_ERROR, Outcome.CANCELLED)
 
 
 class Ending(StrEnum):
-    """Why an episode stopped, before anybody has judged it."""
+    """Why an episode stopped, before it is judged."""
 
     ANSWERED = "answered"
     BUDGET_SPENT = "budget_spent"
@@ -49,9 +49,9 @@ class Ending(StrEnum):
 
 
 def ending_of(error: BaseException) -> Ending:
-    """Why an episode stopped that this error stopped.
+    """The ending of an episode that this error stopped.
 
-    What is not the policy's doing is the environment's, our own mistakes included: an attempt that
+    Every error that is not the policy's counts as the environment's, bugs of WebGym included: an attempt that
     ran into a bug must not count as the policy's failure.
     """
     if isinstance(error, asyncio.CancelledError):
@@ -60,12 +60,12 @@ def ending_of(error: BaseException) -> Ending:
 
 
 def outcome_of(ending: Ending, verdict: Verdict | JudgeError | None) -> Outcome:
-    """The outcome of an episode that stopped for this reason and was judged so.
+    """The outcome of an episode.
 
     Args:
         ending: why the episode stopped.
-        verdict: the judge's finding, or its failure; ``None`` for an episode that is not judged
-            because it did not come to an end of its own.
+        verdict: the judge's verdict, or its failure; ``None`` for an episode that was not judged because it
+            was interrupted.
 
     Raises:
         ValueError: an episode that must be judged was not.
@@ -84,7 +84,7 @@ def outcome_of(ending: Ending, verdict: Verdict | JudgeError | None) -> Outcome:
                 return Outcome.JUDGE_ERROR
             if verdict.blocked.passed:
                 return Outcome.BLOCKED
-            if verdict.reward is None:  # of somebody's own judge: no reward is never a reward of 0
+            if verdict.reward is None:  # from a user's own judge: a missing reward is never a reward of 0
                 return Outcome.JUDGE_ERROR
             if ending is not Ending.ANSWERED:
                 return Outcome.TRUNCATED

@@ -1,7 +1,7 @@
 """Tasks and rubrics (paper §3).
 
-They hold no cycles, and a task set has hundreds of thousands of them: the garbage collector is told not to
-look at them (``gc=False``).
+They contain no reference cycles, and a task set has hundreds of thousands of them, so the garbage collector
+does not track them (``gc=False``).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class FactGroup(msgspec.Struct, frozen=True, gc=False):
     """Facts that belong together. An OR stays inside one fact, in capitals.
 
     Raises:
-        ValueError: there is no fact, or an empty one.
+        ValueError: the group has no fact, or one that is empty.
     """
 
     id: int
@@ -45,7 +45,7 @@ class FactGroup(msgspec.Struct, frozen=True, gc=False):
 
     def __post_init__(self) -> None:
         if not self.facts or not all(map(str.strip, self.facts)):
-            raise ValueError(f"fact group {self.id} is empty or holds an empty fact")
+            raise ValueError(f"fact group {self.id} is empty or contains an empty fact")
 
     @property
     def is_large(self) -> bool:
@@ -57,7 +57,7 @@ class Rubric(msgspec.Struct, frozen=True, gc=False):
     """Fact groups, all of whose facts must hold (AND).
 
     Raises:
-        ValueError: there is no group, or two have the same id.
+        ValueError: there is no group, or two groups have the same id.
     """
 
     groups: tuple[FactGroup, ...]
@@ -88,32 +88,32 @@ class Rubric(msgspec.Struct, frozen=True, gc=False):
         ]
 
     def facts(self) -> list[tuple[FactGroup, int, str]]:
-        """Every fact with its group and its index in it, in order."""
+        """Every fact as ``(group, index in the group, text)``, in order."""
         return [(group, index, fact) for group in self.groups for index, fact in enumerate(group.facts)]
 
 
 WHOLE_TASK = Rubric(
     (FactGroup(1, "the whole task", ("Everything that the task asks for was done or found.",)),)
 )
-"""The rubric of a task that was given none: one fact, which says nothing of its own."""
+"""The rubric of a task that comes without one: a single generic fact."""
 
 
 MAX_ATTACHED_BYTES = 512 * 1024
-"""Of all files of a task: they travel with every session."""
+"""Largest total size of a task's files: they are sent with every session."""
 
-_NO_FILE_NAME = re.compile(r"[/\\\x00-\x1f\x7f\ud800-\udfff]|^\.{1,2}$")
+_INVALID_FILE_NAME = re.compile(r"[/\\\x00-\x1f\x7f\ud800-\udfff]|^\.{1,2}$")
 
 
 class Attachment(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
-    """A file that a task comes with, which the agent may choose where a page asks for one.
+    """A file that a task comes with, which the agent may choose in a page's file chooser.
 
     Attributes:
-        name: what the page is told it is called.
-        text: what it holds, as UTF-8; or else
-        data: its bytes (base64 in JSON).
+        name: the file name that the page sees.
+        text: its content as text, encoded as UTF-8; or else
+        data: its content as bytes (base64 in JSON).
 
     Raises:
-        ValueError: no file is called so, or it holds both.
+        ValueError: the file name is invalid, or both text and data are given.
     """
 
     name: str
@@ -121,25 +121,25 @@ class Attachment(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
     data: bytes = b""
 
     def __post_init__(self) -> None:
-        if not self.name.strip() or _NO_FILE_NAME.search(self.name) or len(self.name.encode()) > 200:
+        if not self.name.strip() or _INVALID_FILE_NAME.search(self.name) or len(self.name.encode()) > 200:
             raise ValueError(f"{self.name[:100]!r} is not a valid file name")
         if self.text and self.data:
             raise ValueError(f"the file {self.name!r} has both text and data")
 
     @property
     def content(self) -> bytes:
-        """Its bytes."""
+        """The content of the file."""
         return self.data or self.text.encode()
 
 
 def check_attachments(files: tuple[Attachment, ...]) -> None:
-    """Whether these files can come with a task.
+    """Check the files of one task.
 
     Raises:
-        ValueError: two share a name, or they are too large.
+        ValueError: two have the same name, or their total size is above :data:`MAX_ATTACHED_BYTES`.
     """
     if len({file.name for file in files}) < len(files):
-        raise ValueError("two files of a task share a name")
+        raise ValueError("two files of a task have the same name")
     if sum(len(file.content) for file in files) > MAX_ATTACHED_BYTES:
         raise ValueError(f"the files of a task have more than {MAX_ATTACHED_BYTES:,} bytes")
 
@@ -149,24 +149,24 @@ class Task(msgspec.Struct, frozen=True, omit_defaults=True, gc=False):
 
     Attributes:
         id: unique over all sources, namespaced by source (``"offline/fernhill-books/cheapest-1"``).
-        instruction: what the agent reads.
+        instruction: what the agent is to do, as the prompt states it.
         website: the URL where the attempt starts.
-        domain, subdomain: of the Mind2Web-2 taxonomy.
+        domain, subdomain: in the Mind2Web-2 taxonomy.
         rubric: what a trajectory must show.
         source: the benchmark it comes from; ``"offline"`` for the offline web.
         reference_answer: overrides the judge where there is one (paper §3.4).
         example_answer: one of several good answers; never overrides the judge.
         parent_id: the task it was decomposed from.
         split: ``"train"`` or ``"test"`` once split.
-        website_from: whether the source gave the website, it was taken from something else in the record,
-            or a model inferred it.
-        flags: what a user may want to choose or leave out by, such as ``"dated"``.
-        extra: columns of the published set that are not used here, kept so that it can be written again.
-        truth: what an offline judge and a scripted policy know; never shown to a model.
-        files: what the agent may choose where a page asks for a file, in the extended action space.
+        website_from: whether the source gave the website, it was derived from other fields of the record, or
+            a model inferred it.
+        flags: properties to filter tasks by, such as ``"dated"``.
+        extra: unused columns of the published set, kept so that it can be written again without loss.
+        truth: the ground truth, for the offline judge and the scripted policy; never shown to a model.
+        files: files that the agent may upload, in the extended action space.
 
     Raises:
-        ValueError: two of its files share a name, or they are too large.
+        ValueError: two of its files have the same name, or they are too large.
     """
 
     id: str

@@ -1,7 +1,7 @@
 """Text comparison that ignores case, white space and typographic variants.
 
-Truths are compared by this rule wherever they are: by the judge with what was visible, by a script with
-what is visible.
+Every comparison of a ground truth with a page's text follows this rule: the judge's, and the scripted
+policy's.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ _QUOTES = str.maketrans({"’": "'", "‘": "'", "“": '"', "”": '"', "–": 
 
 
 def plain(text: str) -> str:
-    """A text of others on one line, without characters that a terminal would obey."""
+    """An untrusted text on one line, its control characters replaced, so that it is safe to print."""
     return "".join(
         character if character.isprintable() else "\N{REPLACEMENT CHARACTER}"
         for character in " ".join(text.split())
@@ -23,42 +23,42 @@ def plain(text: str) -> str:
 
 
 def fold(text: str) -> str:
-    """Compatibility forms, typographic quotes and dashes, case and white space made one."""
+    """The text with compatibility forms, typographic quotes and dashes, case and white space normalised."""
     return " ".join(unicodedata.normalize("NFKC", text).translate(_QUOTES).casefold().split())
 
 
 @lru_cache(maxsize=20_000)
-def _whole(phrase: str) -> re.Pattern[str]:
+def _whole_phrase(phrase: str) -> re.Pattern[str]:
     before = r"(?<!\w)" if phrase[0].isalnum() else ""
     after = r"(?!\w)" if phrase[-1].isalnum() else ""
     if phrase[0].isdecimal():
-        before += r"(?<!\d[.,:])"  # 5 does not stand in 2.5
+        before += r"(?<!\d[.,:])"  # 2.5 does not contain 5
     if phrase[-1].isdecimal():
-        after += r"(?![.,:]\d)"  # 12 does not stand in 12.50
+        after += r"(?![.,:]\d)"  # 12.50 does not contain 12
     return re.compile(before + re.escape(phrase) + after)
 
 
 def says(folded: str, phrase: str) -> bool:
-    """Whether ``phrase`` stands in the folded text as whole words and whole numbers."""
+    """Whether the folded text contains ``phrase`` as whole words and whole numbers."""
     wanted = fold(phrase)
-    return bool(wanted) and wanted in folded and _whole(wanted).search(folded) is not None
+    return bool(wanted) and wanted in folded and _whole_phrase(wanted).search(folded) is not None
 
 
 def mentions(folded: str, phrases: Iterable[str]) -> list[str]:
-    """Which of ``phrases`` stand in the folded text, folded, in the order in which they stand there.
+    """The phrases that the folded text contains, folded, in order of their occurrence.
 
     A phrase inside a longer one does not count on its own: ``"red star"`` is no mention of ``"red"``.
     """
     wanted = {fold(phrase) for phrase in phrases} - {""}
-    found = sorted(
+    matches = sorted(
         (match.start(), -match.end(), phrase)
         for phrase in wanted
         if phrase in folded
-        for match in _whole(phrase).finditer(folded)
+        for match in _whole_phrase(phrase).finditer(folded)
     )
-    told, end = [], 0
-    for start, minus_end, phrase in found:
+    mentioned, end = [], 0
+    for start, minus_end, phrase in matches:
         if start >= end:
-            told.append(phrase)
+            mentioned.append(phrase)
             end = -minus_end
-    return told
+    return mentioned

@@ -19,15 +19,15 @@ import msgspec
 
 
 class ReplyTokens(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The tokens that an endpoint read and sampled for one reply. What is trained on is these, never a guess.
+    """The tokens that an endpoint read and sampled for one reply, for training on exactly these.
 
-    Make it with :meth:`of`; the attributes are packed as the module says.
+    Create it with :meth:`of`; the attributes are packed as the module's docstring describes.
 
     Attributes:
-        prompt: ids of the request after the expansion of images, int32.
-        reply: ids that were sampled, the end token included if it was sampled, int32.
-        logprobs: log-probability of each reply id under the distribution that it was drawn from (after
-            temperature, top-p and top-k), float32; ``None`` where the endpoint gives none.
+        prompt: token ids of the request after the expansion of images, int32.
+        reply: sampled token ids, including the end token if it was sampled, int32.
+        logprobs: log-probability of each reply id under the distribution that it was sampled from (after
+            temperature, top-p and top-k), float32; ``None`` if the endpoint gives none.
     """
 
     prompt: bytes
@@ -41,7 +41,7 @@ class ReplyTokens(msgspec.Struct, frozen=True, omit_defaults=True):
         """Pack ids and log-probabilities.
 
         Raises:
-            ValueError: there is not one log-probability for each reply id.
+            ValueError: the number of log-probabilities is not the number of reply ids.
         """
         if logprobs is not None and len(logprobs) != len(reply_ids):
             raise ValueError(f"{len(logprobs)} log-probabilities for {len(reply_ids)} reply tokens")

@@ -19,7 +19,7 @@ class ImageRef(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="type"
     Attributes:
         screenshot: the picture's name.
         width, height: size at which it was sent, pixels.
-        detail: how closely the endpoint was asked to look (``high``, ``low``); empty if it was not told.
+        detail: the API's ``detail`` of the picture (``high``, ``low``); empty if it was not set.
     """
 
     screenshot: str
@@ -29,7 +29,7 @@ class ImageRef(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="type"
 
 
 class TextPart(msgspec.Struct, frozen=True, tag_field="type", tag="text"):
-    """A text in a message."""
+    """A piece of text in a message."""
 
     text: str
 
@@ -42,18 +42,19 @@ class Message(msgspec.Struct, frozen=True):
 
 
 class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What a policy said, whole.
+    """A policy's complete reply.
 
     Attributes:
         text: the exact reply.
-        reasoning: thinking that the endpoint itself had taken out of the reply; empty if there was none.
+        reasoning: thinking that the endpoint itself separated from the reply; empty if there was none.
         finish_reason: as the endpoint gave it (``stop``, ``length``, ...).
         policy: name and version of the policy that replied.
         sampling: the exact sampling parameters of the request.
         prompt_tokens, completion_tokens: as the endpoint counted them; 0 if it did not.
         seconds: wall time from request to the last byte.
-        tokens: exactly what was read and sampled, where the endpoint tells; training uses it as it is.
-        weight_version: of the weights that replied, where the endpoint tells; else empty.
+        tokens: the tokens that were read and sampled, which training uses unchanged; ``None`` if the endpoint
+            does not return them.
+        weight_version: version of the weights that replied; empty if the endpoint does not return it.
     """
 
     text: str
@@ -69,12 +70,12 @@ class Reply(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Revision(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How a reply's memory broke the append-only rule, and so what was corrected.
+    """Corrections to a reply's memory that violated the append-only rule.
 
     Attributes:
-        dropped: keys that the reply left out; kept.
-        rewritten: keys whose value it replaced; both values are kept.
-        refused: keys for which there was no room.
+        dropped: keys that the reply left out; they are kept.
+        rewritten: keys whose value the reply replaced; both values are kept.
+        refused: keys that did not fit into the memory.
     """
 
     dropped: tuple[str, ...] = ()
@@ -86,7 +87,7 @@ class Revision(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Step(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One turn: what was seen, what was asked, what was said, what it meant.
+    """One turn: the observation, the request, the reply, and the action that it means.
 
     Attributes:
         index: from 0.
@@ -97,7 +98,7 @@ class Step(msgspec.Struct, frozen=True, omit_defaults=True):
         parse_error: why the reply held no action; empty if it did.
         changed: whether the next screenshot differs, see :meth:`followed_by`; ``None`` after the last step.
         at: seconds from the start of the attempt to the observation.
-        revision: how the memory in the reply had to be corrected; ``None`` if it kept to the rule.
+        revision: corrections to the memory in the reply; ``None`` if there were none.
     """
 
     index: int
@@ -111,7 +112,7 @@ class Step(msgspec.Struct, frozen=True, omit_defaults=True):
     revision: Revision | None = None
 
     def followed_by(self, observation: Observation) -> Step:
-        """This step with ``changed`` filled in from the next observation. Nothing else decides it.
+        """This step with ``changed`` set from the next observation. ``changed`` is set nowhere else.
 
         Args:
             observation: of the step after it, or the last one of the episode.
@@ -127,24 +128,24 @@ class Failure(msgspec.Struct, frozen=True):
 
 
 class Episode(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What happened in one attempt at one task, before anybody has judged it.
+    """The record of one attempt at one task, before it is judged.
 
     Attributes:
         attempt_id: ``"<task id>#<sample>.<retry>"``; unique in a run.
         task_id: the task.
         sample: which of the planned samples of this task, from 0.
         retry: how many earlier attempts at this sample ended without a reward.
-        seed: of everything random in the attempt.
+        seed: seed of everything random in the attempt.
         policy: name of the policy.
         started_at: Unix time, seconds.
         seconds: wall time.
         steps: all turns in order.
         ending: why it stopped.
-        final: the observation after the last action; ``None`` where the last turn changed nothing
-            (an answer) or could not be looked at any more.
+        final: the observation after the last action; ``None`` if the last turn did not act on the page (an
+            answer), or the page could not be observed any more.
         answer: the final answer, if there was one.
-        final_state: what the offline website's server held for this attempt at its end; ``None`` if
-            it was not asked.
+        final_state: the state of this attempt on the offline website's server at its end; ``None`` if it was
+            not queried.
         failure: the error that stopped it.
         session: lease and slot, for tracing a fault.
     """
@@ -167,19 +168,19 @@ class Episode(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def observations(self) -> list[Observation]:
-        """Everything that was seen, in order. Index i < len(steps) is what step i saw."""
-        seen = [step.observation for step in self.steps]
-        return seen if self.final is None else [*seen, self.final]
+        """All observations in order. Index i < len(steps) is the observation of step i."""
+        before_steps = [step.observation for step in self.steps]
+        return before_steps if self.final is None else [*before_steps, self.final]
 
 
 class Trajectory(msgspec.Struct, frozen=True, omit_defaults=True):
-    """An episode and what became of it: the record that the run store keeps.
+    """An episode with its outcome and verdict: the record that the run store keeps.
 
     Attributes:
-        episode: what happened.
+        episode: the attempt.
         outcome: how the attempt ended.
-        verdict: the judge's finding; ``None`` if the episode was not judged.
-        judge_failure: why a judge had no verdict.
+        verdict: the judge's verdict; ``None`` if the episode was not judged.
+        judge_failure: why the judge gave no verdict.
         judge_seconds: wall time of judging.
     """
 

@@ -10,16 +10,16 @@ from typing import Any, Literal, TypeAlias
 
 import msgspec
 
-# --- moves: a solution in words that a closed loop can follow -------------------------------------
+# --- moves: the steps of a solution, for a closed loop that observes the page after each ----------
 
 
 class Home(
     msgspec.Struct, frozen=True, tag_field="do", tag="home", omit_defaults=True, repr_omit_defaults=True
 ):
-    """Be on a website's front page; nothing to do when already there.
+    """Go to a website's front page; does nothing when already there.
 
     Attributes:
-        url: of the front page; ``""`` is the task's own website.
+        url: URL of the front page; ``""`` is the task's own website.
     """
 
     url: str = ""
@@ -29,8 +29,8 @@ class Click(msgspec.Struct, frozen=True, tag_field="do", tag="click", omit_defau
     """Click the element with this accessible name (whole, case folded) or this link path.
 
     Attributes:
-        name: accessible name; ``None`` if ``path`` alone decides.
-        role: narrows by role.
+        name: accessible name; ``None`` to match by ``path`` alone.
+        role: ARIA role that the element must have; ``None`` for any.
         path: path and query of a link's target, e.g. ``"/p/12"``.
     """
 
@@ -64,11 +64,11 @@ class Back(msgspec.Struct, frozen=True, tag_field="do", tag="back"):
 
 
 class Remember(msgspec.Struct, frozen=True, tag_field="do", tag="remember"):
-    """Write an entry into the memory now: what it says is in view, and will be needed when it is not.
+    """Write an entry into the agent's memory: it is visible now, and will be needed when it is not.
 
     Attributes:
-        key: of the entry.
-        value: of the entry.
+        key: key of the entry.
+        value: value of the entry.
     """
 
     key: str
@@ -76,10 +76,10 @@ class Remember(msgspec.Struct, frozen=True, tag_field="do", tag="remember"):
 
 
 class Done(msgspec.Struct, frozen=True, tag_field="do", tag="done"):
-    """A part of the task is finished. A solution has one for every part, or none at all.
+    """Mark a part of the task as finished. A solution marks every part, or none.
 
     Attributes:
-        part: the part's key in the progress, ``"1"`` for the first.
+        part: the part's key in the agent's progress, ``"1"`` for the first.
     """
 
     part: str
@@ -100,9 +100,9 @@ class Evidence(msgspec.Struct, frozen=True, omit_defaults=True, repr_omit_defaul
     """A view that confirms a fact: on one website, all texts visible in one and the same observation.
 
     Attributes:
-        texts: compared with case and white space folded, as whole words.
-        path: regular expression that the URL's path and query must match from its start; ``""`` takes any.
-        host: hostname of the website; ``""`` is the truth's own.
+        texts: compared as whole words, ignoring case and white space.
+        path: regular expression that the URL's path and query must match from its start; ``""`` matches any.
+        host: hostname of the website; ``""`` is :attr:`Truth.host`.
     """
 
     texts: tuple[str, ...]
@@ -114,8 +114,8 @@ class StateCheck(msgspec.Struct, frozen=True):
     """A value that the website's server must hold at the end of the attempt.
 
     Attributes:
-        key: where to look in the state that the website reports, e.g. ``("cart", "Blue Mug")``.
-        value: what must stand there; ``None`` if nothing may.
+        key: path into the state that the website reports, e.g. ``("cart", "Blue Mug")``.
+        value: the expected value; ``None`` if the key must be absent.
     """
 
     key: tuple[str, ...]
@@ -123,11 +123,13 @@ class StateCheck(msgspec.Struct, frozen=True):
 
 
 class FactTruth(msgspec.Struct, frozen=True, omit_defaults=True):
-    """How one fact is confirmed: any one of the views, and all of the state checks.
+    """How one fact is confirmed.
 
     Attributes:
         group: id of the fact's group.
-        index: the fact's place in its group, from 0.
+        index: the fact's index in its group, from 0.
+        evidence: views, any one of which must have been seen.
+        state: checks, all of which must hold.
     """
 
     group: int
@@ -137,13 +139,13 @@ class FactTruth(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class AnswerTruth(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What a right answer says.
+    """What a right answer must and must not contain.
 
     Attributes:
-        required: every inner tuple lists alternatives, of which one must stand in the answer.
-        forbidden: what a right answer does not say, such as the names of the other candidates.
-        in_order: the answer names exactly the required values, in their order: of all the values in
-            ``required`` and ``forbidden``, it mentions these and no other, none twice.
+        required: every inner tuple lists alternatives, one of which the answer must contain.
+        forbidden: phrases that a right answer does not contain, such as the names of the other candidates.
+        in_order: whether the answer must mention exactly the required values, in their order, each once, and
+            no other of the values in ``required`` and ``forbidden``.
     """
 
     required: tuple[tuple[str, ...], ...] = ()
@@ -152,16 +154,15 @@ class AnswerTruth(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Truth(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Everything hidden about a task.
+    """The ground truth of one task.
 
     Attributes:
-        host: hostname of the website whose server's state is checked; evidence that names no other website
-            counts on this one alone.
+        host: hostname of the website whose server's state is checked, and of evidence that names no host.
         facts: one entry for every fact of the rubric.
         answer: what the answer must say.
         moves: a solution, from the start page to the answer.
-        expects: how an attempt that does everything right ends. A website that blocks bots, or is
-            down, has tasks that cannot end well.
+        expects: the outcome of an attempt that carries out the solution. Tasks of a website that blocks bots,
+            or is down, cannot succeed.
     """
 
     host: str

@@ -8,13 +8,14 @@ import msgspec
 
 
 class Judgement(msgspec.Struct, frozen=True, omit_defaults=True):
-    """One yes-or-no finding and why.
+    """The answer to one yes-or-no question, with the reason.
 
     Attributes:
-        passed: the finding; ``None`` where the judge gave none that can be read, and the outcome did not hang
+        passed: the answer; ``None`` if the judge's reply could not be parsed and the outcome did not depend
             on it.
-        reason: one sentence that a person can check; of an unread one, why it could not be read.
-        steps: indices of the steps whose observations it rests on.
+        reason: one sentence that a person can check; where ``passed`` is ``None``, why the reply could not
+            be parsed.
+        steps: indices of the steps whose observations support it.
     """
 
     passed: bool | None
@@ -23,13 +24,13 @@ class Judgement(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 def all_hold(judgements: Iterable[Judgement]) -> bool | None:
-    """Whether all hold: they do not as soon as one does not; ``None`` if that hangs on an unread one."""
-    found = {judgement.passed for judgement in judgements}
-    return False if False in found else None if None in found else True
+    """``True`` if all passed, ``False`` if any failed, else ``None``: at least one could not be parsed."""
+    answers = {judgement.passed for judgement in judgements}
+    return False if False in answers else None if None in answers else True
 
 
 class FactJudgement(msgspec.Struct, frozen=True):
-    """Criterion A for one fact."""
+    """The judgement of one fact (criterion A)."""
 
     group: int
     index: int
@@ -38,14 +39,14 @@ class FactJudgement(msgspec.Struct, frozen=True):
 
 
 class Cost(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What a verdict took of models.
+    """The cost of the model calls for one verdict.
 
     Attributes:
-        calls: replies that models gave, those from the cache included.
+        calls: number of replies, cached ones included.
         cached: how many of them came from the cache and cost nothing.
-        repeats: how many were asked for because the reply before held no clear verdict.
+        repeats: how many were requested because the previous reply contained no clear verdict.
         prompt_tokens, completion_tokens: as the endpoints counted them, without cached replies.
-        dollars: by the price table; 0 where no price is known.
+        dollars: by the price table; 0 for a model without a known price.
     """
 
     calls: int = 0
@@ -60,22 +61,23 @@ class Cost(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Verdict(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A whole judgement.
+    """A judge's verdict on one episode.
 
     Attributes:
-        judge: who judged, and by which rules (name and version).
+        judge: name and version of the judge.
         reward: 1 if every fact and the response pass, else 0; a reference answer overrides by the judge's
             rule. ``None`` only for a blocked attempt.
-        facts: criterion A, in rubric order; a judge that stops early leaves out what it did not look at.
-            One that was unread is among them only if the reward was decided without it.
+        facts: criterion A, in rubric order; facts that a judge skipped because it stopped early are missing.
+            A judgement that could not be parsed is included only if the reward was decided without it.
         response: criterion B, every claim in the answer is visible; ``None`` if there was no answer.
-        reference: the answer against the reference answer; ``None`` where there is none. It overrides.
+        reference: comparison with the reference answer, which overrides; ``None`` if the task has none.
         blocked: whether the website kept the agent out.
-        score: share of the facts that hold, 0 to 1, for shaping and for reading; beside the reward, never
-            in its place. ``None`` where not every fact was judged.
-        confidence: share of several judges or samples that found this reward, 0 to 1; ``None`` from one.
-        keypoints: indices of the observations whose screenshots were judged by; ``None`` if all.
-        cost: of model calls; ``None`` from a judge that asks no model.
+        score: share of the facts that hold, 0 to 1, for reward shaping and analysis; it never replaces the
+            reward. ``None`` if not every fact was judged.
+        confidence: share of several judges or samples that gave this reward, 0 to 1; ``None`` from a single
+            one.
+        keypoints: indices of the observations whose screenshots the judge saw; ``None`` for all.
+        cost: cost of the model calls; ``None`` from a judge that calls no model.
     """
 
     judge: str

@@ -1,9 +1,9 @@
 """Which website a URL belongs to, for all code that compares websites: split, blocklist, judge and others.
 
-A website is a *registrable domain*: ``shop.example.co.uk`` and ``www.example.co.uk`` are the same one,
-``example.co.uk``. The host alone would let a test website into training under another name of its own
-(``m.``, ``en.``, ``shop.``). Where a suffix is shared by strangers (``github.io``, ``blogspot.com``), the
-label before it decides; the Public Suffix List says which these are.
+A website is a *registrable domain*: ``shop.example.co.uk`` and ``www.example.co.uk`` are the same website,
+``example.co.uk``. Comparing hosts would let a test website into training under another of its host names
+(``m.``, ``en.``, ``shop.``). Under a suffix that different owners share (``github.io``, ``blogspot.com``),
+the label before it is part of the website; the Public Suffix List says which suffixes these are.
 """
 
 from __future__ import annotations
@@ -17,20 +17,21 @@ import idna
 from publicsuffixlist import PublicSuffixList
 
 OFFLINE: Final = ".webgym.test"
-"""Each host under it is an offline website of its own; no public list knows it."""
-_LONGEST: Final = 8_192
+"""Suffix of the offline web, which is not in the public list: each label before it is a website of its
+own."""
+_MAX_CHARACTERS: Final = 8_192
 _METADATA: Final = frozenset(
     "metadata metadata.google.internal metadata.goog instance-data instance-data.ec2.internal 100.100.100.200"
     " 168.63.129.16 192.0.0.192 fd00:ec2::254".split()
 )
-"""Clouds' metadata services, but for the link-local ones, which most have."""
+"""Addresses of cloud metadata services, except for link-local ones, which are recognised by their range."""
 
 
 def host_of(website: str) -> str:
     """The host in a bare host or a URL: lower case, in ASCII, without ``www.``, port and trailing dot.
 
     Raises:
-        ValueError: there is none.
+        ValueError: it contains no valid host.
     """
     rest = website.strip()
     scheme, separator, after = rest.partition("://")
@@ -57,19 +58,19 @@ def host_of(website: str) -> str:
     return host
 
 
-_REMEMBERED: Final = 2**19
-"""Websites whose site is remembered: all of the paper's set, which every stage asks about, in 100 MB."""
+_CACHE_SIZE: Final = 2**19
+"""Number of cached websites: enough for the paper's task set, in about 100 MB."""
 
 
-@lru_cache(_REMEMBERED)
+@lru_cache(_CACHE_SIZE)
 def site_of(website: str) -> str:
-    """The website that a bare host or a URL belongs to, as one name to compare by. Remembered.
+    """The website that a bare host or a URL belongs to, by its canonical name. Cached.
 
     Returns:
-        The registrable domain; the host itself where that is an address, a public suffix or has no dot.
+        The registrable domain; the host itself if it is an IP address, a public suffix or has no dot.
 
     Raises:
-        ValueError: there is no host.
+        ValueError: it contains no valid host.
     """
     host = host_of(website)
     if host.endswith(OFFLINE):
@@ -80,7 +81,7 @@ def site_of(website: str) -> str:
 
 
 def site_or_text(website: str) -> str:
-    """As :func:`site_of`, for counting and comparing: what does not name a website stands for itself."""
+    """As :func:`site_of`, but returns a text that does not name a website unchanged."""
     try:
         return site_of(website)
     except ValueError:
@@ -88,30 +89,30 @@ def site_or_text(website: str) -> str:
 
 
 def host_or_text(website: str) -> str:
-    """As :func:`host_of`, for counting and comparing: what does not name a website stands for itself."""
+    """As :func:`host_of`, but returns a text that does not name a website unchanged."""
     try:
         return host_of(website)
     except ValueError:
         return website
 
 
-def why_no_start(website: str) -> str:
-    """Why no attempt may start at this address, or bare host; empty if one may.
+def start_url_problem(website: str) -> str:
+    """Why no attempt may start at this URL or bare host; empty if it may.
 
-    What an address of a cloud's metadata service would give away is the keys of the machine. (The browser
-    refuses these as well, in whatever spelling, and wherever a page would lead to them.)
+    Addresses of cloud metadata services are refused because they give away the machine's credentials. (The
+    browser refuses them as well, in any spelling, including after redirects and links.)
     """
-    if len(website) > _LONGEST:
-        return f"its address has {len(website):,} characters, and at most {_LONGEST:,} are taken"
+    if len(website) > _MAX_CHARACTERS:
+        return f"its address has {len(website):,} characters, more than {_MAX_CHARACTERS:,}"
     scheme, colon, rest = website.strip().partition(":")
     if colon and scheme.isalpha() and scheme.lower() not in ("http", "https") and not rest[:1].isdigit():
-        return f"{website[:80]!r} is no http or https address"
+        return f"{website[:80]!r} is not an http or https address"
     try:
         host = host_of(website).strip("[]")
     except ValueError:
         return f"{website[:80]!r} does not name a website"
     if host in _METADATA or _is_link_local(host):
-        return f"{website[:80]!r} is the address of a cloud's metadata service"
+        return f"{website[:80]!r} is the address of a cloud metadata service"
     return ""
 
 

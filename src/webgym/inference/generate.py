@@ -1,4 +1,5 @@
-"""Replies to many requests at once: one prefill, then a token for every unfinished reply per forward pass."""
+"""Generates replies to a batch of requests: one prefill, then one token per unfinished reply in every
+pass."""
 
 from __future__ import annotations
 
@@ -13,18 +14,18 @@ from webgym.inference.rendering import Encoded
 from webgym.inference.sampling import draw, processed_logprobs
 
 LONGEST_REPLY: Final = 256
-"""In tokens, where no setting says otherwise."""
+"""Default limit of a reply's length, in tokens."""
 
 
 @dataclass(frozen=True, slots=True)
-class Draws:
+class SamplingParameters:
     """How replies are sampled.
 
     Attributes:
-        temperature: 0 takes the likeliest token, and gives its log-probability at temperature 1.
-        top_p: see :func:`webgym.inference.sampling.processed_logprobs`; 1 keeps all.
-        top_k: likewise; 0 keeps all.
-        max_tokens: longest reply.
+        temperature: 0 chooses the likeliest token, with its log-probability at temperature 1.
+        top_p: see :func:`webgym.inference.sampling.processed_logprobs`; 1 keeps all tokens.
+        top_k: likewise; 0 keeps all tokens.
+        max_tokens: longest reply, in tokens.
     """
 
     temperature: float = 1.0
@@ -38,9 +39,10 @@ class Generated:
     """One reply.
 
     Attributes:
-        ids: the tokens, the end token included if it was drawn.
-        logprobs: of each under the distribution that it was drawn from; at temperature 0 under the model's.
-        is_cut: whether the reply reached its longest length without an end.
+        ids: the sampled token ids, including the end token if it was sampled.
+        logprobs: log-probability of each id under the distribution it was sampled from; at temperature 0
+            under the model's.
+        is_cut: whether the reply reached the longest length without an end token.
     """
 
     ids: list[int]
@@ -50,15 +52,15 @@ class Generated:
 
 @torch.inference_mode()
 def generate(
-    loaded: Loaded, requests: Sequence[Encoded], seeds: Sequence[int], draws: Draws
+    loaded: Loaded, requests: Sequence[Encoded], seeds: Sequence[int], parameters: SamplingParameters
 ) -> list[Generated]:
-    """A reply to each request.
+    """Generate a reply to each request.
 
     Args:
-        loaded: a model of the Qwen-VL kind.
-        requests: rendered.
-        seeds: of each reply's own random numbers.
-        draws: how tokens are drawn.
+        loaded: a Qwen-VL model.
+        requests: the rendered requests.
+        seeds: seed of each reply's random numbers.
+        parameters: how tokens are sampled.
 
     Returns:
         One reply for each request, in order.
@@ -74,15 +76,15 @@ def generate(
             "pixel_values": torch.cat([pixels.values for pixels in images]).to(device, model.dtype),
             "image_grid_thw": torch.cat([pixels.grid for pixels in images]).to(device),
         }
-    kinds = (ids == loaded.renderer.image_id).int()
+    token_types = (ids == loaded.renderer.image_id).int()
     positions, deltas = model.model.get_rope_index(
-        ids, mm_token_type_ids=kinds, image_grid_thw=vision.get("image_grid_thw"), attention_mask=mask
+        ids, mm_token_type_ids=token_types, image_grid_thw=vision.get("image_grid_thw"), attention_mask=mask
     )
-    made = model(
+    output = model(
         input_ids=ids,
         attention_mask=mask,
         position_ids=positions,
-        mm_token_type_ids=kinds,
+        mm_token_type_ids=token_types,
         use_cache=True,
         logits_to_keep=1,
         **vision,
@@ -91,38 +93,40 @@ def generate(
     tokens: list[torch.Tensor] = []
     scores: list[torch.Tensor] = []
     finished = torch.zeros(len(requests), dtype=torch.bool, device=device)
-    for place in range(draws.max_tokens):
-        token, logprob = _next(made.logits[:, -1], generators, draws)
+    for position in range(parameters.max_tokens):
+        token, logprob = _next(output.logits[:, -1], generators, parameters)
         tokens.append(token)
         scores.append(logprob)
         finished |= torch.isin(token, ends)
-        if place + 1 == draws.max_tokens or bool(finished.all()):
+        if position + 1 == parameters.max_tokens or bool(finished.all()):
             break
         mask = torch.cat([mask, mask.new_ones(len(requests), 1)], dim=-1)
-        here = (lengths + place + deltas.to(device))[None].expand(3, -1, -1)
-        made = model(
+        token_positions = (lengths + position + deltas.to(device))[None].expand(3, -1, -1)
+        output = model(
             input_ids=token[:, None],
             attention_mask=mask,
-            position_ids=here,
-            past_key_values=made.past_key_values,
+            position_ids=token_positions,
+            past_key_values=output.past_key_values,
             use_cache=True,
         )
     return _until_end(torch.stack(tokens, dim=1), torch.stack(scores, dim=1), loaded.renderer.end_ids)
 
 
 def _next(
-    logits: torch.Tensor, generators: Sequence[torch.Generator], draws: Draws
+    logits: torch.Tensor, generators: Sequence[torch.Generator], parameters: SamplingParameters
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    if draws.temperature == 0:
+    if parameters.temperature == 0:
         best = logits.float().log_softmax(dim=-1).max(dim=-1)
         return best.indices, best.values
-    logprobs = processed_logprobs(logits, temperature=draws.temperature, top_p=draws.top_p, top_k=draws.top_k)
+    logprobs = processed_logprobs(
+        logits, temperature=parameters.temperature, top_p=parameters.top_p, top_k=parameters.top_k
+    )
     token = draw(logprobs, generators)
     return token, logprobs.gather(-1, token[:, None]).squeeze(-1)
 
 
 def _left_padded(rows: Sequence[list[int]], device: torch.device) -> tuple[torch.Tensor, torch.Tensor]:
-    """(rows, longest) ids and mask, int64; every row ends at the right edge."""
+    """Pad rows on the left: (rows, longest) ids and mask, int64."""
     longest = max(len(row) for row in rows)
     ids = torch.zeros(len(rows), longest, dtype=torch.int64)
     mask = torch.zeros_like(ids)
@@ -135,7 +139,7 @@ def _left_padded(rows: Sequence[list[int]], device: torch.device) -> tuple[torch
 def _until_end(tokens: torch.Tensor, scores: torch.Tensor, ends: frozenset[int]) -> list[Generated]:
     replies = []
     for ids, logprobs in zip(tokens.tolist(), scores.tolist(), strict=True):
-        end = next((place for place, token in enumerate(ids) if token in ends), None)
+        end = next((position for position, token in enumerate(ids) if token in ends), None)
         length = len(ids) if end is None else end + 1
         replies.append(Generated(ids[:length], logprobs[:length], end is None))
     return replies

@@ -1,7 +1,7 @@
 """A policy whose model runs in this process: for small models, for tests, and where no server is available.
 
-Calls are answered in batches as they arrive: while one batch is being generated the next one gathers, so that
-many attempts share every forward pass and none waits for a barrier.
+Calls are answered in batches as they arrive: while one batch is being generated, the next calls are
+collected, so that many attempts share every forward pass without waiting for each other.
 """
 
 from __future__ import annotations
@@ -34,25 +34,26 @@ _SEED_SPACE = 2**63
 
 
 class LocalConfig(Settings):
-    """A model in this process."""
+    """Settings of a model that runs in this process."""
 
     path: str
     """A folder, or the id of a model on the Hugging Face hub."""
 
     dtype: Literal["float32", "bfloat16"] = "float32"
-    """Of the weights."""
+    """Data type of the weights."""
 
     device: str = "cpu"
-    """As torch names it."""
+    """Device, as torch names it."""
 
     threads: int | None = Field(default=None, ge=1)
-    """Processor threads of torch; by default what torch takes. Browsers on the same machine need some too."""
+    """Processor threads of torch; by default torch's choice. Browsers on the same machine need some too."""
 
     most_at_once: int = Field(default=64, ge=1)
-    """Requests in one batch."""
+    """Most requests in one batch."""
 
     sampling: Sampling = Sampling()
-    """What is not set comes from the model's profile. ``top_k`` stands in ``extra_body``, as for vLLM."""
+    """Sampling parameters; those not set come from the model's profile. ``top_k`` is in ``extra_body``, as
+    for vLLM."""
 
 
 @dataclass
@@ -65,14 +66,14 @@ class _Call:
 
 
 class LocalPolicy:
-    """Replies with a model in this process. Loaded when entered.
+    """Replies with a model in this process, which is loaded when the policy is entered.
 
     Args:
-        config: which model, and how it is sampled.
-        profile: of the model's family; by default the one that its name leads to.
+        config: the model, and how it is sampled.
+        profile: profile of the model family; by default chosen by the model's name.
 
     Attributes:
-        weight_version: of the weights that reply now; every reply says which ones made it.
+        weight_version: version of the current weights; every reply records the version that generated it.
     """
 
     wants_elements = False
@@ -95,21 +96,21 @@ class LocalPolicy:
         return self._name
 
     def begin(self, task: Task, seed: int) -> _LocalSession:  # noqa: ARG002
-        """A session whose random numbers follow from ``seed``."""
+        """A session whose random numbers are determined by ``seed``."""
         return _LocalSession(self, seed)
 
     async def publish(self, folder: Path, version: str) -> None:
-        """Reply with other weights of the same architecture from now on.
+        """Replace the weights by others of the same architecture.
 
-        Atomic: a batch is generated with the old weights or with the new ones, never with some of each.
+        Atomic: a batch is generated with the old weights or with the new ones, never with a mixture.
 
         Args:
-            folder: holds all weights (``model.safetensors``), or adapters (``adapter_config.json``), which
-                are merged into the weights they are for.
-            version: what replies will say.
+            folder: folder with all weights (``model.safetensors``), or with adapters
+                (``adapter_config.json``), which are merged into their base weights.
+            version: version of the weights, for the records of replies.
 
         Raises:
-            ConfigError: the weights are missing or do not fit.
+            ConfigError: the weights are missing or have other shapes.
         """
         await asyncio.get_running_loop().run_in_executor(self._thread, self._load_weights, folder, version)
 
@@ -124,13 +125,13 @@ class LocalPolicy:
         future: asyncio.Future[tuple[Generated, str]] = asyncio.get_running_loop().create_future()
         self._waiting.append(_Call(encoded, seed, future))
         self._arrived.set()
-        made, version = await future
-        return self._reply(encoded, made, version, self._sampling, started)
+        generated, version = await future
+        return self._reply(encoded, generated, version, self._sampling, started)
 
     async def ask(
         self, messages: Sequence[Message], images: Mapping[str, bytes], sampling: Sampling
     ) -> Reply:
-        """The model's reply to a request of one's own, in a batch of its own.
+        """The model's reply to any request, in a batch of its own.
 
         Raises:
             PolicyError: the request cannot be rendered, or the policy was not entered.
@@ -138,10 +139,10 @@ class LocalPolicy:
         started = time.monotonic()
         encoded = await self._encode(messages, images)
         chosen = sampling.over(self._sampling)
-        (made,), version = await asyncio.get_running_loop().run_in_executor(
+        (generated,), version = await asyncio.get_running_loop().run_in_executor(
             self._thread, self._generate, [encoded], [0], chosen
         )
-        return self._reply(encoded, made, version, chosen, started)
+        return self._reply(encoded, generated, version, chosen, started)
 
     async def _encode(self, messages: Sequence[Message], images: Mapping[str, bytes]) -> Encoded:
         if self._worker is None:
@@ -150,17 +151,17 @@ class LocalPolicy:
         return encoded
 
     def _reply(
-        self, encoded: Encoded, made: Generated, version: str, sampling: Sampling, started: float
+        self, encoded: Encoded, generated: Generated, version: str, sampling: Sampling, started: float
     ) -> Reply:
         return Reply(
-            self._loaded.renderer.decode(made.ids),
+            self._loaded.renderer.decode(generated.ids),
             policy=self._name,
-            finish_reason="length" if made.is_cut else "stop",
+            finish_reason="length" if generated.is_cut else "stop",
             sampling=sampling.body(),
             prompt_tokens=len(encoded.prompt_ids),
-            completion_tokens=len(made.ids),
+            completion_tokens=len(generated.ids),
             seconds=time.monotonic() - started,
-            tokens=ReplyTokens.of(encoded.prompt_ids, made.ids, made.logprobs),
+            tokens=ReplyTokens.of(encoded.prompt_ids, generated.ids, generated.logprobs),
             weight_version=version,
         )
 
@@ -184,7 +185,7 @@ class LocalPolicy:
     # --- the worker ---------------------------------------------------------------------------------
 
     async def _serve(self) -> None:
-        """Answer what has arrived, a batch at a time."""
+        """Answer waiting calls, one batch at a time."""
         loop = asyncio.get_running_loop()
         while True:
             await self._arrived.wait()
@@ -192,12 +193,12 @@ class LocalPolicy:
             del self._waiting[: len(batch)]
             if not self._waiting:
                 self._arrived.clear()
-            # Who has gone away needs no reply.
+            # Cancelled calls need no reply.
             batch = [call for call in batch if not call.reply.done()]
             if not batch:
                 continue
             try:
-                made, version = await loop.run_in_executor(
+                generated, version = await loop.run_in_executor(
                     self._thread,
                     self._generate,
                     [call.encoded for call in batch],
@@ -212,22 +213,22 @@ class LocalPolicy:
                     if not call.reply.done():
                         call.reply.set_exception(PolicyError(reason))
                 continue
-            for call, reply in zip(batch, made, strict=True):
+            for call, reply in zip(batch, generated, strict=True):
                 if not call.reply.done():
                     call.reply.set_result((reply, version))
 
     def _generate(
         self, requests: Sequence[Encoded], seeds: Sequence[int], sampling: Sampling
     ) -> tuple[list[Generated], str]:
-        from webgym.inference.generate import LONGEST_REPLY, Draws, generate
+        from webgym.inference.generate import LONGEST_REPLY, SamplingParameters, generate
 
-        draws = Draws(
+        parameters = SamplingParameters(
             temperature=1.0 if sampling.temperature is None else sampling.temperature,
             top_p=1.0 if sampling.top_p is None else sampling.top_p,
             top_k=int(sampling.extra_body.get("top_k", 0)),
             max_tokens=sampling.max_tokens or LONGEST_REPLY,
         )
-        return generate(self._loaded, requests, seeds, draws), self.weight_version
+        return generate(self._loaded, requests, seeds, parameters), self.weight_version
 
     def _load(self, path: str | Path) -> Any:
         try:
@@ -243,7 +244,7 @@ class LocalPolicy:
         return load_model(path, dtype=self.config.dtype, device=self.config.device)
 
     def _load_weights(self, folder: Path, version: str) -> None:
-        """All or nothing: what does not fit is found before anything is overwritten."""
+        """Load weights, all or none: mismatches are found before anything is overwritten."""
         if (folder / "adapter_config.json").exists():
             self._loaded = self._load(folder)
         else:
@@ -257,13 +258,16 @@ class LocalPolicy:
         model = self._loaded.model
         try:
             weights = load_file(path, device=self.config.device)
-            own = model.state_dict()
-            missing = sorted(set(own) - set(weights) - set(model.all_tied_weights_keys or ()))
+            current = model.state_dict()
+            missing = sorted(set(current) - set(weights) - set(model.all_tied_weights_keys or ()))
             if missing:
                 raise ValueError(f"{len(missing)} weights are missing, {missing[0]} among them")
-            other = [name for name in own.keys() & weights.keys() if own[name].shape != weights[name].shape]
-            if other:
-                raise ValueError(f"{len(other)} weights have another shape, {min(other)} among them")
+            shared = current.keys() & weights.keys()
+            mismatched = [name for name in shared if current[name].shape != weights[name].shape]
+            if mismatched:
+                raise ValueError(
+                    f"{len(mismatched)} weights have another shape, {min(mismatched)} among them"
+                )
             model.load_state_dict(weights, strict=False)
         except (OSError, ValueError, RuntimeError, SafetensorError) as error:
             reason = " ".join(str(error).split())[:200]
@@ -271,7 +275,7 @@ class LocalPolicy:
 
 
 class _LocalSession:
-    """One attempt's part: it only numbers its turns, so that each has random numbers of its own."""
+    """The session of one attempt, which gives each turn a seed of its own."""
 
     def __init__(self, policy: LocalPolicy, seed: int) -> None:
         self._policy = policy

@@ -1,4 +1,4 @@
-"""A server in a child process: started, monitored, stopped; it never outlives this process."""
+"""A server in a child process: started, monitored and stopped; it ends with this process."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from webgym.core.errors import ConfigError, StoreError, TrainingError
 
 _WATCHDOG: Final = Path(__file__).with_name("watchdog.py")
 _LOG_TAIL_BYTES: Final = 16 * 1024
-_TOLD_CHARS: Final = 300
+_QUOTED_CHARS: Final = 300
 
 
 class ManagedServer:
-    """A running server. Get one from :meth:`start`.
+    """A running server. Create one with :meth:`start`.
 
     Args:
-        process: of its watchdog (:mod:`webgym.inference.watchdog`).
-        name: of the command, for errors.
-        log: what it writes.
-        stop_seconds: how long its end may take before it is killed.
+        process: process of its watchdog (:mod:`webgym.inference.watchdog`).
+        name: name of the command, for errors.
+        log: file with the server's output.
+        stop_seconds: how long stopping may take before it is killed.
     """
 
     def __init__(self, process: Process, name: str, log: Path, stop_seconds: float) -> None:
@@ -41,13 +41,13 @@ class ManagedServer:
     async def start(
         cls, command: Sequence[str], env: Mapping[str, str], log: Path, *, stop_seconds: float = 30.0
     ) -> Self:
-        """Start a server. It comes up later, or does not.
+        """Start a server, without waiting until it is ready.
 
         Args:
-            command: its program and arguments; they are seen by everybody on the machine.
-            env: laid over our environment.
-            log: is appended to.
-            stop_seconds: how long its end may take before it is killed.
+            command: its program and arguments, which other users of the machine can see.
+            env: environment variables to add to this process's environment.
+            log: file to which its output is appended.
+            stop_seconds: how long stopping may take before it is killed.
 
         Raises:
             ConfigError: there is no such program.
@@ -70,7 +70,7 @@ class ManagedServer:
                 stdout=output,
                 stderr=STDOUT,
                 env={**os.environ, **env},
-                start_new_session=True,  # Ctrl-C is for us to hear, and to pass on in order
+                start_new_session=True,  # Ctrl-C reaches only this process, which stops the server in order
             )
         return cls(process, command[0], log, stop_seconds)
 
@@ -80,11 +80,11 @@ class ManagedServer:
         return self._process.returncode is None
 
     async def wait(self) -> None:
-        """Until it has ended."""
+        """Wait until it has ended."""
         await self._process.wait()
 
     async def stop(self) -> None:
-        """End it, and every process that it started."""
+        """Stop it, and every process that it started."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         try:
@@ -98,11 +98,13 @@ class ManagedServer:
             await self._process.wait()
 
     def failure(self, what: str) -> TrainingError:
-        """An error that says what happened, and how the log ends."""
-        return TrainingError(f"{self._name} {what}; its log ends: {self._told()}", hint=f"read {self._log}")
+        """An error with this description and the end of the log."""
+        return TrainingError(
+            f"{self._name} {what}; its log ends: {self._last_log_line()}", hint=f"read {self._log}"
+        )
 
-    def _told(self) -> str:
-        """The last line that names an error, or else the last."""
+    def _last_log_line(self) -> str:
+        """The last line that mentions an error, or else the last line."""
         try:
             with self._log.open("rb") as file:
                 file.seek(max(0, file.seek(0, os.SEEK_END) - _LOG_TAIL_BYTES))
@@ -110,14 +112,14 @@ class ManagedServer:
         except OSError:
             lines = []
         lines = [line for line in lines if line] or ["(nothing)"]
-        return next((line for line in reversed(lines) if "rror" in line), lines[-1])[-_TOLD_CHARS:]
+        return next((line for line in reversed(lines) if "rror" in line), lines[-1])[-_QUOTED_CHARS:]
 
 
 def free_port(host: str, port: int | None) -> int:
-    """A port that nobody listens at: the one that is given, or any.
+    """A port that is not in use: the given one, or any.
 
     Raises:
-        ConfigError: the one that is given is taken.
+        ConfigError: the given port is in use.
     """
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

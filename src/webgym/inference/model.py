@@ -27,23 +27,23 @@ from transformers.utils.logging import disable_progress_bar
 from webgym.core.errors import ConfigError
 from webgym.inference.rendering import Renderer
 
-disable_progress_bar()  # weights are loaded and saved in the middle of somebody else's output
+disable_progress_bar()  # weights are loaded and saved while other output is shown
 
 Dtype: TypeAlias = Literal["float32", "bfloat16"]
 
 _TRIM_THRESHOLD, _MMAP_MAX = -1, -4  # parameters of mallopt(3)
 
 HUB_SECONDS: Final = 5.0
-"""How long the hub may take to say whether it has a model."""
+"""Deadline of the check whether the hub can be reached."""
 
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """A model with all that its requests and replies pass through.
+    """A model with its renderer.
 
     Attributes:
         model: a transformers image-text-to-text model, in evaluation mode.
-        renderer: makes its requests.
+        renderer: renders its requests.
     """
 
     model: Any
@@ -61,33 +61,34 @@ class Loaded:
 
 
 def load_model(path: str | Path, *, dtype: Dtype = "float32", device: str = "cpu") -> Loaded:
-    """A model from a folder or from the Hugging Face hub; adapters are merged into the weights they are for.
+    """Load a model from a folder or from the Hugging Face hub; adapters are merged into their base weights.
 
     Args:
         path: a folder with ``config.json`` and ``*.safetensors``, one with ``adapter_config.json``, or the id
             of a model on the hub.
-        dtype: of the weights in memory.
-        device: as torch names it.
+        dtype: data type of the weights in memory.
+        device: device, as torch names it.
 
     Raises:
-        ConfigError: there is no such model, or it is not whole.
+        ConfigError: there is no such model, or it is incomplete.
     """
     if torch.device(device).type == "cpu":
         keep_freed_memory()
     renderer = load_renderer(path)
-    with loading(path) as where:
-        model = _weights(where, getattr(torch, dtype))
+    with loading(path) as source:
+        model = _weights(source, getattr(torch, dtype))
     ends = model.generation_config.eos_token_id if model.generation_config is not None else None
     if ends is not None:
         renderer.end_ids |= {ends} if isinstance(ends, int) else frozenset(ends)
-    return Loaded(quicken_vision(model).to(device).eval(), renderer)
+    return Loaded(speed_up_vision(model).to(device).eval(), renderer)
 
 
 def keep_freed_memory() -> None:
-    """Have glibc keep what is freed for what is allocated next; elsewhere nothing happens.
+    """Make glibc keep freed memory for later allocations; does nothing on other systems.
 
-    On a processor every operation allocates its result. By default glibc takes a large block from the system
-    and gives it back at once, so that each result is paged in anew: a third of a small model's time.
+    On the CPU, every operation allocates its result. By default glibc requests large blocks from the system
+    and
+    returns them at once, so that each result causes page faults: a third of a small model's time.
     """
     with contextlib.suppress(AttributeError, OSError):
         libc = ctypes.CDLL(None)
@@ -95,8 +96,8 @@ def keep_freed_memory() -> None:
         libc.mallopt(_TRIM_THRESHOLD, 2**31 - 1)
 
 
-class _Patches(torch.nn.Conv3d):
-    """A convolution that is given patch by patch, computed as the matrix product that it then is."""
+class _PatchConvolution(torch.nn.Conv3d):
+    """A convolution whose inputs are single patches, computed as a matrix product."""
 
     def forward(self, input: torch.Tensor) -> torch.Tensor:
         if input.shape[2:] != self.weight.shape[2:]:
@@ -105,8 +106,8 @@ class _Patches(torch.nn.Conv3d):
         return product[..., None, None, None]
 
 
-class _Together(Qwen3VLVisionAttention):
-    """Attention within each picture; pictures of one size are one batch instead of one call each."""
+class _BatchedVisionAttention(Qwen3VLVisionAttention):
+    """Attention within each picture, computed in one batch for pictures of equal size."""
 
     def forward(self, hidden_states: Any, cu_seqlens: Any, position_embeddings: Any, **others: Any) -> Any:
         lengths = cu_seqlens.diff()
@@ -116,30 +117,31 @@ class _Together(Qwen3VLVisionAttention):
         query, key, value = parts.unbind(1)
         query, key = apply_rotary_pos_emb_vision(query, key, *position_embeddings)
         pictures = (part.unflatten(0, (len(lengths), -1)).transpose(1, 2) for part in (query, key, value))
-        seen = scaled_dot_product_attention(*pictures)
-        return self.proj(seen.transpose(1, 2).flatten(0, 1).flatten(1))
+        attended = scaled_dot_product_attention(*pictures)
+        return self.proj(attended.transpose(1, 2).flatten(0, 1).flatten(1))
 
 
-def quicken_vision(model: Any) -> Any:
-    """Have a vision tower compute the same numbers faster; the weights and their names stay.
+def speed_up_vision(model: Any) -> Any:
+    """Make a vision tower compute the same values faster; weights and their names do not change.
 
-    Patches are embedded by a matrix product: Qwen-VL cuts the picture up first and convolves every patch by
-    itself, and torch's convolution over many tiny volumes is several times slower, backward above all. And
-    Qwen3-VL's attention is called once for all pictures where they are of one size.
+    Patches are embedded by a matrix product: Qwen-VL splits the picture first and convolves every patch on
+    its own, and torch's convolution over many tiny volumes is several times slower, especially backward. And
+    Qwen3-VL's attention is called once for all pictures if they have equal size.
     """
     for module in model.modules():
         if type(module) is torch.nn.Conv3d and module.kernel_size == module.stride and module.groups == 1:
-            module.__class__ = _Patches
+            module.__class__ = _PatchConvolution
         if type(module) is Qwen3VLVisionAttention:
-            module.__class__ = _Together
+            module.__class__ = _BatchedVisionAttention
     return model
 
 
-def quick_attention(device: torch.device | str) -> AbstractContextManager[None]:
-    """Around a forward pass that is trained on: on a processor, the attention whose gradient is quick.
+def fast_backward_attention(device: torch.device | str) -> AbstractContextManager[None]:
+    """Context for a forward pass in training: on the CPU, selects the attention with the faster backward
+    pass.
 
-    torch's flash attention for processors is quick forward, but its backward pass took a third of a tiny
-    model's update.
+    torch's flash attention on the CPU is fast forward, but its backward pass took a third of a tiny model's
+    update.
     """
     if torch.device(device).type == "cpu":
         return sdpa_kernel(SDPBackend.MATH)
@@ -147,19 +149,19 @@ def quick_attention(device: torch.device | str) -> AbstractContextManager[None]:
 
 
 def load_renderer(path: str | Path) -> Renderer:
-    """Tokenizer and image processor alone.
+    """Load only tokenizer and image processor.
 
-    The image processor is always the one that works with PIL: torchvision's gives other pixels, and whether
-    it is installed must not change what a model sees.
+    The image processor is always the PIL-based one: torchvision's gives other pixel values, and whether it is
+    installed must not change a model's input.
 
     Raises:
-        ConfigError: there is no such model, or it is not whole.
+        ConfigError: there is no such model, or it is incomplete.
     """
-    with loading(path) as where:
-        tokenizer = AutoTokenizer.from_pretrained(where)
-        image_processor = AutoImageProcessor.from_pretrained(where, backend="pil")
+    with loading(path) as source:
+        tokenizer = AutoTokenizer.from_pretrained(source)
+        image_processor = AutoImageProcessor.from_pretrained(source, backend="pil")
     if not tokenizer.chat_template:
-        raise ConfigError(f"the model {path} has no chat template", hint="give an instruct model")
+        raise ConfigError(f"the model {path} has no chat template", hint="use an instruct model")
     return Renderer(tokenizer, image_processor)
 
 
@@ -171,19 +173,19 @@ def _weights(path: str, dtype: torch.dtype) -> Any:
     with loading(peft.PeftConfig.from_pretrained(path).base_model_name_or_path) as base:
         model = AutoModelForImageTextToText.from_pretrained(base, dtype=dtype)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FutureWarning)  # of transformers, about what peft calls
+        warnings.simplefilter("ignore", FutureWarning)  # by transformers, about calls of peft
         return peft.PeftModel.from_pretrained(model, path).merge_and_unload()
 
 
 @contextmanager
 def loading(path: str | Path) -> Iterator[str]:
-    """Loading a model with transformers; gives where from.
+    """Context for loading a model with transformers. Yields the folder or id to load from.
 
-    The hub is asked once, briefly, whether it is there. If it is not, what was downloaded before is loaded:
-    the libraries would try again for every file, which took 47 s to say that there is no such model.
+    A short request checks once whether the hub can be reached. If not, the downloaded files are used: the
+    libraries would retry for every file, and took 47 s to report that a model does not exist.
 
     Raises:
-        ConfigError: there is no such model, or it is not whole: whatever the libraries raise, as one line.
+        ConfigError: there is no such model, or it is incomplete; with the libraries' error in one line.
     """
     is_hub_id = not Path(path).exists() and not Path(path).is_absolute()
     try:
@@ -194,7 +196,7 @@ def loading(path: str | Path) -> Iterator[str]:
     except (OSError, ValueError, KeyError, RuntimeError, ImportError) as error:
         reason = str(error).strip().split("\n", 1)[0][:200]
         if isinstance(error, LocalEntryNotFoundError):
-            reason = f"it is no folder, was never downloaded, and {constants.ENDPOINT} is not reached"
+            reason = f"it is not a folder, was never downloaded, and {constants.ENDPOINT} cannot be reached"
         elif Path(path).is_absolute() and not Path(path).exists():  # the hub's rules for ids are no help
             reason = "there is no such folder"
         raise ConfigError(
@@ -204,7 +206,7 @@ def loading(path: str | Path) -> Iterator[str]:
 
 
 def _hub_answers(model: str) -> bool:
-    """Whether the hub says anything about a model, be it that there is none."""
+    """Whether the hub answers a request for a model, even if the model does not exist."""
     if constants.HF_HUB_OFFLINE:
         return False
     try:

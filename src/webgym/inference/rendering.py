@@ -1,9 +1,8 @@
 """Renders requests for a vision-language model: token ids with images expanded, and pixels.
 
-Inference in this process and training render with this very code, so that a model is trained on what it saw.
-Servers do the same: the chat template writes the text with one placeholder per picture, the text is split
-into tokens without further special tokens, and each placeholder becomes as many image tokens as its picture
-has.
+Inference in this process and training use the same code, so that a model is trained on its actual inputs.
+Servers do the same: the chat template writes the text with one placeholder per picture, the text is tokenized
+without further special tokens, and each placeholder is expanded to the number of image tokens of its picture.
 """
 
 from __future__ import annotations
@@ -24,14 +23,14 @@ THINK_START = "<think>"
 THINK_END = "</think>"
 
 _SMALL = 256 * 256
-"""Pixels of a picture that is worth remembering: half of a small website's looks are at pages seen before."""
-_REMEMBERED = 256
-"""Small pictures; at most 0.4 GB in patches."""
+"""Largest picture that is cached, pixels: half of a small website's screenshots repeat earlier ones."""
+_CACHED_PICTURES = 256
+"""Number of cached pictures; at most 0.4 GB in patches."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pixels:
-    """Pictures as a Qwen-VL vision tower reads them.
+    """Pictures in the input format of a Qwen-VL vision tower.
 
     Attributes:
         values: (patches of all pictures, channels x frames x patch side squared), float32.
@@ -47,8 +46,8 @@ class Encoded:
     """A request, ready for a model.
 
     Attributes:
-        prompt_ids: token ids, image tokens expanded, the opening of the reply included.
-        pixels: the pictures in order; ``None`` if there is none.
+        prompt_ids: token ids, with image tokens expanded, up to the start of the reply.
+        pixels: the pictures in order; ``None`` if there are none.
     """
 
     prompt_ids: list[int]
@@ -59,9 +58,9 @@ class Renderer:
     """Renders requests for one model.
 
     Args:
-        tokenizer: of transformers, with a chat template.
-        image_processor: of the Qwen2-VL kind: gives ``pixel_values`` and ``image_grid_thw``.
-        end_ids: ids that end a reply; by default the tokenizer's end-of-sequence token.
+        tokenizer: a transformers tokenizer with a chat template.
+        image_processor: a Qwen2-VL image processor, which gives ``pixel_values`` and ``image_grid_thw``.
+        end_ids: token ids that end a reply; by default the tokenizer's end-of-sequence token.
     """
 
     def __init__(self, tokenizer: Any, image_processor: Any, end_ids: Iterable[int] = ()) -> None:
@@ -73,24 +72,25 @@ class Renderer:
         self.pad_id: int = (
             tokenizer.eos_token_id if tokenizer.pad_token_id is None else tokenizer.pad_token_id
         )
-        self._remembered = lru_cache(_REMEMBERED)(self._pixels_of)
+        self._cached_pixels_of = lru_cache(_CACHED_PICTURES)(self._pixels_of)
 
     def prompt(self, messages: Sequence[Message], images: Mapping[str, bytes]) -> Encoded:
-        """A request as the model reads it.
+        """Render a request.
 
         Args:
-            messages: of the request.
+            messages: the messages of the request.
             images: its pictures by name, encoded, at the size at which they are sent.
 
         Raises:
-            PolicyError: a picture cannot be read or has another size than the request says, or a text holds
-                the image placeholder itself, so that placeholders and pictures do not match.
+            PolicyError: a picture cannot be read or has another size than the request says, or a text
+                contains the image placeholder itself, so that placeholders and pictures do not match.
         """
         ids = self.prompt_ids(messages)
         return Encoded(ids, self.pixels(messages, images))
 
     def prompt_ids(self, messages: Sequence[Message]) -> list[int]:
-        """The ids of a request, without looking at its pictures: their sizes say how many tokens they take.
+        """The token ids of a request. Needs only the sizes of its pictures, which determine their token
+        counts.
 
         Args:
             messages: the request.
@@ -101,7 +101,7 @@ class Renderer:
         return self.expanded(self.short_prompt_ids(messages), self.image_tokens(messages))
 
     def short_prompt_ids(self, messages: Sequence[Message]) -> list[int]:
-        """The ids of a request with one image token for each picture.
+        """The token ids of a request with one image token for each picture.
 
         Args:
             messages: the request.
@@ -110,35 +110,35 @@ class Renderer:
         return ids
 
     def expanded(self, ids: Sequence[int], counts: Sequence[int]) -> list[int]:
-        """Ids with one image token for each picture, which becomes as many as the picture takes.
+        """Expand the image token of each picture to the number of tokens of the picture.
 
         Args:
-            ids: as a tokenizer gives them.
-            counts: of each picture, in order.
+            ids: token ids with one image token for each picture.
+            counts: number of tokens of each picture, in order.
 
         Raises:
             PolicyError: placeholders and pictures do not match.
         """
-        found: list[int] = []
-        met = 0
+        expanded: list[int] = []
+        placeholders = 0
         for token in ids:
             if token != self.image_id:
-                found.append(token)
+                expanded.append(token)
                 continue
-            met += 1
-            found += [token] * (counts[met - 1] if met <= len(counts) else 1)
-        if met != len(counts):
-            raise PolicyError(f"the request has {len(counts)} pictures and {met} image placeholders")
-        return found
+            placeholders += 1
+            expanded += [token] * (counts[placeholders - 1] if placeholders <= len(counts) else 1)
+        if placeholders != len(counts):
+            raise PolicyError(f"the request has {len(counts)} pictures and {placeholders} image placeholders")
+        return expanded
 
     def text(self, messages: Sequence[Message]) -> str:
-        """The request as text, a placeholder per picture, the opening of the reply included.
+        """The request as text, with a placeholder per picture, up to the start of the reply.
 
         Args:
             messages: the request.
         """
         rendered: str = self.tokenizer.apply_chat_template(
-            [{"role": each.role, "content": _content(each)} for each in messages],
+            [{"role": message.role, "content": _content(message)} for message in messages],
             tokenize=False,
             add_generation_prompt=True,
         )
@@ -157,23 +157,25 @@ class Renderer:
         refs = pictures_of(messages)
         if not refs:
             return None
-        found = [
-            (self._remembered if ref.width * ref.height <= _SMALL else self._pixels_of)(
+        pictures = [
+            (self._cached_pixels_of if ref.width * ref.height <= _SMALL else self._pixels_of)(
                 images[ref.screenshot], ref.width, ref.height
             )
             for ref in refs
         ]
-        return Pixels(torch.cat([each.values for each in found]), torch.cat([each.grid for each in found]))
+        return Pixels(torch.cat([it.values for it in pictures]), torch.cat([it.grid for it in pictures]))
 
     def _pixels_of(self, data: bytes, width: int, height: int) -> Pixels:
         decoded = _decoded(data)
         if decoded.size != (width, height):
-            raise PolicyError(f"a picture of {decoded.size} was to be sent as {width} x {height}")
-        made = self.image_processor(images=[decoded], return_tensors="pt")
-        return Pixels(made["pixel_values"], made["image_grid_thw"])
+            raise PolicyError(
+                f"a picture of {decoded.size} does not have the size {width} x {height} of the request"
+            )
+        processed = self.image_processor(images=[decoded], return_tensors="pt")
+        return Pixels(processed["pixel_values"], processed["image_grid_thw"])
 
     def image_tokens(self, messages: Sequence[Message]) -> list[int]:
-        """How many tokens each picture of a request takes, in order.
+        """The number of tokens of each picture of a request, in order.
 
         Args:
             messages: the request.
@@ -183,27 +185,27 @@ class Renderer:
         return [patches(ref.height, ref.width) // merged for ref in pictures_of(messages)]
 
     def image_mask(self, ids: Sequence[int]) -> list[int]:
-        """1 for an image token and 0 for any other: what models call ``mm_token_type_ids``.
+        """1 for an image token and 0 for any other, as for models' ``mm_token_type_ids``.
 
         Args:
-            ids: of a prompt, a reply or both.
+            ids: token ids of a prompt, a reply or both.
         """
         return [int(token == self.image_id) for token in ids]
 
     def opens_thinking(self, prompt_ids: Sequence[int]) -> bool:
-        """Whether the chat template has opened the thinking already, so that the reply goes on inside.
+        """Whether the chat template has opened the thinking, so that the reply begins inside of it.
 
         Args:
-            prompt_ids: of the whole prompt.
+            prompt_ids: token ids of the whole prompt.
         """
         tail: str = self.tokenizer.decode(list(prompt_ids[-8:]))
         return tail.rstrip().endswith(THINK_START)
 
     def decode(self, reply_ids: Sequence[int]) -> str:
-        """A reply as a server gives it: without special tokens, white space as it is.
+        """A reply as text, as servers decode it: without special tokens, with white space unchanged.
 
         Args:
-            reply_ids: as sampled, with or without the end token.
+            reply_ids: the sampled token ids, with or without the end token.
         """
         text: str = self.tokenizer.decode(
             list(reply_ids), skip_special_tokens=True, clean_up_tokenization_spaces=False
@@ -212,12 +214,13 @@ class Renderer:
 
 
 def pictures_of(messages: Sequence[Message]) -> list[ImageRef]:
-    """The pictures of a request, in its order; one that is shown twice comes twice."""
-    return [part for each in messages for part in each.content if isinstance(part, ImageRef)]
+    """The pictures of a request, in order; a picture that occurs twice is listed twice."""
+    return [part for message in messages for part in message.content if isinstance(part, ImageRef)]
 
 
 def _content(message: Message) -> str | list[dict[str, str]]:
-    """As :func:`webgym.agent.request.to_openai` sends it, in the words of chat templates."""
+    """A message's content as :func:`webgym.agent.request.to_openai` sends it, in the form for chat
+    templates."""
     if all(isinstance(part, TextPart) for part in message.content):
         return "".join(part.text for part in message.content if isinstance(part, TextPart))
     return [

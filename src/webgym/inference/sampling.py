@@ -1,4 +1,4 @@
-"""Drawing tokens from a model's scores, with the log-probability of what was drawn."""
+"""Samples tokens from a model's logits, with the log-probabilities of the sampled tokens."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ def processed_logprobs(
     Args:
         logits: (rows, vocabulary).
         temperature: above 0.
-        top_p: the smallest set of tokens whose probabilities reach this share is kept; 1 keeps all.
-        top_k: so many likeliest tokens are kept; 0 keeps all.
+        top_p: the smallest set of likeliest tokens whose probabilities sum to this is kept; 1 keeps all.
+        top_k: this many likeliest tokens are kept; 0 keeps all.
 
     Returns:
-        (rows, vocabulary), float32, minus infinity for a token that is left out.
+        (rows, vocabulary), float32; minus infinity for excluded tokens.
     """
     scores = logits.float() / temperature
     if 0 < top_k < scores.shape[-1]:
@@ -28,14 +28,14 @@ def processed_logprobs(
     if top_p < 1.0:
         ordered, places = scores.sort(dim=-1, descending=True)
         probabilities = ordered.softmax(dim=-1)
-        # What is above a token, without itself: the likeliest is always kept.
+        # The probability of all likelier tokens, without the token itself: the likeliest is always kept.
         beyond = probabilities.cumsum(dim=-1) - probabilities >= top_p
         scores = scores.masked_fill(beyond.scatter(-1, places, beyond), float("-inf"))
     return scores.log_softmax(dim=-1)
 
 
 def draw(logprobs: torch.Tensor, generators: Sequence[torch.Generator]) -> torch.Tensor:
-    """One token for each row, each by its row's own generator, so that a row's draw is its own.
+    """Sample one token for each row with the row's own generator, so that rows do not influence each other.
 
     Args:
         logprobs: (rows, vocabulary), on any device.
@@ -46,9 +46,9 @@ def draw(logprobs: torch.Tensor, generators: Sequence[torch.Generator]) -> torch
     """
     uniform = torch.stack([torch.rand((), generator=generator) for generator in generators])
     cumulated = logprobs.exp().cumsum(dim=-1)
-    wanted = uniform.to(logprobs.device, logprobs.dtype)[:, None] * cumulated[:, -1:]
-    drawn = torch.searchsorted(cumulated, wanted, right=True).squeeze(-1)
-    # Rounding may lead past the last token that can be drawn.
+    thresholds = uniform.to(logprobs.device, logprobs.dtype)[:, None] * cumulated[:, -1:]
+    drawn = torch.searchsorted(cumulated, thresholds, right=True).squeeze(-1)
+    # Rounding may lead past the last token with a probability above 0.
     possible = logprobs.isfinite()
     last = possible.shape[-1] - 1 - possible.flip(-1).int().argmax(dim=-1)
     return torch.minimum(drawn, last)

@@ -1,8 +1,8 @@
-"""A vLLM server: how it is started, what it is asked, and the policy that replies with it.
+"""A vLLM server: its command line, its HTTP API, and the policy that replies with it.
 
 Names of flags, endpoints and fields are those of vLLM's documentation (0.33): LoRA adapters
 (``features/lora``), weight transfer and asynchronous RL (``training/``), the chat API's own extensions
-(``return_token_ids``). Nothing beyond the chat API is taken for granted: see :meth:`VllmApi.offers`.
+(``return_token_ids``). Endpoints beyond the chat API are optional: see :meth:`VllmApi.offers`.
 """
 
 from __future__ import annotations
@@ -24,16 +24,17 @@ from webgym.core.errors import LLMBadReply, LLMError, LLMUnreachable, PolicyBadR
 from webgym.core.task import Task
 from webgym.core.trajectory import Reply
 from webgym.llm.client import is_loopback
-from webgym.llm.completion import first_line, quote, told
+from webgym.llm.completion import error_message, first_line, quote
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.health import register_client
 from webgym.settings import Settings
 
-Way: TypeAlias = Literal["lora", "in_place", "restart"]
+PublishMethod: TypeAlias = Literal["lora", "in_place", "restart"]
+"""How new weights are published: as a LoRA adapter, into the running server, or by restarting it."""
 
 _HOST: Final = "127.0.0.1"
 _LORA_RANKS: Final = (8, 16, 32, 64, 128, 256, 320, 512)
-"""What ``--max-lora-rank`` takes."""
+"""Values that ``--max-lora-rank`` accepts."""
 
 EXPLICIT: Final = Sampling(
     temperature=1.0,
@@ -46,61 +47,62 @@ EXPLICIT: Final = Sampling(
         "logprobs": True,
     },
 )
-"""Every parameter is named: a server takes what is not from the model's ``generation_config.json``."""
+"""Every parameter is set, because a server takes missing ones from the model's ``generation_config.json``."""
 
 _MOST_FOREIGN: Final = 5
-"""Replies of other weights than the published ones, after which the training stops."""
+"""Number of replies with other weights than the published ones, after which the training stops."""
 
 
 class VllmConfig(Settings):
-    """A vLLM server that replies while a policy learns. Fields that it has too are named as there."""
+    """Settings of a vLLM server for training. Fields with vLLM's names have the same meaning as there."""
 
     base_url: str | None = None
-    """Of a server that runs already, e.g. ``http://127.0.0.1:8000/v1``; ``None`` starts one here."""
+    """Base URL of a running server, e.g. ``http://127.0.0.1:8000/v1``; ``None`` starts one on this
+    machine."""
 
     model: str | None = None
-    """What a server that is started here serves first: a folder or hub id, by default ``learn.model``. Of a
-    running server: the name that it has for that model, by default the only one that it lists."""
+    """For a server started here, the first model that it serves: a folder or hub id, by default
+    ``learn.model``. For a running server, its name for that model, by default the only one that it lists."""
 
     publish: Literal["auto", "lora", "in_place", "restart"] = "auto"
-    """How it gets new weights. ``auto`` takes ``lora`` for adapters; for all weights ``restart`` where the
-    server is ours, else ``in_place``."""
+    """How new weights are published. ``auto``: ``lora`` for adapters; for all weights ``restart`` if the
+    server was started here, else ``in_place``."""
 
     tensor_parallel_size: int = Field(default=1, ge=1)
-    """GPUs that share the weights."""
+    """Number of GPUs over which the weights are distributed."""
 
     data_parallel_size: int = Field(default=1, ge=1)
-    """Copies of the weights."""
+    """Number of copies of the weights."""
 
     max_model_len: int | None = Field(default=None, ge=1)
-    """Longest request and reply, in tokens; by default the model's own."""
+    """Longest request and reply together, in tokens; by default the model's own limit."""
 
     gpu_memory_utilization: float = Field(default=0.9, gt=0, le=1)
-    """Share of each GPU's memory. Less where the learner is on the same GPU."""
+    """Share of each GPU's memory to use. Set it lower if the learner is on the same GPU."""
 
     executable: str = "vllm"
-    """The command, on the PATH or as a path."""
+    """The command: a name on the PATH, or a path."""
 
     extra_args: tuple[str, ...] = ()
     """Further arguments of ``vllm serve``, e.g. ``--enforce-eager``."""
 
     env: dict[str, str] = Field(default_factory=dict)
-    """Further environment, e.g. ``CUDA_VISIBLE_DEVICES``."""
+    """Further environment variables, e.g. ``CUDA_VISIBLE_DEVICES``."""
 
     port: int | None = Field(default=None, ge=1, le=65535)
-    """Where it listens on this machine; by default any free one."""
+    """Port on this machine; by default any free one."""
 
     start_seconds: float = Field(default=1800.0, gt=0)
-    """How long it may take until it replies: weights are read, and kernels compiled."""
+    """Deadline for starting: weights are read, and kernels compiled."""
 
     restarts: int = Field(default=3, ge=0)
     """How often a server that ended is started again between two publications."""
 
     update_seconds: float = Field(default=600.0, gt=0)
-    """How long taking new weights may last, from the last reply of the old ones on."""
+    """Deadline for loading new weights, after the last reply with the old ones."""
 
     api_key_env: str = "WEBGYM_API_KEY"
-    """Environment variable that holds the key of a running server. One that is started here gets its own."""
+    """Environment variable with the key of a running server. A server started here gets a random key."""
 
     concurrency: int = Field(default=80, ge=1)
     """Most requests in flight (paper, appendix F: 80)."""
@@ -109,7 +111,7 @@ class VllmConfig(Settings):
     """Deadline of a reply."""
 
     sampling: Sampling = Sampling()
-    """What is not set comes from the model's profile."""
+    """Sampling parameters; those not set come from the model's profile."""
 
     @field_validator("base_url")
     @classmethod
@@ -118,8 +120,8 @@ class VllmConfig(Settings):
 
     @field_validator("extra_args")
     @classmethod
-    def _leaves_ours_alone(cls, given: tuple[str, ...]) -> tuple[str, ...]:
-        ours = {
+    def _sets_no_reserved_option(cls, arguments: tuple[str, ...]) -> tuple[str, ...]:
+        reserved = {
             "--host",
             "--port",
             "--served-model-name",
@@ -127,46 +129,50 @@ class VllmConfig(Settings):
             "--logprobs-mode",
             "--generation-config",
         }
-        if taken := sorted(ours & {each.split("=", 1)[0] for each in given}):
-            raise ValueError(f"extra_args must not set {', '.join(taken)}")
-        return given
+        if conflicts := sorted(reserved & {argument.split("=", 1)[0] for argument in arguments}):
+            raise ValueError(f"extra_args must not set {', '.join(conflicts)}")
+        return arguments
 
-    def command(self, model: str, name: str, port: int, way: Way, lora_rank: int) -> list[str]:
+    def command(
+        self, model: str, name: str, port: int, publish_method: PublishMethod, lora_rank: int
+    ) -> list[str]:
         """``vllm serve`` and its arguments.
 
         Args:
             model: folder or hub id.
-            name: what requests ask for.
-            port: where to listen.
-            way: how weights will be published.
-            lora_rank: of adapters.
+            name: the model's name in requests.
+            port: port to listen on.
+            publish_method: how weights will be published.
+            lora_rank: rank of adapters.
         """
-        made = [self.executable, "serve", model, "--served-model-name", name]
-        made += ["--host", _HOST, "--port", str(port)]
-        made += ["--tensor-parallel-size", str(self.tensor_parallel_size)]
-        made += ["--data-parallel-size", str(self.data_parallel_size)] if self.data_parallel_size > 1 else []
-        made += ["--gpu-memory-utilization", str(self.gpu_memory_utilization)]
-        made += ["--max-model-len", str(self.max_model_len)] if self.max_model_len else []
-        made += ["--logprobs-mode", "processed_logprobs", "--generation-config", "vllm"]
-        if way == "lora":
+        arguments = [self.executable, "serve", model, "--served-model-name", name]
+        arguments += ["--host", _HOST, "--port", str(port)]
+        arguments += ["--tensor-parallel-size", str(self.tensor_parallel_size)]
+        arguments += (
+            ["--data-parallel-size", str(self.data_parallel_size)] if self.data_parallel_size > 1 else []
+        )
+        arguments += ["--gpu-memory-utilization", str(self.gpu_memory_utilization)]
+        arguments += ["--max-model-len", str(self.max_model_len)] if self.max_model_len else []
+        arguments += ["--logprobs-mode", "processed_logprobs", "--generation-config", "vllm"]
+        if publish_method == "lora":
             largest = next((rank for rank in _LORA_RANKS if rank >= lora_rank), lora_rank)
-            # Two at once: the new adapter is loaded and tested while the old one still replies.
-            made += ["--enable-lora", "--max-lora-rank", str(largest), "--max-loras", "2"]
-            # Each of several front ends would know its own adapters alone, so vLLM refuses more than one.
-            made += ["--api-server-count", "1"] if self.data_parallel_size > 1 else []
-        return [*made, *self.extra_args]
+            # Two adapters at once: the new one is loaded and tested while the old one still replies.
+            arguments += ["--enable-lora", "--max-lora-rank", str(largest), "--max-loras", "2"]
+            # Each of several API servers would only know its own adapters, so vLLM allows only one.
+            arguments += ["--api-server-count", "1"] if self.data_parallel_size > 1 else []
+        return [*arguments, *self.extra_args]
 
-    def environment(self, key: SecretStr, way: Way) -> dict[str, str]:
-        """Of the server that is started."""
-        own = {"VLLM_API_KEY": key.get_secret_value()}
-        if way == "lora":
-            own["VLLM_ALLOW_RUNTIME_LORA_UPDATING"] = "True"
-        if way == "in_place":
-            own["VLLM_SERVER_DEV_MODE"] = "1"
-        return own | self.env
+    def environment(self, key: SecretStr, publish_method: PublishMethod) -> dict[str, str]:
+        """Environment variables of a server that is started here."""
+        variables = {"VLLM_API_KEY": key.get_secret_value()}
+        if publish_method == "lora":
+            variables["VLLM_ALLOW_RUNTIME_LORA_UPDATING"] = "True"
+        if publish_method == "in_place":
+            variables["VLLM_SERVER_DEV_MODE"] = "1"
+        return variables | self.env
 
     def chat(self, base_url: str, model: str) -> ChatConfig:
-        """The endpoint as the policy's client knows it."""
+        """The config of the policy's client for this endpoint."""
         return ChatConfig(
             base_url=base_url,
             model=model,
@@ -179,12 +185,12 @@ class VllmConfig(Settings):
 
 
 class VllmApi:
-    """What a server is asked beside replies.
+    """The server's HTTP API besides replies.
 
     Args:
-        base_url: with ``/v1``.
-        key: that it wants; empty for none.
-        update_seconds: how long it may take over new weights.
+        base_url: the server's base URL, with ``/v1``.
+        key: its API key; empty for none.
+        update_seconds: deadline for loading new weights.
     """
 
     def __init__(self, base_url: str, key: SecretStr, update_seconds: float = 600.0) -> None:
@@ -204,7 +210,7 @@ class VllmApi:
         await self._http.aclose()
 
     async def is_up(self) -> bool:
-        """Whether it replies by now."""
+        """Whether it answers requests."""
         try:
             await self.models()
         except LLMError:
@@ -212,83 +218,87 @@ class VllmApi:
         return True
 
     async def models(self) -> list[str]:
-        """The names that requests may ask for, adapters among them."""
-        found = await self._ask("GET", "/v1/models")
-        return [str(each["id"]) for each in found.get("data", []) if isinstance(each, dict) and "id" in each]
+        """The names of its models and adapters."""
+        answer = await self._request("GET", "/v1/models")
+        models = answer.get("data", [])
+        return [str(model["id"]) for model in models if isinstance(model, dict) and "id" in model]
 
     async def offers(self, path: str) -> bool:
-        """Whether there is an endpoint. It is not used: one that wants POST refuses GET in another way."""
+        """Whether the server has an endpoint. It is not called: endpoints for POST refuse GET with another
+        status."""
         try:
             return (await self._http.get(self._root + path)).status_code not in (404, 501)
         except httpx.HTTPError as error:
             raise self._unreachable(error) from error
 
     async def weight_version(self) -> str:
-        """The label of the weights that reply now."""
-        return str((await self._ask("GET", "/weight_info")).get("weight_version", ""))
+        """The version label of the current weights."""
+        return str((await self._request("GET", "/weight_info")).get("weight_version", ""))
 
     async def load_adapter(self, name: str, folder: str) -> None:
-        """Load an adapter under a name that was never used: caches go by the name (vLLM #42125)."""
-        await self._ask("POST", "/v1/load_lora_adapter", {"lora_name": name, "lora_path": folder})
+        """Load an adapter under a name that was never used, because caches are keyed by the name (vLLM
+        #42125)."""
+        await self._request("POST", "/v1/load_lora_adapter", {"lora_name": name, "lora_path": folder})
 
     async def unload_adapter(self, name: str) -> None:
-        """Forget an adapter."""
-        await self._ask("POST", "/v1/unload_lora_adapter", {"lora_name": name})
+        """Unload an adapter."""
+        await self._request("POST", "/v1/unload_lora_adapter", {"lora_name": name})
 
     async def update_weights(self, folder: str, version: str) -> None:
-        """Put weights into the server as it runs. It is paused meanwhile; if this fails, it stays so.
+        """Load weights into the running server, which is paused during the update. If that fails, it stays
+        paused.
 
-        By the ``disk`` backend of its weight transfer, which only some builds have; else by the workers'
+        Uses the ``disk`` backend of its weight transfer, which only some builds have; else the workers'
         ``reload_weights``.
         """
-        await self._ask("POST", "/pause?mode=wait")
-        if await self._takes_from_disk():
-            await self._ask("POST", "/start_weight_update", {})
-            await self._ask("POST", "/update_weights", {"update_info": {"path": folder}})
-            await self._ask("POST", "/finish_weight_update", {"weight_version": version})
+        await self._request("POST", "/pause?mode=wait")
+        if await self._supports_disk_transfer():
+            await self._request("POST", "/start_weight_update", {})
+            await self._request("POST", "/update_weights", {"update_info": {"path": folder}})
+            await self._request("POST", "/finish_weight_update", {"weight_version": version})
         else:
-            wanted = {"method": "reload_weights", "kwargs": {"weights_path": folder}}
-            await self._ask("POST", "/collective_rpc", wanted)
+            call = {"method": "reload_weights", "kwargs": {"weights_path": folder}}
+            await self._request("POST", "/collective_rpc", call)
         for cache in ("/reset_prefix_cache", "/reset_mm_cache", "/reset_encoder_cache"):
             if await self.offers(cache):
-                await self._ask("POST", cache)
+                await self._request("POST", cache)
         await self.label(version)
-        await self._ask("POST", "/resume")
+        await self._request("POST", "/resume")
 
     async def label(self, version: str) -> None:
-        """Have the server call its weights so, where it can."""
+        """Set the version label of the server's weights, if it supports labels."""
         if await self.offers("/weight_info") and await self.weight_version() != version:
-            await self._ask("POST", "/update_weight_version", {"new_version": version})
+            await self._request("POST", "/update_weight_version", {"new_version": version})
 
-    async def _takes_from_disk(self) -> bool:
+    async def _supports_disk_transfer(self) -> bool:
         if not await self.offers("/init_weight_transfer_engine"):
             return False
         try:
-            await self._ask("POST", "/init_weight_transfer_engine", {"init_info": {}})
-        except LLMBadReply:  # another backend, which wants to know more; or none
+            await self._request("POST", "/init_weight_transfer_engine", {"init_info": {}})
+        except LLMBadReply:  # another backend, which needs more arguments; or none
             return False
         return True
 
-    async def _ask(self, method: str, path: str, body: Mapping[str, Any] | None = None) -> dict[str, Any]:
-        """The JSON object that it answers; empty if it answers something else.
+    async def _request(self, method: str, path: str, body: Mapping[str, Any] | None = None) -> dict[str, Any]:
+        """Send a request; returns the JSON object in the answer, or an empty one if it is something else.
 
         Raises:
-            LLMUnreachable: it does not answer.
-            LLMBadReply: it refuses.
+            LLMUnreachable: the server does not answer.
+            LLMBadReply: it answers with an error status.
         """
         timeout = self._update_seconds if method == "POST" else 10.0
         try:
             answer = await self._http.request(method, self._root + path, json=body, timeout=timeout)
-        except (httpx.HTTPError, RuntimeError) as error:  # closed meanwhile, because the server ended
+        except (httpx.HTTPError, RuntimeError) as error:  # RuntimeError: closed, because the server ended
             raise self._unreachable(error) from error
         if answer.status_code != 200:
-            said = told(answer.content) or quote(answer.content)
-            raise LLMBadReply(f"{self._root}{path} answered {answer.status_code}: {said}")
+            reason = error_message(answer.content) or quote(answer.content)
+            raise LLMBadReply(f"{self._root}{path} answered {answer.status_code}: {reason}")
         try:
-            found = json.loads(answer.content or b"{}")
+            content = json.loads(answer.content or b"{}")
         except ValueError:
             return {}
-        return found if isinstance(found, dict) else {}
+        return content if isinstance(content, dict) else {}
 
     def _unreachable(self, error: Exception) -> LLMUnreachable:
         why = first_line(str(error)) or type(error).__name__
@@ -297,15 +307,15 @@ class VllmApi:
 
 @dataclass(eq=False)
 class Served:
-    """Weights that are served, under the name that requests ask for.
+    """Weights on a server.
 
     Attributes:
-        api: of the server.
-        model: that name. Replies must have it.
-        version: of the weights; what replies are recorded with.
+        api: the server's API.
+        model: name of the weights in requests, which replies must have too.
+        version: version of the weights, for the records of replies.
         policy: the client.
-        is_labelled: whether the server was told this version, so that what it says can be compared.
-        is_adapter: whether the name is an adapter's, which is to be unloaded in the end.
+        is_labelled: whether the server has this version as its label, so that it can be compared.
+        is_adapter: whether the name is that of an adapter, which is to be unloaded later.
         idle: set while no request is in flight.
     """
 
@@ -322,8 +332,8 @@ class Served:
         self.idle.set()
 
     @contextmanager
-    def used(self) -> Iterator[None]:
-        """While a request is in flight."""
+    def in_use(self) -> Iterator[None]:
+        """Count a request in flight during the block."""
         self._in_flight += 1
         self.idle.clear()
         try:
@@ -334,15 +344,15 @@ class Served:
                 self.idle.set()
 
     async def reply(self, turn: PolicyInput) -> Reply:
-        """The model's reply to a turn, :meth:`checked`."""
+        """The model's reply to a turn, checked by :meth:`checked`."""
         return await self.checked(await self.policy.reply(turn))
 
     async def checked(self, reply: Reply) -> Reply:
-        """The reply, if it is of these weights as far as the server says it.
+        """The reply, if it is of these weights, as far as the server reports that.
 
         Raises:
-            ForeignReply: it is not.
-            PolicyError: the server does not say any more.
+            ForeignReply: it is of other weights.
+            PolicyError: the server's label could not be queried.
         """
         if reply.policy != self.model:
             raise ForeignReply(f"the endpoint replied with the model {reply.policy!r}, not {self.model!r}")
@@ -361,16 +371,16 @@ class ForeignReply(PolicyBadReply):
 
 
 class VllmPolicy(BasePolicy):
-    """Replies with the weights that are served; while none are, callers wait.
+    """Replies with the current weights of a server; during a change of weights, callers wait.
 
     Args:
-        name: of the model, for records; the same for all its weights.
+        name: name of the model in records, the same for all of its weights.
 
     Attributes:
         name: as given.
-        served: what replies now.
+        served: the current weights.
         distrusted: set when the server replied with other weights a few times.
-        why: then, the last time.
+        why: the message of the last such reply.
     """
 
     wants_elements = False
@@ -384,49 +394,50 @@ class VllmPolicy(BasePolicy):
         self._open = asyncio.Event()
 
     def switch(self, served: Served) -> Served | None:
-        """Reply with these from now on; what replied before, and may have requests in flight."""
-        before, self.served = self.served, served
+        """Reply with these weights from now on. Returns the previous ones, which may have requests in
+        flight."""
+        previous, self.served = self.served, served
         self._foreign = 0
         self._open.set()
-        return before
+        return previous
 
     async def close(self) -> None:
-        """Let no further request through, and wait for those in flight."""
+        """Hold back further requests, and wait for those in flight."""
         self._open.clear()
         if self.served is not None:
             await self.served.idle.wait()
 
     def hold(self) -> None:
-        """Let no further request through; those in flight are lost, and will be sent again."""
+        """Hold back further requests. Those in flight are lost, and will be sent again."""
         self._open.clear()
 
     @property
     def problem(self) -> str:
-        """What holds its requests up at this moment; empty for nothing."""
+        """Why requests are delayed at this moment; empty if they are not."""
         if not self._open.is_set():
             return "replies wait for new weights"
         return self.served.policy.problem if self.served is not None else ""
 
     async def __aenter__(self) -> Self:
-        register_client(self)  # to each run anew; its client is open for longer
+        register_client(self)  # for each run; its client stays open for longer
         return self
 
     def begin(self, task: Task, seed: int) -> VllmPolicy:  # noqa: ARG002
-        """Itself: nothing is kept from turn to turn."""
+        """The policy itself, which has no state between turns."""
         return self
 
     async def reply(self, turn: PolicyInput) -> Reply:
-        """The model's reply. One that was lost because the server ended is asked for again.
+        """The model's reply. A request that was lost because the server ended is sent again.
 
         Raises:
-            PolicyError: there is none, or it is of other weights than the published ones.
+            PolicyError: the request failed, or the reply is of other weights than the published ones.
         """
         while True:
             await self._open.wait()
             served = self.served
             assert served is not None
             try:
-                with served.used():
+                with served.in_use():
                     reply = await served.reply(turn)
             except ForeignReply as error:
                 self._foreign += 1

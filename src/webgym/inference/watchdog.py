@@ -1,11 +1,12 @@
-"""Runs a server that must not outlive whoever started it. A script of the standard library alone.
+"""Runs a server that must end with the process that started it. Uses only the standard library.
 
     python -I watchdog.py SECONDS COMMAND...
 
-The end of standard input is the starter's end, also when it was killed: the server is asked to end, and is
-killed after so many seconds. When the server ends, by itself or not, every process that it started is killed
-too, also one that left its process group: on Linux the watchdog adopts what the server leaves behind. (vLLM's
-engine processes outlive a server that was killed, and keep the GPU's memory.)
+When standard input is closed, because the parent has ended or was killed, the server is terminated, and
+killed after SECONDS. When the server has ended, for any reason, every process that it started is killed too,
+including
+those that left its process group: on Linux the watchdog adopts the server's orphans. (vLLM's engine processes
+outlive a server that was killed, and keep the GPU's memory.)
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ def _prctl(option: int, value: int) -> None:
         ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
 
 
-def _end_with_starter(server: subprocess.Popen[bytes], seconds: float) -> None:
+def _end_with_parent(server: subprocess.Popen[bytes], seconds: float) -> None:
     while os.read(0, 1024):
         pass
     server.terminate()
@@ -38,8 +39,8 @@ def _end_with_starter(server: subprocess.Popen[bytes], seconds: float) -> None:
         server.kill()
 
 
-def _kill_what_is_left() -> None:
-    """Kill our children, and those that become ours when their parents die, until there is none."""
+def _kill_descendants() -> None:
+    """Kill all children of this process, including adopted ones, until there are none."""
     while True:
         for thread in Path("/proc/self/task").glob("*/children"):
             with contextlib.suppress(OSError):
@@ -52,17 +53,17 @@ def _kill_what_is_left() -> None:
 
 
 def main() -> None:
-    """Run the command; our exit status is its."""
+    """Run the command, and exit with its status."""
     seconds, command = float(sys.argv[1]), sys.argv[2:]
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
     server = subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
-        preexec_fn=lambda: _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL),  # no thread runs yet
+        preexec_fn=lambda: _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL),  # safe: no thread runs yet
     )
-    threading.Thread(target=_end_with_starter, args=(server, seconds), daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(server, seconds), daemon=True).start()
     status = server.wait()
-    _kill_what_is_left()
+    _kill_descendants()
     os._exit(status if status >= 0 else 128 - status)
 
 

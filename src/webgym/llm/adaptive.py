@@ -1,13 +1,13 @@
 """Adaptive concurrency: an endpoint gets as many requests at once as it can handle.
 
-The limit moves as a TCP sender's window does. It doubles per round trip until the first sign of trouble,
-then grows by one per round trip; a refusal (429, 503, 529) or a timeout cuts it to a share of itself, once
-per round trip, since what was sent before a cut says nothing about the limit after it. It also shrinks, by
-a tenth per round trip, while the endpoint is much slower than it was at its best: a server that queues
-instead of refusing is no faster for a longer queue. If half the limit makes it no faster, its slowness is not
-our doing, and counts as its best from then on.
+The limit changes like a TCP sender's window. It doubles per round trip until the first sign of overload, then
+grows by one per round trip; a refusal (429, 503, 529) or a timeout reduces it to a fraction, once per round
+trip, since requests sent before a reduction say nothing about the limit after it. It also shrinks, by a tenth
+per round trip, while the endpoint is much slower than at its best: a server that queues instead of refusing
+gains nothing from a longer queue. If half the limit does not make it faster, its slowness has another cause,
+and its current speed counts as its best from then on.
 
-It grows only while it is what holds requests back. ``Retry-After`` of one request pauses them all.
+It grows only while requests wait because of it. ``Retry-After`` of one request pauses all of them.
 """
 
 from __future__ import annotations
@@ -23,17 +23,18 @@ from typing import Final
 from webgym.llm.config import AdaptiveConcurrency
 
 _EASE: Final = 0.9
-"""What is left of the limit per round trip while the endpoint is slow."""
+"""Factor of the limit per round trip while the endpoint is slow."""
 _NO_FASTER: Final = 0.8
-"""If half as many requests take more than this share of the time, it is not they who make it slow."""
+"""If half as many requests take more than this share of the time, concurrency is not the cause of
+slowness."""
 
 
 class ConcurrencyLimiter:
     """Limits the requests in flight to one endpoint.
 
     Args:
-        most: requests in flight at most.
-        adapt: how the limit moves below that.
+        most: upper bound of the limit.
+        adapt: how the limit changes below that.
     """
 
     def __init__(self, most: int, adapt: AdaptiveConcurrency) -> None:
@@ -52,30 +53,30 @@ class ConcurrencyLimiter:
 
     @property
     def limit(self) -> int:
-        """Requests that may be in flight now."""
+        """Number of requests that may currently be in flight."""
         return int(self._limit)
 
     @property
     def in_flight(self) -> int:
-        """Requests that are in flight now."""
+        """Number of requests in flight."""
         return self._in_flight
 
     @asynccontextmanager
     async def turn(self, *, again: bool = False) -> AsyncIterator[RequestPermit]:
-        """Wait for a place; it is given back at the end of the ``async with`` block.
+        """Wait for a permit, which is returned at the end of the ``async with`` block.
 
         Args:
-            again: stand at the head of the queue, for a request that has waited once already.
+            again: whether to wait at the head of the queue, for a request that has waited before.
         """
         await self._enter(again=again)
         try:
             yield RequestPermit(self, self._cuts)
         finally:
             self._in_flight -= 1
-            self._let_in()
+            self._admit()
 
     def pause(self, seconds: float) -> None:
-        """Let nobody in for this long."""
+        """Start no request for this long."""
         loop = asyncio.get_running_loop()
         if self._pause is not None:
             if self._pause.when() >= loop.time() + seconds:
@@ -85,39 +86,39 @@ class ConcurrencyLimiter:
 
     def _resume(self) -> None:
         self._pause = None
-        self._let_in()
+        self._admit()
 
     async def _enter(self, *, again: bool) -> None:
         if self._is_open() and not self._queue:
             self._in_flight += 1
             return
-        place = asyncio.get_running_loop().create_future()
+        waiter = asyncio.get_running_loop().create_future()
         if again:
-            self._queue.appendleft(place)
+            self._queue.appendleft(waiter)
         else:
-            self._queue.append(place)
+            self._queue.append(waiter)
         try:
-            await place
+            await waiter
         except asyncio.CancelledError:
-            if place.cancelled():
-                with suppress(ValueError):  # passed over by _let_in
-                    self._queue.remove(place)
-            else:  # let in at the same moment
+            if waiter.cancelled():
+                with suppress(ValueError):  # skipped by _admit
+                    self._queue.remove(waiter)
+            else:  # admitted at the same moment
                 self._in_flight -= 1
-                self._let_in()
+                self._admit()
             raise
 
     def _is_open(self) -> bool:
         return self._pause is None and self._in_flight < self.limit
 
-    def _let_in(self) -> None:
+    def _admit(self) -> None:
         while self._queue and self._is_open():
-            place = self._queue.popleft()
-            if not place.cancelled():
+            waiter = self._queue.popleft()
+            if not waiter.cancelled():
                 self._in_flight += 1
-                place.set_result(None)
+                waiter.set_result(None)
 
-    # --- how the limit moves ------------------------------------------------------------------------
+    # --- changing the limit -------------------------------------------------------------------------
 
     def _round_length(self) -> int:
         return max(self.limit, self._adapt.round_replies)
@@ -140,7 +141,7 @@ class ConcurrencyLimiter:
         self._begin_round()
 
     def _ease(self, pace: float) -> None:
-        """Be content with less, as the endpoint is slow; look whether it helps."""
+        """Reduce the limit because the endpoint is slow, and check whether that helps."""
         self._is_doubling = False
         limit, slowest = self._slow_since = self._slow_since or (self._limit, pace)
         if self._limit <= max(1.0, limit / 2):
@@ -152,7 +153,7 @@ class ConcurrencyLimiter:
 
     def _grow(self) -> None:
         self._limit = min(float(self._most), self._limit + 1)
-        self._let_in()
+        self._admit()
 
     def _refused(self, cuts: int) -> None:
         if cuts != self._cuts:
@@ -168,18 +169,18 @@ class ConcurrencyLimiter:
 
 
 class RequestPermit:
-    """The permit of one request in flight. Its holder reports the result, at most once."""
+    """The permit of one request in flight, by which the result is reported, at most once."""
 
     def __init__(self, gate: ConcurrencyLimiter, cuts: int) -> None:
         self._gate = gate
         self._cuts = cuts
 
     def answered(self, pace: float) -> None:
-        """It went well, at this pace: seconds per unit of work, whatever the unit is."""
+        """Report success, with the pace: seconds per unit of work."""
         self._gate._answered(pace)
 
     def refused(self, pause_seconds: float = 0.0) -> None:
-        """The endpoint has too much to do, and wants to be left alone for this long."""
+        """Report that the endpoint is overloaded, and asks for a pause."""
         self._gate._refused(self._cuts)
         if pause_seconds > 0:
             self._gate.pause(pause_seconds)

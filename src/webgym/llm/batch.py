@@ -1,8 +1,8 @@
 """Batches: the same requests as files that an endpoint answers within a day, often at half the price.
 
-Run a job with a :class:`Collector` in place of the client: what is not in the cache is noted. Write what was
-noted to files, have them answered, read the results into the cache, and run the job again; it goes as far as
-the replies reach. Files follow the OpenAI batch API, which others have taken over.
+Run a job with a :class:`Collector` in place of the client: requests that are not in the cache are recorded.
+Write the recorded requests to files, submit them, import the results into the cache, and run the job again;
+it continues as far as the replies allow. Files follow the OpenAI batch API, which others have adopted.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ _LINES_AT_ONCE: Final = 500
 _KEY_DIGITS: Final = 64
 
 
-# --- noting ---------------------------------------------------------------------------------------------
+# --- recording requests ---------------------------------------------------------------------------------
 
 
 class Collector:
-    """Answers what is in the cache, and notes what is not. It sends nothing.
+    """Answers requests from the cache, and records the others. It sends nothing.
 
     Args:
-        config: as for the client that it stands in for: address, model and sampling name the requests.
-        cache: an open one.
+        config: as for the client that it replaces: URL, model and sampling are part of the requests.
+        cache: an open cache.
 
     Attributes:
         config: as given.
-        formats: what the endpoint is known to take as ``response_format``. A batch does not find out: ask the
-            endpoint once through a client first.
-        noted: how many requests were noted, each counted once per time that it was asked for.
+        formats: formats that the endpoint is known to accept as ``response_format``. A batch does not find
+            that out: send one request through a client first.
+        noted: number of requests that were recorded, repeated ones counted every time.
     """
 
     def __init__(self, config: ChatConfig, cache: ReplyCache) -> None:
@@ -59,7 +59,7 @@ class Collector:
 
     @property
     def sampling(self) -> Sampling:
-        """Used where a request names none."""
+        """Default sampling parameters of requests."""
         return self.config.sampling
 
     def labelled(self, purpose: str) -> Labelled:
@@ -72,8 +72,8 @@ class Collector:
         """The cached reply to these messages.
 
         Raises:
-            NotCached: there is none; the request has been noted, on disk.
-            CacheError: the file of replies cannot be read or written.
+            NotCached: there is none; the request was recorded on disk.
+            CacheError: the cache cannot be read or written.
         """
         model = self.config.model
         sampling = (sampling or Sampling()).over(self.config.sampling)
@@ -82,17 +82,17 @@ class Collector:
         if stored is None:
             body = {name: value for name, value in request.body.items() if name != "stream"}
             row = [request.key, purpose, model, msgspec.json.encode(body)]
-            await self._cache.write(lambda connection: _note(connection, row))
+            await self._cache.write(lambda connection: _record(connection, row))
             self.noted += 1
-            raise NotCached(f"the reply of {model} is not there yet; the request is noted")
+            raise NotCached(f"the reply of {model} is not in the cache yet; the request was recorded")
         self._cache.hit(purpose, model)
         try:
             return read_completion(stored.body, model=model, seconds=stored.seconds, cached=True)
         except NoCompletion as error:
-            raise LLMBadReply(f"the reply that is kept is {error}") from error
+            raise LLMBadReply(f"the cached reply is {error}") from error
 
 
-def _note(connection: sqlite3.Connection, row: Sequence[Any]) -> None:
+def _record(connection: sqlite3.Connection, row: Sequence[Any]) -> None:
     connection.execute("insert or ignore into noted (key, purpose, model, body) values (?, ?, ?, ?)", row)
 
 
@@ -103,11 +103,11 @@ class BatchFile(msgspec.Struct, frozen=True):
     """A file of requests.
 
     Attributes:
-        path: where it is; named by its content.
-        model: whom all its requests ask, as endpoints want it.
-        requests: how many.
-        bytes: its size.
-        prompt_tokens: of all requests together, estimated.
+        path: its path; the name contains a hash of its content.
+        model: model of all of its requests: endpoints accept only one per file.
+        requests: number of requests.
+        bytes: size of the file.
+        prompt_tokens: estimated tokens of all prompts together.
     """
 
     path: Path
@@ -120,17 +120,17 @@ class BatchFile(msgspec.Struct, frozen=True):
 async def write_batches(
     cache: ReplyCache, folder: Path, limits: BatchLimits | None = None, *, again: bool = False
 ) -> list[BatchFile]:
-    """Write the requests that were noted and are not answered yet.
+    """Write the recorded requests that are not answered yet to files.
 
     Args:
-        cache: an open one.
-        folder: for the files; made if it is not there.
-        limits: how large a file may be.
-        again: also those that were written to files before, for batches that were lost.
+        cache: an open cache.
+        folder: folder for the files; created if it does not exist.
+        limits: limits of a file.
+        again: whether to include requests that were written to files before, for batches that were lost.
 
     Raises:
         UsageError: the folder cannot be written to.
-        CacheError: the file of replies cannot be read or written.
+        CacheError: the cache cannot be read or written.
     """
     limits = limits or BatchLimits()
 
@@ -153,7 +153,7 @@ async def write_batches(
         files, keys = await cache.read(write)
     except OSError as error:
         raise UsageError(f"batches cannot be written to {folder}: {error.strerror}") from error
-    # Killed before this, the next time writes the same files under the same names.
+    # If the process is killed before this, the next call writes the same files under the same names.
     await cache.write(
         lambda connection: (
             connection.executemany(
@@ -165,12 +165,12 @@ async def write_batches(
 
 
 class _Writer:
-    """Fills one file after the other. A file has its name when it is whole."""
+    """Writes one file after the other. A file gets its name when it is complete."""
 
     def __init__(self, folder: Path, limits: BatchLimits) -> None:
         self.files: list[BatchFile] = []
         self._limits = limits
-        self._passing = folder / "batch.part"
+        self._temporary = folder / "batch.part"
         self._file: BinaryIO | None = None
         self._model = ""
         self._begin()
@@ -180,7 +180,7 @@ class _Writer:
         self._requests = self._bytes = self._tokens = 0
 
     def add(self, key: bytes, model: str, body: bytes) -> None:
-        """Write a request, to a new file if the present one is full or asks another model."""
+        """Write a request, to a new file if the current one is full or has another model."""
         head = {"custom_id": key.hex(), "method": "POST", "url": self._limits.url}
         line = msgspec.json.encode(head | {"body": msgspec.Raw(body)}) + b"\n"
         if self._file is not None and (
@@ -190,7 +190,7 @@ class _Writer:
         ):
             self.finish()
         if self._file is None:
-            self._file = self._passing.open("wb")
+            self._file = self._temporary.open("wb")
             self._model = model
             self._begin()
         self._file.write(line)
@@ -200,23 +200,29 @@ class _Writer:
         self._tokens += count_messages(msgspec.json.decode(body)["messages"])
 
     def finish(self) -> None:
-        """Give the present file its name."""
+        """Complete the current file, and give it its name."""
         if self._file is None:
             return
         with self._file as file:
             file.flush()
             os.fsync(file.fileno())
         self._file = None
-        path = self._passing.with_name(f"batch-{self._hash.hexdigest()[:16]}.jsonl")
-        self._passing.replace(path)
+        path = self._temporary.with_name(f"batch-{self._hash.hexdigest()[:16]}.jsonl")
+        self._temporary.replace(path)
         self.files.append(BatchFile(path, self._model, self._requests, self._bytes, self._tokens))
 
 
-# --- reading --------------------------------------------------------------------------------------------
+# --- importing results ----------------------------------------------------------------------------------
 
 
 class FailedLine(msgspec.Struct, frozen=True):
-    """A line of a result file that holds no reply."""
+    """A line of a result file without a reply.
+
+    Attributes:
+        path: the file.
+        line: number of the line, from 1.
+        reason: why it contains no reply.
+    """
 
     path: Path
     line: int
@@ -227,12 +233,12 @@ class FailedLine(msgspec.Struct, frozen=True):
 
 
 class Imported(msgspec.Struct):
-    """What result files held.
+    """The result of importing result files.
 
     Attributes:
-        stored: replies that are new.
-        known: replies that were there.
-        unanswered: everything else. Requests among them that are ours are written to the next batch.
+        stored: number of new replies.
+        known: number of replies that were in the cache already.
+        unanswered: all other lines. Recorded requests among them will be part of the next batch.
     """
 
     stored: int = 0
@@ -241,7 +247,7 @@ class Imported(msgspec.Struct):
 
     @property
     def lines(self) -> int:
-        """All lines; those that are blank do not count."""
+        """Number of lines without blank ones."""
         return self.stored + self.known + len(self.unanswered)
 
 
@@ -258,18 +264,18 @@ class _Line(msgspec.Struct):
 
 
 async def import_results(cache: ReplyCache, paths: Iterable[Path], prices: Prices | None = None) -> Imported:
-    """Read result files, of replies or of errors, in any order, whole or partial, into the cache.
+    """Import result files into the cache: of replies or of errors, in any order, complete or partial.
 
-    A file may be read twice: its calls are counted once.
+    A file may be imported twice: its calls are counted once.
 
     Args:
-        cache: an open one.
+        cache: an open cache.
         paths: the files.
-        prices: what the calls cost; their ``batch`` share is applied.
+        prices: prices of tokens, reduced by their ``batch`` share.
 
     Raises:
         UsageError: a file cannot be read.
-        CacheError: the file of replies cannot be written.
+        CacheError: the cache cannot be written.
     """
     imported = Imported()
     for path in paths:
@@ -305,14 +311,14 @@ async def _import_chunk(
 
 
 def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) -> bool | str:
-    """Whether the line's reply is new, or why it holds none."""
+    """Whether the line's reply is new; or why it contains none."""
     try:
         line = msgspec.json.decode(data.removeprefix(b"\xef\xbb\xbf"), type=_Line)
         key = bytes.fromhex(line.custom_id) if len(line.custom_id) == _KEY_DIGITS else b""
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
-        return f"no result of a batch: {first_line(str(error))}"
+        return f"not a result of a batch: {first_line(str(error))}"
     if not key:
-        return f"no request of ours has the custom_id {line.custom_id[:80]!r}"
+        return f"no recorded request has the custom_id {line.custom_id[:80]!r}"
     row = connection.execute("select purpose, model, body from noted where key = ?", [key]).fetchone()
     body = b"" if line.response is None else bytes(line.response.body)
     try:
@@ -322,8 +328,8 @@ def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) ->
     except NoCompletion as error:
         connection.execute("update noted set written = 0 where key = ?", [key])
         return str(error)
-    purpose, model, asked = row or ("batch", completion.model, b"")
-    call = _call(line, completion, purpose, model, asked, prices)
+    purpose, model, request_body = row or ("batch", completion.model, b"")
+    call = _call(line, completion, purpose, model, request_body, prices)
     reply = CachedReply(body, 0.0)
     is_new = insert(connection, key, reply, call) is reply
     connection.execute("delete from noted where key = ?", [key])
@@ -331,24 +337,30 @@ def _import_line(connection: sqlite3.Connection, data: bytes, prices: Prices) ->
 
 
 def _call(
-    line: _Line, completion: Completion, purpose: str, model: str, asked: bytes, prices: Prices
+    line: _Line, completion: Completion, purpose: str, model: str, request_body: bytes, prices: Prices
 ) -> Call:
-    prompt, said = completion.prompt_tokens, completion.completion_tokens
+    prompt_tokens, reply_tokens = completion.prompt_tokens, completion.completion_tokens
     cached = completion.prompt_tokens_cached
-    is_estimate = not prompt and not said
+    is_estimate = not prompt_tokens and not reply_tokens
     if is_estimate:
-        prompt, said = count_text(asked.decode()), count_text(completion.text)
+        prompt_tokens, reply_tokens = count_text(request_body.decode()), count_text(completion.text)
     price = prices.of(model)
-    dollars = None if price is None else price.dollars(prompt, said, cached_tokens=cached, in_batch=True)
-    return Call(purpose, model, prompt, said, cached, dollars, is_estimate, line.id or line.custom_id)
+    dollars = (
+        None
+        if price is None
+        else price.dollars(prompt_tokens, reply_tokens, cached_tokens=cached, in_batch=True)
+    )
+    return Call(
+        purpose, model, prompt_tokens, reply_tokens, cached, dollars, is_estimate, line.id or line.custom_id
+    )
 
 
 def _why(line: _Line) -> str:
-    """What the endpoint says of a request that it did not answer."""
+    """The endpoint's message about a request that it did not answer."""
     error = line.error
     if line.response is not None:
-        found = msgspec.json.decode(line.response.body)
-        error = (found.get("error") or found) if isinstance(found, dict) else found
-    said = error.get("message") or error.get("code") if isinstance(error, dict) else error
+        body = msgspec.json.decode(line.response.body)
+        error = (body.get("error") or body) if isinstance(body, dict) else body
+    message = error.get("message") or error.get("code") if isinstance(error, dict) else error
     status = f" ({line.response.status_code})" if line.response is not None else ""
-    return f"not answered{status}: {first_line(str(said))}"
+    return f"not answered{status}: {first_line(str(message))}"

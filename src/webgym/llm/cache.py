@@ -1,8 +1,8 @@
 """A cache of replies, keyed by the complete request.
 
-A reply is on disk before its caller sees it. The file is SQLite in write-ahead mode with full syncs: kill -9
-at any moment, or a power loss, loses no reply that a caller has seen. Several processes may use one file on
-one machine (not over a network file system).
+A reply is on disk before its caller gets it. The file is an SQLite database in write-ahead mode with full
+syncs: kill -9 at any moment, or a power loss, loses no reply that a caller has received. Several processes on
+one machine may use one file (not over a network file system).
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class CachedReply(msgspec.Struct, frozen=True, gc=False):
     """A reply as it was received.
 
     Attributes:
-        body: byte by byte.
-        seconds: how long it took.
+        body: body of the response, unchanged.
+        seconds: wall time of the request.
     """
 
     body: bytes
@@ -39,28 +39,28 @@ class CachedReply(msgspec.Struct, frozen=True, gc=False):
 
 
 class NewReply(msgspec.Struct, frozen=True, gc=False):
-    """A reply that has just come, and what it cost."""
+    """A reply that was just received, and the record of its call."""
 
     reply: CachedReply
     call: Call
 
 
 class ReplyCache:
-    """Replies in a file. Give it to any number of clients; open it first.
+    """Replies in a file, for any number of clients. Open it first.
 
         async with ReplyCache("replies.sqlite") as cache, ChatClient(config, cache=cache) as client:
             ...
 
     Args:
-        path: the file; made if it is not there.
-        limits: how patient and how busy.
+        path: the file; created if it does not exist.
+        limits: timeouts and sizes.
 
     Attributes:
         path: the file.
-        totals: what was paid for and what was answered from here, all time, by all processes.
+        totals: usage by all processes since the file was created, of paid calls and of cache hits.
 
     Raises:
-        CacheError: on opening: the file is foreign, damaged or out of reach.
+        CacheError: on opening: the file belongs to another program, is damaged, or cannot be accessed.
     """
 
     def __init__(self, path: str | Path, limits: CacheLimits | None = None) -> None:
@@ -69,7 +69,7 @@ class ReplyCache:
         self._limits = limits or CacheLimits()
         self._last_call = 0
         self._hits: dict[tuple[str, str], int] = {}
-        self._flights: dict[bytes, asyncio.Future[CachedReply]] = {}
+        self._requests: dict[bytes, asyncio.Future[CachedReply]] = {}
         self._writing: dict[bytes, asyncio.Future[CachedReply]] = {}
         self._reader: Worker | None = None
         self._writer: Worker | None = None
@@ -85,7 +85,7 @@ class ReplyCache:
         most = self._limits.group
         self._reader = Worker(self.path, reading, most=most, commit=False)
         self._writer = Worker(
-            self.path, writing, most=most, commit=True, afterwards=self._news, tell=self._count_news
+            self.path, writing, most=most, commit=True, afterwards=self._new_calls, tell=self._count_calls
         )
         return self
 
@@ -103,23 +103,23 @@ class ReplyCache:
     # --- replies --------------------------------------------------------------------------------------
 
     async def get(self, key: bytes) -> CachedReply | None:
-        """The reply to a request, if it is here.
+        """The reply to a request, if it is in the cache.
 
         Raises:
-            CacheError: the file cannot be read, or the reply in it is damaged.
+            CacheError: the file cannot be read, or the stored reply is damaged.
         """
         if (writing := self._writing.get(key)) is not None:
             return await asyncio.shield(writing)
         return await self.read(lambda connection: _select(connection, key))
 
     async def put(self, key: bytes, fresh: NewReply) -> CachedReply:
-        """Keep a reply and note what it cost, in one transaction; on disk when this returns.
+        """Store a reply and the record of its call in one transaction; on disk when this returns.
 
-        Carried through even if the caller is cancelled.
+        Completed even if the caller is cancelled.
 
         Returns:
-            The reply that is kept: an earlier one, if another process was faster, so that all continue with
-            the same.
+            The stored reply: an earlier one, if another process was faster, so that all continue with the
+            same reply.
 
         Raises:
             CacheError: the file cannot be written.
@@ -137,49 +137,50 @@ class ReplyCache:
     async def answer(
         self, key: bytes, ask: Callable[[], AbstractAsyncContextManager[NewReply]]
     ) -> tuple[CachedReply, bool]:
-        """The reply to a request, asked for if it is not here. Identical requests are asked once at a time.
+        """The reply to a request, which is sent if the reply is not in the cache. Identical requests share
+        one call.
 
         Args:
-            key: of the request.
-            ask: its context is left when the reply is on disk.
+            key: key of the request.
+            ask: sends the request; its context is exited when the reply is on disk.
 
         Returns:
-            The reply, and whether it came without asking.
+            The reply, and whether it came without sending the request.
 
         Raises:
             CacheError: the file cannot be read or written.
-            LLMError: the one who asked, or who asks already, got no reply.
+            LLMError: the request, or the identical one in flight, failed.
         """
-        while (flight := self._flights.get(key)) is not None:
-            await asyncio.wait([flight])
-            if not flight.cancelled():
-                return flight.result(), True
-        flight = self._flights[key] = asyncio.get_running_loop().create_future()
+        while (request := self._requests.get(key)) is not None:
+            await asyncio.wait([request])
+            if not request.cancelled():
+                return request.result(), True
+        request = self._requests[key] = asyncio.get_running_loop().create_future()
         try:
-            if (found := await self.get(key)) is not None:
-                reply, was_here = found, True
+            if (stored := await self.get(key)) is not None:
+                reply, was_stored = stored, True
             else:
                 async with ask() as fresh:
-                    reply, was_here = await self.put(key, fresh), False
+                    reply, was_stored = await self.put(key, fresh), False
         except Exception as error:
-            flight.set_exception(error)
-            flight.exception()  # nobody else may be waiting for it
+            request.set_exception(error)
+            request.exception()  # retrieved here, because nobody else may wait for it
             raise
         except BaseException:
-            flight.cancel()
+            request.cancel()
             raise
         else:
-            flight.set_result(reply)
+            request.set_result(reply)
         finally:
-            del self._flights[key]
-        return reply, was_here
+            del self._requests[key]
+        return reply, was_stored
 
     def hit(self, purpose: str, model: str) -> None:
-        """Count a call that was answered from here. On disk with the next reply, or on closing."""
+        """Count a call that was answered from the cache. On disk with the next reply, or on closing."""
         self.totals.hit(purpose, model)
         self._hits[purpose, model] = self._hits.get((purpose, model), 0) + 1
 
-    # --- for the neighbours -----------------------------------------------------------------------------
+    # --- for other modules of the package ---------------------------------------------------------------
 
     def read(self, job: Callable[[sqlite3.Connection], T]) -> asyncio.Future[T]:
         """Run a job on the reading connection, in its thread."""
@@ -193,7 +194,7 @@ class ReplyCache:
         if self._writing.get(key) is writing:
             del self._writing[key]
         if not writing.cancelled():
-            writing.exception()  # told to whoever put it, if they are still there
+            writing.exception()  # also raised to the caller of put, unless it was cancelled
 
     # --- totals -----------------------------------------------------------------------------------------
 
@@ -206,8 +207,8 @@ class ReplyCache:
             raise failure(self.path, error) from error
         return connection
 
-    def _news(self, connection: sqlite3.Connection) -> tuple[int, list[Any]]:
-        """Calls that were paid for since the last look, by whatever process."""
+    def _new_calls(self, connection: sqlite3.Connection) -> tuple[int, list[Any]]:
+        """Calls that were recorded since the last query, by any process."""
         rows = connection.execute(
             "select id, purpose, model, prompt_tokens, completion_tokens, prompt_tokens_cached, dollars,"
             " is_estimate, coalesce(batch, '') from calls where id > ? order by id",
@@ -216,8 +217,8 @@ class ReplyCache:
         self._last_call = rows[-1][0] if rows else self._last_call
         return self._last_call, rows
 
-    def _count_news(self, news: tuple[int, list[Any]]) -> None:
-        for _, purpose, model, prompt, completion, cached, dollars, is_estimate, batch in news[1]:
+    def _count_calls(self, new_calls: tuple[int, list[Any]]) -> None:
+        for _, purpose, model, prompt, completion, cached, dollars, is_estimate, batch in new_calls[1]:
             self.totals.paid(
                 Call(purpose, model, prompt, completion, cached, dollars, bool(is_estimate), batch)
             )
@@ -237,13 +238,13 @@ def _opened(worker: Worker | None) -> Worker:
 
 
 def insert(connection: sqlite3.Connection, key: bytes, reply: CachedReply, call: Call) -> CachedReply:
-    """Keep a reply and its call inside a transaction; the reply that is kept."""
+    """Store a reply and its call inside a transaction; returns the stored reply."""
     now = time.time()
     added = connection.execute(
         "insert or ignore into replies values (?, ?, ?, ?, ?)",
         [key, reply.body, zlib.crc32(reply.body), reply.seconds, now],
     ).rowcount
-    # A result of a batch that is read twice was paid for once.
+    # A batch result that is imported twice was paid for once.
     connection.execute(
         "insert or ignore into calls values (null, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
         [
@@ -268,7 +269,7 @@ def _select(connection: sqlite3.Connection, key: bytes) -> CachedReply | None:
         return None
     body, crc, seconds = row
     if zlib.crc32(body) != crc:
-        hint = "the disk or a copy is bad; restore the file, or delete the reply and pay for it again"
+        hint = "the disk or a copy is damaged; restore the file, or delete the reply and pay for it again"
         raise CacheError(f"the reply {key.hex()} does not match its checksum", hint=hint)
     return CachedReply(body, seconds)
 
@@ -281,7 +282,7 @@ def _add_hits(connection: sqlite3.Connection, hits: Mapping[tuple[str, str], int
 
 
 def read_totals(connection: sqlite3.Connection) -> tuple[Totals, int]:
-    """All that is in the file, and the number of the last call that is counted in."""
+    """The totals of the file, and the id of the last call that they include."""
     totals = Totals()
     connection.execute("begin")
     rows = connection.execute(

@@ -1,4 +1,5 @@
-"""The client. Whatever an endpoint does, the caller gets a completion or one typed error."""
+"""The client of a chat endpoint. Every call ends with a completion or a typed error, whatever the endpoint
+does."""
 
 from __future__ import annotations
 
@@ -21,12 +22,12 @@ from webgym.llm.cache import CachedReply, NewReply, ReplyCache
 from webgym.llm.completion import (
     Completion,
     NoCompletion,
+    error_message,
     error_object,
     first_line,
     quote,
     read_completion,
     size,
-    told,
 )
 from webgym.llm.config import ChatConfig, Sampling
 from webgym.llm.formats import Formats
@@ -38,21 +39,21 @@ from webgym.llm.request import Request
 from webgym.llm.tokens import count_messages, count_text, most_tokens
 from webgym.llm.usage import Call
 
-_TRY_AGAIN: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
-_TOO_BUSY: Final = frozenset({429, 503, 529})
+_RETRIED_STATUSES: Final = frozenset({408, 429, 500, 502, 503, 504, 529})
+_OVERLOADED_STATUSES: Final = frozenset({429, 503, 529})
 _QUOTA: Final = "insufficient_quota"
-"""How endpoints name a 429 that no waiting helps against."""
+"""Error code of a 429 that waiting does not resolve."""
 _SLOW_SECONDS: Final = 30.0
-"""A request that is under way for longer is said to hold up."""
+"""A request in flight for longer is reported as a problem."""
 _MOST_DOUBLINGS: Final = 60
-"""Of a pause; more would not fit into a number."""
+"""Most doublings of a pause, to avoid an overflow."""
 _READING_TOKENS: Final = 50
-"""Reading the prompt takes about as long as writing this many tokens. Replies of any length are compared by
-their seconds per token."""
+"""Reading the prompt takes about as long as generating this many tokens. The endpoint's speed is measured in
+seconds per token, so that replies of different lengths are comparable."""
 
 
 class EndpointRefused(LLMBadReply):
-    """The endpoint answered with an HTTP status that is no success.
+    """The endpoint answered with an HTTP error status.
 
     Attributes:
         status: the status.
@@ -68,16 +69,16 @@ class ChatClient:
 
     Args:
         config: endpoint, model, limits.
-        api_key: used in place of the environment variable that the config names.
-        cache: where replies are kept; an open one. A request that it holds is not sent.
-        ledger: what counts the cost and keeps to a budget. If it has a cache, it must be this one.
+        api_key: used instead of the environment variable that the config names.
+        cache: an open cache of replies. A request whose reply it contains is not sent.
+        ledger: counts the cost and enforces a budget. If it has a cache, it must be the same one.
 
     Attributes:
         config: as given.
-        formats: what the endpoint takes as ``response_format``, as far as it is known.
+        formats: formats that the endpoint accepts as ``response_format``, as far as that is known.
 
     Raises:
-        ConfigError: the key cannot stand in an HTTP header.
+        ConfigError: the key contains characters that are invalid in an HTTP header.
     """
 
     def __init__(
@@ -93,24 +94,24 @@ class ChatClient:
         self._url = f"{config.base_url}/chat/completions"
         self._key = api_key or SecretStr(os.environ.get(config.api_key_env, "").strip())
         if not self._key.get_secret_value().isascii() or not self._key.get_secret_value().isprintable():
-            hint = f"look at the environment variable {config.api_key_env}"
-            raise ConfigError("the API key holds characters that no HTTP header may hold", hint=hint)
+            hint = f"check the environment variable {config.api_key_env}"
+            raise ConfigError("the API key contains characters that are invalid in an HTTP header", hint=hint)
         if ledger is not None and ledger.cache not in (None, cache):
-            raise ValueError("the ledger keeps its account in another cache than the client's")
+            raise ValueError("the ledger has another cache than the client")
         self._cache = cache
         self._ledger = ledger or Ledger(cache)
         self._gate = ConcurrencyLimiter(config.concurrency, config.adapt)
         self._http: Pools | None = None
-        self._under_way: set[_Progress] = set()
+        self._in_flight: set[_Progress] = set()
 
     @property
     def sampling(self) -> Sampling:
-        """Used where a request names none."""
+        """Default sampling parameters of requests."""
         return self.config.sampling
 
     @property
     def concurrency_now(self) -> int:
-        """Requests that may be in flight now; at most the config's ``concurrency``."""
+        """Number of requests that may currently be in flight; at most the config's ``concurrency``."""
         return self._gate.limit
 
     async def __aenter__(self) -> Self:
@@ -139,21 +140,21 @@ class ChatClient:
     async def complete(
         self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None, *, purpose: str = ""
     ) -> Completion:
-        """One reply to these messages, in the shape of the OpenAI chat API.
+        """One reply to these messages, in the format of the OpenAI chat API.
 
         With a cache, the reply is on disk before this returns.
 
         Args:
             messages: ``{"role": ..., "content": ...}``, oldest first.
-            sampling: laid over the config's, key by key.
-            purpose: what the ledger counts it for.
+            sampling: overrides the config's parameters one by one.
+            purpose: label under which the ledger counts the call.
 
         Raises:
-            LLMUnreachable: nothing answers, however often it is asked.
+            LLMUnreachable: nothing answers, after all retries.
             LLMTimeout: no complete reply came within the deadlines.
-            LLMBadReply: the endpoint refused, or what it sent is no completion.
-            BudgetSpent: the call could cost more than is left.
-            CacheError: the file of replies cannot be read or written.
+            LLMBadReply: the endpoint refused the request, or its answer is not a completion.
+            BudgetSpent: the call could cost more than is left of the budget.
+            CacheError: the cache cannot be read or written.
         """
         if self._http is None:
             raise RuntimeError("the client is not open: use it in an async with statement")
@@ -176,29 +177,29 @@ class ChatClient:
             hint = f"does the endpoint speak the OpenAI chat API at {self._url}?"
             raise LLMBadReply(f"{self._where()} sent {error}", hint=hint) from error
 
-    # --- asking and paying ------------------------------------------------------------------------------
+    # --- sending and accounting -------------------------------------------------------------------------
 
     @asynccontextmanager
     async def _paid(self, request: Request, purpose: str) -> AsyncIterator[NewReply]:
-        """A reply that was asked for now.
+        """Send a request, and count its cost at the end of the block.
 
-        Its place among those in flight, and what is set aside for it, are kept until it is counted: so at
-        most as many replies as may be in flight are paid for and not stored yet, and the budget sees each.
+        Its permit and its reservation are held until it is counted: so the number of replies that are paid
+        for but not stored is limited by the concurrency, and the budget includes all of them.
         """
-        async with AsyncExitStack() as kept:
-            reply = await self._until_answered(request, kept)
+        async with AsyncExitStack() as resources:
+            reply = await self._until_answered(request, resources)
             call = self._call(request, self._read(reply, cached=False), purpose)
             yield NewReply(reply, call)
             self._ledger.paid(call)
 
     def _call(self, request: Request, completion: Completion, purpose: str) -> Call:
-        prompt, said = completion.prompt_tokens, completion.completion_tokens
-        is_estimate = not prompt and not said
+        prompt_tokens, reply_tokens = completion.prompt_tokens, completion.completion_tokens
+        is_estimate = not prompt_tokens and not reply_tokens
         if is_estimate:
-            prompt, said = count_messages(request.messages), count_text(completion.text)
+            prompt_tokens, reply_tokens = count_messages(request.messages), count_text(completion.text)
         cached = completion.prompt_tokens_cached
-        dollars = self._ledger.cost(request.model, prompt, said, cached=cached)
-        return Call(purpose, request.model, prompt, said, cached, dollars, is_estimate)
+        dollars = self._ledger.cost(request.model, prompt_tokens, reply_tokens, cached=cached)
+        return Call(purpose, request.model, prompt_tokens, reply_tokens, cached, dollars, is_estimate)
 
     @asynccontextmanager
     async def _reserved(self, request: Request) -> AsyncIterator[None]:
@@ -210,109 +211,110 @@ class ChatClient:
         async with ledger.reserved(request.model, most_tokens(request.content, request.messages), longest):
             yield
 
-    async def _until_answered(self, request: Request, kept: AsyncExitStack) -> CachedReply:
-        """Try until there is a reply, or no sense in trying. Waiting for one's turn is not on the clock.
+    async def _until_answered(self, request: Request, resources: AsyncExitStack) -> CachedReply:
+        """Send a request until it is answered or the retries are used up. Waiting for a permit does not
+        count.
 
         Args:
-            request: what to send.
-            kept: takes over what the successful try holds.
+            request: the request.
+            resources: receives the permit and the reservation of the successful try.
         """
         progress = _Progress(self.config.total_seconds)
-        kept.enter_context(self._watched(progress))
+        resources.enter_context(self._tracked(progress))
         retry = self.config.retry
         refused = failed = 0
         while True:
             try:
-                async with AsyncExitStack() as held:
+                async with AsyncExitStack() as acquired:
                     again = progress.last is not None
-                    turn = await held.enter_async_context(self._gate.turn(again=again))
-                    await held.enter_async_context(self._reserved(request))
-                    reply = await self._try(request.content, turn, progress)
-                    await kept.enter_async_context(held.pop_all())
+                    permit = await acquired.enter_async_context(self._gate.turn(again=again))
+                    await acquired.enter_async_context(self._reserved(request))
+                    reply = await self._try(request.content, permit, progress)
+                    await resources.enter_async_context(acquired.pop_all())
                     return reply
-            except _TryAgain as failure:
+            except _TemporaryFailure as failure:
                 progress.last = failure.error
                 refused, failed = refused + failure.is_refusal, failed + (not failure.is_refusal)
                 doublings = min(refused + failed - 1, _MOST_DOUBLINGS)
                 pause = min(retry.longest_seconds, retry.first_seconds * 2**doublings)
                 pause = max(pause * random.uniform(0.5, 1), failure.not_before_seconds)
-                progress.left_seconds -= pause
+                progress.remaining_seconds -= pause
                 is_last = refused >= retry.refused_tries if failure.is_refusal else failed >= retry.tries
-                if is_last or progress.left_seconds <= 0:
+                if is_last or progress.remaining_seconds <= 0:
                     raise failure.error from failure.error.__cause__
             await asyncio.sleep(pause)
 
     @contextmanager
-    def _watched(self, progress: _Progress) -> Iterator[None]:
-        self._under_way.add(progress)
+    def _tracked(self, progress: _Progress) -> Iterator[None]:
+        self._in_flight.add(progress)
         try:
             yield
         finally:
-            self._under_way.discard(progress)
+            self._in_flight.discard(progress)
 
     @property
     def problem(self) -> str:
-        """What holds requests up at this moment, for a person who waits; empty for nothing."""
-        requests = tuple(self._under_way)
+        """Why requests are delayed at this moment, as a message for users; empty if they are not."""
+        requests = tuple(self._in_flight)
         refused = [request for request in requests if request.last is not None]
         if refused:
-            newest = max(refused, key=lambda request: request.began)
+            newest = max(refused, key=lambda request: request.started)
             assert newest.last is not None
             return f"{len(refused)} of {len(requests)} requests are sent again: {newest.last.message}"
-        oldest = min(requests, key=lambda request: request.began, default=None)
-        waited = time.monotonic() - oldest.began if oldest else 0.0
+        oldest = min(requests, key=lambda request: request.started, default=None)
+        waited = time.monotonic() - oldest.started if oldest else 0.0
         if oldest is None or waited < _SLOW_SECONDS:
             return ""
         so_far = f"has sent {size(oldest.received)}" if oldest.received else "is silent"
         return f"{self._where()} {so_far} for {waited:.0f} s"
 
-    async def _try(self, content: bytes, turn: RequestPermit, progress: _Progress) -> CachedReply:
-        """One try; the gate is told how it went.
+    async def _try(self, content: bytes, permit: RequestPermit, progress: _Progress) -> CachedReply:
+        """Send a request once, and report the result to the limiter.
 
         Raises:
-            _TryAgain: it failed in a way that may pass.
-            LLMError: it failed for good.
+            _TemporaryFailure: it failed, and may succeed on another try.
+            LLMError: it failed permanently.
         """
         started = time.monotonic()
         try:
-            async with asyncio.timeout(progress.left_seconds):
+            async with asyncio.timeout(progress.remaining_seconds):
                 data = await self._once(content, progress)
         except TimeoutError as error:
-            turn.refused()
+            permit.refused()
             raise self._overdue(progress) from error
         except LLMTimeout:
-            turn.refused()
+            permit.refused()
             raise
-        except _TryAgain as again:
+        except _TemporaryFailure as again:
             if again.is_refusal:
-                # A pause beyond any request's patience is not waited for: everybody is told instead.
+                # A pause longer than any request's deadline is not waited for: requests fail instead.
                 is_short = again.not_before_seconds <= self.config.total_seconds
-                turn.refused(again.not_before_seconds if is_short else 0.0)
+                permit.refused(again.not_before_seconds if is_short else 0.0)
             raise
         finally:
-            progress.left_seconds -= time.monotonic() - started
+            progress.remaining_seconds -= time.monotonic() - started
         reply = CachedReply(data, time.monotonic() - started)
         completion = self._read(reply, cached=False)
-        turn.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
+        permit.answered(reply.seconds / (_READING_TOKENS + completion.completion_tokens))
         return reply
 
     async def _once(self, content: bytes, progress: _Progress) -> bytes:
         """The body of a reply with status 200."""
         if self._http is None:
-            raise RuntimeError("the client was closed while a request was under way")
+            raise RuntimeError("the client was closed while a request was in flight")
         progress.restart()
         try:
             async with self._http.post(self._url, content) as response:
                 progress.answered = True
                 data = await self._receive(response, progress)
         except httpx.ConnectTimeout as error:
-            raise _TryAgain(self._unreachable("no connection in time")) from error
+            raise _TemporaryFailure(self._unreachable("no connection in time")) from error
         except httpx.TimeoutException as error:
             silent = f"{self._where()} was silent for {self.config.read_seconds:g} s"
             hint = "is the model loaded? a longer read_seconds waits longer"
             raise LLMTimeout(silent, hint=hint) from error
         except httpx.TransportError as error:
-            raise _TryAgain(self._broken(error, progress)) from error
+            raise _TemporaryFailure(self._broken(error, progress)) from error
         except httpx.HTTPError as error:
             raise LLMBadReply(f"{self._where()} sent a reply that cannot be read: {error}") from error
         if response.status_code != 200:
@@ -323,7 +325,7 @@ class ChatClient:
         kind = response.headers.get("content-type", "")
         if response.status_code == 200 and kind.startswith("text/event-stream"):
             hint = "the endpoint must honour stream=false"
-            raise LLMBadReply(f"{self._where()} sent a stream where one reply was asked for", hint=hint)
+            raise LLMBadReply(f"{self._where()} sent a stream instead of one reply", hint=hint)
         data = bytearray()
         async for chunk in response.aiter_bytes():
             data += chunk
@@ -333,19 +335,19 @@ class ChatClient:
                 raise LLMBadReply(f"{self._where()} sent more than {size(len(data))}", hint=hint)
         return bytes(data)
 
-    def _refusal(self, response: httpx.Response, data: bytes) -> LLMError | _TryAgain:
+    def _refusal(self, response: httpx.Response, data: bytes) -> LLMError | _TemporaryFailure:
         status = response.status_code
-        said = told(data) or quote(data)
+        reason = error_message(data) or quote(data)
         error = EndpointRefused(
             f"{self._where()} answered {status} {response.reason_phrase}".rstrip()
-            + (f": {said}" if said else ""),
+            + (f": {reason}" if reason else ""),
             hint=self._advice(status),
             status=status,
         )
-        if status not in _TRY_AGAIN or _QUOTA in map(error_object(data).get, ("code", "type")):
+        if status not in _RETRIED_STATUSES or _QUOTA in map(error_object(data).get, ("code", "type")):
             return error
         pause = _retry_after(response.headers.get("retry-after", ""))
-        return _TryAgain(error, pause, is_refusal=status in _TOO_BUSY)
+        return _TemporaryFailure(error, pause, is_refusal=status in _OVERLOADED_STATUSES)
 
     def _advice(self, status: int) -> str:
         if status in (401, 403):
@@ -353,19 +355,19 @@ class ChatClient:
         if status == 404:
             return f"does the endpoint serve {self._url} and the model {self.config.model}?"
         if status == 429:
-            return "it allows less than what is asked of it; retry.refused_tries says how often it is asked"
+            return "its rate limit is exceeded; retry.refused_tries is the number of tries"
         if 300 <= status < 400:
-            return "redirects are not followed; give the address that they lead to"
+            return "redirects are not followed; set the URL that they lead to"
         return "the endpoint's own log says more" if status >= 500 else "the endpoint refused the request"
 
     def _overdue(self, progress: _Progress) -> LLMError:
         seconds = f"{self.config.total_seconds:g} s"
         if progress.received:
-            told = f"was still sending after {seconds} ({size(progress.received)} so far)"
-            return LLMBadReply(f"{self._where()} {told}", hint="is this a chat endpoint?")
+            problem = f"was still sending after {seconds} ({size(progress.received)} so far)"
+            return LLMBadReply(f"{self._where()} {problem}", hint="is this a chat endpoint?")
         hint = "is the endpoint overloaded? total_seconds is the limit"
-        before = f"; before that, {progress.last.message}" if progress.last else ""
-        return LLMTimeout(f"{self._where()} gave no reply within {seconds}{before}", hint=hint)
+        earlier = f"; before that, {progress.last.message}" if progress.last else ""
+        return LLMTimeout(f"{self._where()} gave no reply within {seconds}{earlier}", hint=hint)
 
     def _broken(self, error: httpx.TransportError, progress: _Progress) -> LLMError:
         why = first_line(str(error)) or type(error).__name__
@@ -384,22 +386,28 @@ class ChatClient:
 
 
 class _Progress:
-    """How far a request came, and how much time it has left for tries and pauses."""
+    """The state of a request in flight: its current try, and its remaining time for tries and pauses."""
 
     def __init__(self, seconds: float) -> None:
-        self.left_seconds = seconds
+        self.remaining_seconds = seconds
         self.last: LLMError | None = None
         self.restart()
 
     def restart(self) -> None:
-        """Begin a try."""
+        """Start a try."""
         self.answered = False
         self.received = 0
-        self.began = time.monotonic()
+        self.started = time.monotonic()
 
 
-class _TryAgain(Exception):
-    """A temporary failure."""
+class _TemporaryFailure(Exception):
+    """A failure after which the request is sent again.
+
+    Attributes:
+        error: the error to raise if there are no further tries.
+        not_before_seconds: the endpoint's ``Retry-After``; 0 if it sent none.
+        is_refusal: whether the endpoint is overloaded.
+    """
 
     def __init__(self, error: LLMError, not_before_seconds: float = 0.0, *, is_refusal: bool = False) -> None:
         super().__init__(str(error))
@@ -409,7 +417,7 @@ class _TryAgain(Exception):
 
 
 def is_loopback(base_url: str) -> bool:
-    """Whether the endpoint is on this machine, where no proxy of the environment has a say."""
+    """Whether the endpoint is on this machine, so that proxies of the environment do not apply."""
     host = httpx.URL(base_url).host
     try:
         return ipaddress.ip_address(host).is_loopback
@@ -418,7 +426,7 @@ def is_loopback(base_url: str) -> bool:
 
 
 def _retry_after(value: str) -> float:
-    """Seconds until the endpoint wants to be asked again; 0 if it does not say."""
+    """Seconds of a ``Retry-After`` header; 0 if there is none."""
     value = value.strip()
     if value.isascii() and value.isdecimal():
         return float(value[:9])

@@ -1,4 +1,4 @@
-"""Completions, and how they are parsed from an endpoint's response."""
+"""Completions, and their parsing from an endpoint's response."""
 
 from __future__ import annotations
 
@@ -11,27 +11,28 @@ from webgym.core.tokens import ReplyTokens
 from webgym.llm.config import Sampling
 
 _QUOTED_CHARS: Final = 200
-"""How much of a bad reply an error quotes."""
+"""Most characters of an invalid reply that an error quotes."""
 
 
 class Completion(msgspec.Struct, frozen=True):
     """A reply.
 
     Attributes:
-        text: what the model said; empty if it said nothing before it was stopped. Tool calls that the
-            endpoint has parsed stand at its end as ``<tool_call>`` blocks, as models write them.
+        text: the model's text; may be empty. Tool calls that the endpoint has parsed are appended as
+            ``<tool_call>`` blocks, as models write them.
         finish_reason: as the endpoint gave it; empty if it gave none.
         prompt_tokens, completion_tokens: as the endpoint counted them; 0 if it did not.
-        seconds: wall time of the try that succeeded, from request to last byte; 0 from a batch.
-        model: as the endpoint named it, else as it was asked for.
-        prompt_tokens_cached: how many of the prompt's tokens the endpoint had read before, and sells cheaper.
-        refusal: in place of the text, where the endpoint tells a refusal apart.
-        cached: whether it was paid for before: it comes from the cache, or answers an identical request
-            that was in flight.
-        reasoning: thinking, where the endpoint tells it apart from the text.
-        tokens: what was read and sampled, where the endpoint gives it (vLLM: ``return_token_ids``, and
-            ``logprobs`` for log-probabilities, whose meaning depends on its ``--logprobs-mode``).
-        weight_versions: labels of the weights that sampled the reply, in order, where the endpoint says.
+        seconds: wall time of the successful try, from request to last byte; 0 from a batch.
+        model: as the endpoint named it, else as requested.
+        prompt_tokens_cached: how many of the prompt's tokens were in the endpoint's own cache.
+        refusal: the model's refusal, if the endpoint reports it separately from the text.
+        cached: whether it was paid for before: it comes from the cache, or is the reply to an identical
+            request that was in flight.
+        reasoning: thinking, if the endpoint reports it separately from the text.
+        tokens: the tokens read and sampled; ``None`` if the endpoint does not return them (vLLM:
+            ``return_token_ids``, and ``logprobs``, whose meaning depends on its ``--logprobs-mode``).
+        weight_versions: version labels of the weights that sampled the reply, in order; empty if the endpoint
+            does not return them.
     """
 
     text: str
@@ -54,62 +55,63 @@ class Completes(Protocol):
     async def complete(
         self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None
     ) -> Completion:
-        """One reply to these messages, in the shape of the OpenAI chat API.
+        """One reply to these messages, in the format of the OpenAI chat API.
 
         Raises:
-            LLMError: none could be had.
+            LLMError: the request failed.
         """
         ...
 
 
 class NoCompletion(Exception):
-    """The reply is not a completion. Never leaves this package: the caller knows whose reply it was."""
+    """The reply is not a completion. Callers in this package turn it into an error that names the
+    endpoint."""
 
 
 def read_completion(data: bytes, *, model: str, seconds: float, cached: bool = False) -> Completion:
-    """The completion that these bytes, an endpoint's reply, hold.
+    """Parse a completion.
 
     Args:
-        data: the body of the reply.
-        model: as it was asked for.
-        seconds: how long it took.
+        data: body of the endpoint's response.
+        model: the requested model.
+        seconds: wall time of the request.
         cached: whether it was paid for before.
 
     Raises:
-        NoCompletion: they hold none; says what they are.
+        NoCompletion: the body is not a completion; the message describes it.
     """
     if not data.strip():
         raise NoCompletion("an empty reply")
     try:
-        found = msgspec.json.decode(data, type=_Body)
+        body = msgspec.json.decode(data, type=_Body)
     except (msgspec.DecodeError, RecursionError) as error:
         is_page = data.lstrip()[:1] == b"<"
-        what = "a web page" if is_page else f"something that is no completion ({first_line(str(error))})"
+        what = "a web page" if is_page else f"something that is not a completion ({first_line(str(error))})"
         raise NoCompletion(f"{what}: {quote(data)}") from error
-    if not found.choices:
-        raise NoCompletion(f"a reply without choices: {told(data) or quote(data)}")
-    choice = found.choices[0]
-    usage = found.usage if isinstance(found.usage, dict) else {}
+    if not body.choices:
+        raise NoCompletion(f"a reply without choices: {error_message(data) or quote(data)}")
+    choice = body.choices[0]
+    usage = body.usage if isinstance(body.usage, dict) else {}
     details = usage.get("prompt_tokens_details")
     prompt_tokens = _count(usage.get("prompt_tokens"))
-    known = _count(details.get("cached_tokens")) if isinstance(details, dict) else 0
+    cached_tokens = _count(details.get("cached_tokens")) if isinstance(details, dict) else 0
     return Completion(
         text=_text(choice.message),
         finish_reason=choice.finish_reason or "",
         prompt_tokens=prompt_tokens,
         completion_tokens=_count(usage.get("completion_tokens")),
         seconds=seconds,
-        model=found.model or model,
-        prompt_tokens_cached=min(known, prompt_tokens),
+        model=body.model or model,
+        prompt_tokens_cached=min(cached_tokens, prompt_tokens),
         refusal=choice.message.refusal if isinstance(choice.message.refusal, str) else "",
         cached=cached,
-        reasoning=_thought(choice.message),
-        tokens=_tokens(found.prompt_token_ids, choice),
+        reasoning=_reasoning(choice.message),
+        tokens=_tokens(body.prompt_token_ids, choice),
         weight_versions=_versions(choice.weight_versions),
     )
 
 
-class _Said(msgspec.Struct):
+class _Message(msgspec.Struct):
     content: str | None = None
     tool_calls: Any = None
     refusal: Any = None
@@ -119,37 +121,38 @@ class _Said(msgspec.Struct):
 
 class _Function(msgspec.Struct):
     name: str
-    arguments: Any = None  # a string of JSON, as the API has it; some endpoints send the object
+    arguments: Any = None  # JSON as a string, as in the API; some endpoints send an object
 
 
 class _ToolCall(msgspec.Struct):
     function: _Function
 
 
-def _text(said: _Said) -> str:
+def _text(message: _Message) -> str:
     try:
-        calls = msgspec.convert(said.tool_calls or [], list[_ToolCall])
+        calls = msgspec.convert(message.tool_calls or [], list[_ToolCall])
     except msgspec.ValidationError:
         calls = []
     blocks = [_block(call.function) for call in calls]
-    return "\n".join([said.content, *blocks] if said.content else blocks)
+    return "\n".join([message.content, *blocks] if message.content else blocks)
 
 
 def _block(function: _Function) -> str:
-    """Arguments that are no JSON stay as they are: it is the reader who says what is wrong with them."""
-    given = function.arguments
-    arguments = given if isinstance(given, str) else msgspec.json.encode(given).decode()
+    """A tool call as a ``<tool_call>`` block. Invalid JSON in the arguments is kept, for the parser to
+    report."""
+    raw = function.arguments
+    arguments = raw if isinstance(raw, str) else msgspec.json.encode(raw).decode()
     name = msgspec.json.encode(function.name).decode()
     return f'<tool_call>\n{{"name": {name}, "arguments": {arguments or "{}"}}}\n</tool_call>'
 
 
-def _thought(said: _Said) -> str:
-    found = (said.reasoning, said.reasoning_content)
-    return next((thought for thought in found if isinstance(thought, str)), "")
+def _reasoning(message: _Message) -> str:
+    fields = (message.reasoning, message.reasoning_content)
+    return next((field for field in fields if isinstance(field, str)), "")
 
 
 class _Choice(msgspec.Struct):
-    message: _Said
+    message: _Message
     finish_reason: str | None = None
     token_ids: Any = None  # vLLM
     logprobs: Any = None
@@ -175,7 +178,7 @@ class _Span(msgspec.Struct):
     version: str
 
 
-# What other endpoints make of these fields is not known, so what does not fit counts as absent.
+# Other endpoints may use these fields differently, so values of another form count as missing.
 
 
 def _tokens(prompt: Any, choice: _Choice) -> ReplyTokens | None:
@@ -187,16 +190,16 @@ def _tokens(prompt: Any, choice: _Choice) -> ReplyTokens | None:
         return None
 
 
-def _logprobs(given: Any) -> list[float]:
+def _logprobs(value: Any) -> list[float]:
     try:
-        return [each.logprob for each in msgspec.convert(given, _LogProbs).content]
+        return [item.logprob for item in msgspec.convert(value, _LogProbs).content]
     except msgspec.ValidationError:
         return []
 
 
-def _versions(given: Any) -> tuple[str, ...]:
+def _versions(value: Any) -> tuple[str, ...]:
     try:
-        return tuple(span.version for span in msgspec.convert(given, list[_Span]))
+        return tuple(span.version for span in msgspec.convert(value, list[_Span]))
     except msgspec.ValidationError:
         return ()
 
@@ -205,34 +208,34 @@ def _count(value: Any) -> int:
     return value if isinstance(value, int) and not isinstance(value, bool) and value > 0 else 0
 
 
-# --- words for errors ---------------------------------------------------------------------------------
+# --- parts of error messages --------------------------------------------------------------------------
 
 
 def error_object(data: bytes) -> dict[str, Any]:
-    """The endpoint's error object, ``{"error": {...}}``, if that is what it sent; else empty."""
+    """The content of the endpoint's error object, ``{"error": {...}}``; empty if it sent none."""
     try:
-        found = msgspec.json.decode(data)
+        body = msgspec.json.decode(data)
     except (msgspec.DecodeError, RecursionError):
         return {}
-    error = found.get("error") if isinstance(found, dict) else None
+    error = body.get("error") if isinstance(body, dict) else None
     if isinstance(error, dict):
         return error
     return {"message": error} if isinstance(error, str) else {}
 
 
-def told(data: bytes) -> str:
-    """The endpoint's own words in an error object, if that is what it sent."""
-    said = error_object(data).get("message")
-    return first_line(said) if isinstance(said, str) else ""
+def error_message(data: bytes) -> str:
+    """The message in the endpoint's error object; empty if it sent none."""
+    message = error_object(data).get("message")
+    return first_line(message) if isinstance(message, str) else ""
 
 
 def quote(data: bytes) -> str:
-    """The beginning of a reply, as one line."""
+    """The beginning of a reply on one line, for error messages."""
     return _cut(" ".join(data[: 4 * _QUOTED_CHARS].decode(errors="replace").split()))
 
 
 def first_line(text: str) -> str:
-    """The first line of a message, not too long."""
+    """The first line of a message, shortened if necessary."""
     return _cut(" ".join(text.split("\n", 1)[0].split()))
 
 
@@ -241,5 +244,5 @@ def _cut(text: str) -> str:
 
 
 def size(count: int) -> str:
-    """A number of bytes, for people."""
+    """A number of bytes as text."""
     return f"{count / 1024:.0f} KiB"

@@ -1,7 +1,8 @@
-"""An SQLite file, and a thread that commits jobs on it in groups.
+"""The cache's SQLite file, and a thread that commits jobs on it in groups.
 
-A commit costs one wait for the disk, however much it holds. So whatever has queued up while the last commit
-ran goes into the next one together: a single caller waits for one sync, a thousand callers share it.
+A commit costs one sync of the disk, whatever its size. So all jobs that were queued during the last commit
+are
+committed together: a single caller waits for one sync, a thousand callers share it.
 """
 
 from __future__ import annotations
@@ -66,22 +67,22 @@ Job = Callable[[sqlite3.Connection], Any]
 
 
 def connect(path: Path, busy_seconds: float) -> sqlite3.Connection:
-    """Open the file; made if it is not there or empty.
+    """Open the file, which is created if it does not exist or is empty.
 
     Raises:
-        CacheError: it is somebody else's, of a newer version, damaged, or out of reach.
+        CacheError: it belongs to another program, has another version, is damaged, or cannot be accessed.
     """
     try:
-        # Transactions are begun and ended by hand.
+        # Without implicit transactions.
         connection = sqlite3.connect(
             path, timeout=busy_seconds, isolation_level=None, check_same_thread=False
         )
     except sqlite3.Error as error:
         raise failure(path, error) from error
     try:
-        _make_ours(connection, path)
-        # A commit is on disk, power loss included, when it returns; readers and the writer do not wait
-        # for each other. Commits are shared, so that the sync costs little.
+        _create_schema(connection, path)
+        # A commit is safely on disk when it returns; readers and the writer do not wait for each other.
+        # Jobs share commits, so that the syncs cost little.
         connection.execute("pragma journal_mode = wal")
         connection.execute("pragma synchronous = full")
     except sqlite3.Error as error:
@@ -93,13 +94,13 @@ def connect(path: Path, busy_seconds: float) -> sqlite3.Connection:
     return connection
 
 
-def _make_ours(connection: sqlite3.Connection, path: Path) -> None:
-    """Check whose file it is, before anything is written to it."""
-    if _is_ours(connection, path):
+def _create_schema(connection: sqlite3.Connection, path: Path) -> None:
+    """Create the tables if the file is empty; check that it belongs to this program before writing to it."""
+    if _has_schema(connection, path):
         return
-    connection.execute("begin immediate")  # whoever comes second finds the file made
+    connection.execute("begin immediate")  # a concurrent process then finds the tables
     try:
-        if not _is_ours(connection, path):
+        if not _has_schema(connection, path):
             for statement in _SCHEMA.split(";"):
                 connection.execute(statement)
             connection.execute(f"pragma application_id = {APPLICATION}")
@@ -110,46 +111,50 @@ def _make_ours(connection: sqlite3.Connection, path: Path) -> None:
         raise
 
 
-def _is_ours(connection: sqlite3.Connection, path: Path) -> bool:
-    """Whether the file is made already; an error if it is somebody else's."""
+def _has_schema(connection: sqlite3.Connection, path: Path) -> bool:
+    """Whether the file has the tables.
+
+    Raises:
+        CacheError: it belongs to another program, or has another version.
+    """
     [application] = connection.execute("pragma application_id").fetchone()
     [version] = connection.execute("pragma user_version").fetchone()
     [tables] = connection.execute("select count(*) from sqlite_master").fetchone()
     if application == APPLICATION:
         if version != VERSION:
             hint = "use the release that wrote it, or another file"
-            raise CacheError(f"{path} holds replies in version {version} of the format", hint=hint)
+            raise CacheError(f"{path} has version {version} of the format", hint=hint)
         return True
     if application or version or tables:
-        hint = "name another file: what is not there is made"
+        hint = "name another file; it is created if it does not exist"
         raise CacheError(f"{path} is a database of another program, not a cache of replies", hint=hint)
     return False
 
 
 def failure(path: Path, error: sqlite3.Error) -> CacheError:
-    """What SQLite says, in our terms."""
-    said = str(error)
+    """The error for an error of SQLite."""
+    message = str(error)
     hint = "is it a cache of replies? name another file, or move this one away"
-    if "locked" in said or "busy" in said:
-        hint = "another process holds it; try again when it is done"
-    elif "unable to open" in said or "readonly" in said:
-        hint = "is the folder there, and may it be written to?"
-    elif "full" in said or "disk I/O" in said:
-        hint = "make room on the disk; what was stored before is kept"
-    return CacheError(f"the replies in {path} cannot be used: {said}", hint=hint)
+    if "locked" in message or "busy" in message:
+        hint = "another process uses it; try again when it is done"
+    elif "unable to open" in message or "readonly" in message:
+        hint = "does the folder exist, and is it writable?"
+    elif "full" in message or "disk I/O" in message:
+        hint = "free disk space; stored replies are kept"
+    return CacheError(f"the replies in {path} cannot be used: {message}", hint=hint)
 
 
 class Worker:
-    """A thread with a connection. Jobs that wait are done together, in their order.
+    """A thread with a connection. Waiting jobs are run together, in order.
 
     Args:
-        path: the file, for what errors say.
-        connection: used by the thread alone from now on, and closed by it.
-        most: jobs in one group.
-        commit: whether a group is one transaction. Then if one job fails, all of them do.
-        afterwards: called in the thread after each group; what it returns goes to ``tell`` on the event
-            loop, before any job's caller goes on.
-        tell: see there.
+        path: the file, for errors.
+        connection: used and closed only by the thread from now on.
+        most: most jobs in one group.
+        commit: whether a group is one transaction. Then all jobs of a group fail if one fails.
+        afterwards: called in the thread after each committed group.
+        tell: called on the event loop with the result of ``afterwards``, before the callers of the jobs
+            continue.
     """
 
     def __init__(
@@ -174,7 +179,7 @@ class Worker:
         self._thread.start()
 
     def do(self, job: Callable[[sqlite3.Connection], T]) -> asyncio.Future[T]:
-        """Have a job done. It is done whatever becomes of the future.
+        """Run a job in the thread, even if the future is cancelled.
 
         The future raises :class:`CacheError` if the file cannot be read or written.
         """
@@ -183,16 +188,16 @@ class Worker:
         return future
 
     async def close(self) -> None:
-        """Do what waits, then close the connection."""
+        """Run the waiting jobs, then close the connection."""
         self._waiting.put(None)
         await asyncio.to_thread(self._thread.join)
 
     def _run(self) -> None:
-        goes_on = True
-        while goes_on:
-            group, goes_on = self._next_group()
+        continues = True
+        while continues:
+            group, continues = self._next_group()
             if group:
-                self._do_group(group)
+                self._run_group(group)
         self._connection.close()
 
     def _next_group(self) -> tuple[list[tuple[Job, asyncio.Future[Any]]], bool]:
@@ -208,18 +213,18 @@ class Worker:
                 return group, True
         return group, False
 
-    def _do_group(self, group: Sequence[tuple[Job, asyncio.Future[Any]]]) -> None:
+    def _run_group(self, group: Sequence[tuple[Job, asyncio.Future[Any]]]) -> None:
         jobs, futures = zip(*group, strict=True)
-        told = None
+        news = None
         if self._commit:
-            results, told = self._written(jobs)
+            results, news = self._run_transaction(jobs)
         else:
-            results = [self._tried(job) for job in jobs]
-        if not self._loop.is_closed():  # else nobody waits any more
-            self._loop.call_soon_threadsafe(self._deliver, futures, results, told)
+            results = [self._run_job(job) for job in jobs]
+        if not self._loop.is_closed():  # otherwise no caller waits any more
+            self._loop.call_soon_threadsafe(self._deliver, futures, results, news)
 
-    def _tried(self, job: Job) -> Any:
-        """What a job returns, or its error in a :class:`_Failed`: the loop's business, not the thread's."""
+    def _run_job(self, job: Job) -> Any:
+        """The result of a job, or its error in a :class:`_Failed`, to be raised on the event loop."""
         try:
             return job(self._connection)
         except sqlite3.Error as error:
@@ -227,7 +232,7 @@ class Worker:
         except BaseException as error:
             return _Failed(error)
 
-    def _written(self, jobs: Sequence[Job]) -> tuple[list[Any], Any]:
+    def _run_transaction(self, jobs: Sequence[Job]) -> tuple[list[Any], Any]:
         def transaction(connection: sqlite3.Connection) -> tuple[list[Any], Any]:
             connection.execute("begin immediate")
             try:
@@ -238,12 +243,12 @@ class Worker:
                 raise
             return results, self._afterwards(connection)
 
-        outcome = self._tried(transaction)
+        outcome = self._run_job(transaction)
         return ([outcome] * len(jobs), None) if isinstance(outcome, _Failed) else outcome
 
-    def _deliver(self, futures: Sequence[asyncio.Future[Any]], results: Sequence[Any], told: Any) -> None:
-        if told is not None:
-            self._tell(told)
+    def _deliver(self, futures: Sequence[asyncio.Future[Any]], results: Sequence[Any], news: Any) -> None:
+        if news is not None:
+            self._tell(news)
         for future, result in zip(futures, results, strict=True):
             if future.done():
                 continue

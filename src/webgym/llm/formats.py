@@ -1,4 +1,4 @@
-"""Which ``response_format`` an endpoint accepts: learned from its refusals, and remembered."""
+"""The ``response_format`` that an endpoint accepts: learned from its refusals, and stored."""
 
 from __future__ import annotations
 
@@ -10,14 +10,19 @@ from webgym.llm.cache import ReplyCache
 Format = Literal["json_schema", "json_object", "text"]
 
 FORMATS: Final[tuple[Format, ...]] = ("json_schema", "json_object", "text")
-"""From the strictest, which holds the model to a schema, to none at all."""
+"""From the strictest, which enforces a schema, to none at all."""
 
 
 class Formats:
-    """The strictest format that an endpoint takes for a model.
+    """The strictest format that an endpoint accepts for a model.
 
-    With a cache it outlasts the process: a job that is repeated from the cache must ask for what it asked for
-    the first time, or it would not find its replies.
+    With a cache it is stored: a job that is repeated from the cache must send the same requests as the first
+    time, or it would not find its replies.
+
+    Args:
+        endpoint: the endpoint's base URL.
+        model: the model.
+        cache: where to store the format; ``None`` keeps it in memory.
     """
 
     def __init__(self, endpoint: str = "", model: str = "", cache: ReplyCache | None = None) -> None:
@@ -26,23 +31,23 @@ class Formats:
         self._known: Format | None = None
 
     async def known(self) -> Format:
-        """The strictest that is not known to be refused."""
+        """The strictest format that is not known to be refused."""
         if self._known is None:
-            found = None if self._cache is None else await self._cache.read(self._select)
-            self._known = self._known or found or FORMATS[0]
+            stored = None if self._cache is None else await self._cache.read(self._select)
+            self._known = self._known or stored or FORMATS[0]
         return self._known
 
-    async def learn(self, taken: Format) -> None:
-        """Note that the endpoint takes this format, and refuses all that are stricter."""
-        if self._known == taken:
+    async def learn(self, accepted: Format) -> None:
+        """Record that the endpoint accepts this format, and refuses all stricter ones."""
+        if self._known == accepted:
             return
-        self._known = taken
+        self._known = accepted
         if self._cache is not None:
             where = self._where
             await self._cache.write(
                 lambda connection: (
                     connection.execute(
-                        "insert or replace into formats values (?, ?, ?)", [*where, taken]
+                        "insert or replace into formats values (?, ?, ?)", [*where, accepted]
                     ).rowcount
                 )
             )
@@ -51,4 +56,4 @@ class Formats:
         row = connection.execute(
             "select format from formats where endpoint = ? and model = ?", self._where
         ).fetchone()
-        return next((each for each in FORMATS if row is not None and each == row[0]), None)
+        return next((name for name in FORMATS if row is not None and name == row[0]), None)

@@ -1,4 +1,4 @@
-"""Which problems delay a job's requests to model endpoints, collected from every client it opens."""
+"""Collects the problems that delay a job's requests to model endpoints, from every client that it opens."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager, contextmanager
 from contextvars import ContextVar
 from typing import Final, Protocol
 
-from webgym.core.background import beside
+from webgym.core.background import running_in_background
 
 _POLL_SECONDS: Final = 0.5
 _REPEAT_SECONDS: Final = 30.0
@@ -37,7 +37,7 @@ def watch_clients() -> Iterator[Callable[[], str]]:
     clients = set[Client]()
     token = _clients.set(clients)
     try:
-        yield lambda: "; ".join(dict.fromkeys(told for client in clients if (told := client.problem)))
+        yield lambda: "; ".join(dict.fromkeys(problem for client in clients if (problem := client.problem)))
     finally:
         _clients.reset(token)
 
@@ -53,16 +53,16 @@ async def report_problems(problem: Callable[[], str], tell: Callable[[str], None
     """Report problems while the block lasts: when one begins, and every 30 seconds while it persists.
 
     Args:
-        problem: what :func:`watch_clients` yields.
-        tell: is called with each line.
+        problem: the function that :func:`watch_clients` yields.
+        tell: called with each message.
     """
 
-    async def look() -> None:
+    async def poll() -> None:
         while True:
             await asyncio.sleep(_POLL_SECONDS)
-            if told := problem():
-                tell(told)
+            if message := problem():
+                tell(message)
                 await asyncio.sleep(_REPEAT_SECONDS)
 
-    async with beside(look()):
+    async with running_in_background(poll()):
         yield

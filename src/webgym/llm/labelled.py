@@ -12,19 +12,19 @@ from webgym.llm.formats import Formats
 
 @runtime_checkable
 class EndpointClient(Protocol):
-    """What clients offer beyond completing."""
+    """A client with default sampling parameters and known formats."""
 
     @property
     def sampling(self) -> Sampling:
-        """Used where a request names none."""
+        """Default sampling parameters of requests."""
 
     @property
     def formats(self) -> Formats:
-        """What the endpoint takes as ``response_format``."""
+        """Formats that the endpoint accepts as ``response_format``."""
 
 
 class PurposeAwareClient(EndpointClient, Protocol):
-    """A client that is told what a call is for."""
+    """A client whose calls can be labelled with a purpose."""
 
     async def complete(
         self, messages: Sequence[Mapping[str, Any]], sampling: Sampling | None = None, *, purpose: str = ""
@@ -34,11 +34,11 @@ class PurposeAwareClient(EndpointClient, Protocol):
 
 
 class Labelled:
-    """A client whose calls are accounted to one purpose; everything else is the wrapped client's.
+    """A wrapper of a client that labels all calls with one purpose.
 
     Args:
-        client: whom to ask.
-        purpose: what the ledger counts the calls for.
+        client: the wrapped client.
+        purpose: label under which the ledger counts the calls.
     """
 
     def __init__(self, client: PurposeAwareClient, purpose: str) -> None:
@@ -47,12 +47,12 @@ class Labelled:
 
     @property
     def sampling(self) -> Sampling:
-        """Used where a request names none."""
+        """Default sampling parameters of requests."""
         return self._client.sampling
 
     @property
     def formats(self) -> Formats:
-        """What the endpoint takes as ``response_format``."""
+        """Formats that the endpoint accepts as ``response_format``."""
         return self._client.formats
 
     async def complete(

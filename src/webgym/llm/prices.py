@@ -1,4 +1,4 @@
-"""What tokens cost. WebGym knows no prices: they change, and a wrong one is worse than none."""
+"""Prices of tokens. WebGym contains no prices itself: they change, and a wrong price is worse than none."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ _HINT: Final = "write PROMPT,COMPLETION or PROMPT,CACHED,COMPLETION, in dollars 
 
 
 class Price(Settings):
-    """Of one model, in dollars per million tokens."""
+    """The price of one model, in dollars per million tokens."""
 
     prompt: float = Field(ge=0, allow_inf_nan=False)
-    """Of the prompt's tokens."""
+    """Price of the prompt's tokens."""
 
     completion: float = Field(ge=0, allow_inf_nan=False)
-    """Of the reply's tokens, those of thinking included."""
+    """Price of the reply's tokens, including those of thinking."""
 
     cached: float | None = Field(default=None, ge=0, allow_inf_nan=False)
-    """Of prompt tokens that the endpoint has read before; as others if not given."""
+    """Price of prompt tokens in the endpoint's own cache; by default the same as of others."""
 
     batch: float = Field(default=1.0, ge=0, le=1)
-    """What share of all that a batch costs. Many endpoints sell batches at half the price: then say 0.5."""
+    """Factor of all prices in a batch; 0.5 for endpoints that sell batches at half the price."""
 
     def dollars(
         self, prompt_tokens: int, completion_tokens: int, *, cached_tokens: int = 0, in_batch: bool = False
     ) -> float:
-        """What a call costs that used so many tokens; ``cached_tokens`` are among ``prompt_tokens``."""
+        """Cost of a call in dollars; ``prompt_tokens`` include ``cached_tokens``."""
         cached = self.prompt if self.cached is None else self.cached
         cost = (prompt_tokens - cached_tokens) * self.prompt + cached_tokens * cached
         cost += completion_tokens * self.completion
@@ -42,7 +42,7 @@ class Price(Settings):
 
 
 class Prices:
-    """Prices by the model's name, as it is asked for. The name ``*`` stands for every other model."""
+    """Prices by the model's name in requests. The name ``*`` applies to every other model."""
 
     def __init__(self, by_model: dict[str, Price] | None = None) -> None:
         self._by_model = dict(by_model or {})
@@ -59,31 +59,31 @@ class Prices:
         """Prices from a YAML file of ``MODEL: {prompt: 2.5, cached: 1.25, completion: 10, batch: 0.5}``.
 
         Raises:
-            ConfigError: the file cannot be read, or holds something else.
+            ConfigError: the file cannot be read, or has another form.
         """
         try:
-            found = yaml.safe_load(path.read_text("utf-8"))
+            table = yaml.safe_load(path.read_text("utf-8"))
         except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            said = " ".join(str(error).split())
-            raise ConfigError(f"the prices in {path} cannot be read: {said}") from error
-        if not isinstance(found, dict) or not all(isinstance(model, str) for model in found):
-            hint = "it holds MODEL: {prompt: ..., completion: ...}, in dollars per million tokens"
+            reason = " ".join(str(error).split())
+            raise ConfigError(f"the prices in {path} cannot be read: {reason}") from error
+        if not isinstance(table, dict) or not all(isinstance(model, str) for model in table):
+            hint = "write MODEL: {prompt: ..., completion: ...}, in dollars per million tokens"
             raise ConfigError(f"{path} is not a table of prices", hint=hint)
         return cls(
             {
                 model: validated(Price, entry, f"the price of {model} in {path}")
-                for model, entry in found.items()
+                for model, entry in table.items()
             }
         )
 
     @classmethod
     def parse(cls, text: str) -> Prices:
-        """One price for every model, as the command line takes it: ``2.5,10`` or ``2.5,1.25,10``.
+        """One price for every model, as on the command line: ``2.5,10`` or ``2.5,1.25,10``.
 
         The numbers are dollars per million tokens of prompt (, of cached prompt) and of completion.
 
         Raises:
-            ConfigError: it is none.
+            ConfigError: the text is not a price.
         """
         try:
             numbers = [float(part) for part in text.split(",")]
@@ -91,6 +91,6 @@ class Prices:
                 raise ConfigError(f"{text!r} is not a price", hint=_HINT)
             cached = numbers[1] if len(numbers) == 3 else None
             price = Price(prompt=numbers[0], cached=cached, completion=numbers[-1])
-        except ValueError as error:  # pydantic's is one too
+        except ValueError as error:  # also pydantic's ValidationError
             raise ConfigError(f"{text!r} is not a price", hint=_HINT) from error
         return cls({_ANY: price})

@@ -1,4 +1,4 @@
-"""Requests as they are sent, and the keys by which replies are cached."""
+"""Requests to a chat endpoint, and the keys by which replies are cached."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ class Request:
     """One request to a chat endpoint.
 
     Args:
-        url: of the endpoint, ``.../chat/completions``.
+        url: the endpoint's URL, ``.../chat/completions``.
         model: the model's name.
-        messages: in the shape of the OpenAI chat API.
-        sampling: how to draw the reply.
+        messages: the messages, in the format of the OpenAI chat API.
+        sampling: the sampling parameters.
 
     Attributes:
         url, model, messages, sampling: as given.
-        body: the request's fields.
+        body: the fields of the request.
     """
 
     def __init__(
@@ -34,8 +34,8 @@ class Request:
         self.messages = messages
         self.sampling = sampling
         fields = {"model": model, "messages": messages, "stream": False} | sampling.body()
-        # The fields' own order does not matter to anybody, and must not to the key. Further in it does: a
-        # schema's properties are written by the model in the order in which they are given.
+        # The order of the fields has no meaning, so it must not change the key. Inside of fields it has: a
+        # model writes a schema's properties in the given order.
         self.body: dict[str, Any] = dict(sorted(fields.items()))
 
     @cached_property
@@ -45,13 +45,13 @@ class Request:
 
     @cached_property
     def key(self) -> bytes:
-        """The SHA-256 of all that a reply depends on: address, model, messages, sampling, sample."""
-        name = hashlib.sha256(f"{self.url}\n{self.sampling.sample}\n".encode())
-        name.update(self.content)
-        return name.digest()
+        """The SHA-256 of everything that a reply depends on: URL, model, messages, sampling, sample index."""
+        digest = hashlib.sha256(f"{self.url}\n{self.sampling.sample}\n".encode())
+        digest.update(self.content)
+        return digest.digest()
 
     @property
     def longest_reply(self) -> int | None:
-        """Tokens that the reply may have at most, if the request limits them."""
+        """Most tokens of the reply, if the request limits them."""
         limits = (self.body.get("max_completion_tokens"), self.body.get("max_tokens"))
         return next((limit for limit in limits if isinstance(limit, int)), None)

@@ -1,4 +1,4 @@
-"""Structured replies: asks a model for a value of a type until the reply is valid."""
+"""Structured replies: queries a model for a value of a type until the reply is valid."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from webgym.llm.labelled import EndpointClient
 T = TypeVar("T")
 Message = Mapping[str, Any]
 
-_NOT_UNDERSTOOD: Final = frozenset({400, 415, 422, 501})
-"""How endpoints refuse a ``response_format`` that they do not know."""
+_UNSUPPORTED_STATUSES: Final = frozenset({400, 415, 422, 501})
+"""HTTP statuses with which endpoints refuse an unsupported ``response_format``."""
 
 _SHOWN_CHARS: Final = 4000
-"""How much of a refused reply the model is shown again; more would be paid for and help nobody."""
+"""Most characters of a rejected reply that are sent back to the model; more would cost without helping."""
 
 
 async def ask_for(
@@ -34,42 +34,41 @@ async def ask_for(
     tries: int = 3,
     sampling: Sampling | None = None,
 ) -> T:
-    """A value of this type, from a model.
+    """Query a model for a value of a type.
 
-    The model is held to the type's JSON schema where its endpoint can do that (``response_format``), to JSON
-    where it can do only that, and to its word otherwise; in the latter cases the schema stands at the end of
-    the last message. What it says is decoded strictly, whatever the endpoint promised. A reply that is
-    refused is shown to the model with the reason, and it is asked again.
+    The endpoint enforces the type's JSON schema if it can (``response_format``), or valid JSON if it can
+    only do that; otherwise nothing is enforced. In the latter cases the schema is appended to the last
+    message. The reply is always decoded strictly. A rejected reply is sent back to the model with the
+    reason, and the model is queried again.
 
     Args:
-        model: whom to ask.
-        messages: the question, in the shape of the OpenAI chat API; the last one is the user's.
-        type: what to decode into, as msgspec understands it: a Struct, or a type that JSON can hold.
-        check: what else must hold: gives the reason why a value is refused, in words for the model, or
-            ``None``.
-        tries: how often to ask in all.
-        sampling: in place of the model's own.
+        model: the model's client.
+        messages: the question, in the format of the OpenAI chat API; the last message is the user's.
+        type: the type to decode into: an msgspec Struct, or another type that msgspec can decode from JSON.
+        check: further validation: returns the reason why a value is rejected, for the model, or ``None``.
+        tries: most queries.
+        sampling: used instead of the client's own parameters.
 
     Raises:
-        LLMUnusable: no reply was accepted; it holds them all, and the last reason.
-        LLMError: the model gave no reply.
+        LLMUnusable: no reply was accepted; it contains all replies, and the last reason.
+        LLMError: a request failed.
     """
-    asker = _Asker(model, type, sampling)
-    asked = list(messages)
+    query = _TypedQuery(model, type, sampling)
+    conversation = list(messages)
     replies: list[str] = []
     reason = ""
     for _ in range(tries):
-        completion = await asker.ask(asked)
+        completion = await query.send(conversation)
         replies.append(completion.text or completion.refusal)
         try:
             value = read_value(completion, type)
-            refused = check(value) if check is not None else None
+            rejection = check(value) if check is not None else None
         except Refused as error:
-            refused = str(error)
-        if not refused:
+            rejection = str(error)
+        if not rejection:
             return value
-        reason = refused
-        asked += [
+        reason = rejection
+        conversation += [
             {"role": "assistant", "content": _shown(replies[-1])},
             {"role": "user", "content": f"This reply cannot be used: {reason}\nAnswer again, in full."},
         ]
@@ -83,16 +82,16 @@ async def ask_for(
 
 
 class Refused(Exception):
-    """A reply cannot be used; the message is for the model. Never leaves this package."""
+    """A reply is rejected; the message is for the model. Handled inside of this package."""
 
 
 def read_value(completion: Completion, type: type[T]) -> T:
-    """The value that a reply holds.
+    """Decode the value in a reply.
 
-    Thinking before it and a code fence around it are no part of it; anything else is.
+    Thinking before it and a code fence around it are removed; any other text makes it invalid.
 
     Raises:
-        Refused: it holds none.
+        Refused: the reply does not contain a valid value.
     """
     if completion.refusal or completion.finish_reason == "content_filter":
         raise Refused("it is a refusal, not the JSON that was asked for.")
@@ -125,12 +124,13 @@ def _without_fence(text: str) -> str:
 
 
 def _shown(reply: str) -> str:
-    """A refused reply as the model sees it again. Some endpoints refuse messages that are empty."""
+    """A rejected reply as it is sent back to the model: shortened, and never empty, which endpoints
+    refuse."""
     return reply if 0 < len(reply) <= _SHOWN_CHARS else f"{reply[:_SHOWN_CHARS]} …"
 
 
-class _Asker:
-    """Asks for a type's schema in the strictest way that the endpoint takes."""
+class _TypedQuery:
+    """Sends requests with a type's schema, in the strictest format that the endpoint accepts."""
 
     def __init__(self, model: Completes, type: Any, sampling: Sampling | None) -> None:
         self._model = model
@@ -143,50 +143,52 @@ class _Asker:
         self._name = "".join(filter(str.isalnum, getattr(type, "__name__", ""))) or "reply"
         self._schema = strict_schema(type)
 
-    async def ask(self, messages: Sequence[Message]) -> Completion:
+    async def send(self, messages: Sequence[Message]) -> Completion:
         first: EndpointRefused | None = None
-        for form in FORMATS[FORMATS.index(await self._formats.known()) :]:
+        for response_format in FORMATS[FORMATS.index(await self._formats.known()) :]:
             try:
-                completion = await self._ask_in(form, messages)
+                completion = await self._send_in(response_format, messages)
             except EndpointRefused as error:
-                if error.status not in _NOT_UNDERSTOOD:
+                if error.status not in _UNSUPPORTED_STATUSES:
                     raise
                 first = first or error
             else:
-                if first is not None:  # so what it refused before was the form
-                    await self._formats.learn(form)
+                if first is not None:  # then it refused because of the format
+                    await self._formats.learn(response_format)
                 return completion
-        assert first is not None, "there is at least one form to ask in"
+        assert first is not None, "there is at least one format"
         raise first
 
-    async def _ask_in(self, form: Format, messages: Sequence[Message]) -> Completion:
+    async def _send_in(self, response_format: Format, messages: Sequence[Message]) -> Completion:
         extra = dict(self._sampling.extra_body)
-        if form == "json_schema":
+        if response_format == "json_schema":
             schema = {"name": self._name, "schema": self._schema, "strict": True}
-            extra["response_format"] = {"type": form, "json_schema": schema}
+            extra["response_format"] = {"type": response_format, "json_schema": schema}
         else:
             messages = _with_schema(messages, self._schema)
-            if form == "json_object":
-                extra["response_format"] = {"type": form}
+            if response_format == "json_object":
+                extra["response_format"] = {"type": response_format}
         return await self._model.complete(messages, self._sampling.model_copy(update={"extra_body": extra}))
 
 
 def _with_schema(messages: Sequence[Message], schema: Mapping[str, Any]) -> list[Message]:
-    """The messages, with the schema at the end of the last one: a message more would break some templates."""
-    told = f"\n\nAnswer with JSON alone, by this schema:\n{msgspec.json.encode(schema).decode()}"
+    """The messages, with the schema appended to the last one: an additional message would break some chat
+    templates."""
+    suffix = f"\n\nAnswer with JSON alone, by this schema:\n{msgspec.json.encode(schema).decode()}"
     *others, last = messages
     content = last["content"]
     if isinstance(content, str):
-        return [*others, {**last, "content": content + told}]
-    return [*others, {**last, "content": [*content, {"type": "text", "text": told}]}]
+        return [*others, {**last, "content": content + suffix}]
+    return [*others, {**last, "content": [*content, {"type": "text", "text": suffix}]}]
 
 
 @cache
 def strict_schema(type: Any) -> dict[str, Any]:
-    """A type's JSON schema as endpoints want it that hold a model to it.
+    """A type's JSON schema in the form that endpoints require to enforce it.
 
-    The root is spelt out, every object is closed, and all its properties are required, in the type's order.
-    Worked out once for a type, and shared by all who ask: it must not be changed.
+    The root is not a reference, every object is closed, and all its properties are required, in the type's
+    order.
+    Cached per type: the result must not be modified.
     """
     schema = msgspec.json.schema(type)
     definitions = schema.pop("$defs", {})
@@ -204,13 +206,13 @@ def strict_schema(type: Any) -> dict[str, Any]:
 
 def _refers_to(schema: Any, reference: str) -> bool:
     if isinstance(schema, dict):
-        return schema.get("$ref") == reference or any(_refers_to(each, reference) for each in schema.values())
-    return isinstance(schema, list) and any(_refers_to(each, reference) for each in schema)
+        return schema.get("$ref") == reference or any(_refers_to(it, reference) for it in schema.values())
+    return isinstance(schema, list) and any(_refers_to(item, reference) for item in schema)
 
 
 def _closed(schema: Any) -> Any:
     if isinstance(schema, list):
-        return [_closed(each) for each in schema]
+        return [_closed(item) for item in schema]
     if not isinstance(schema, dict):
         return schema
     closed = {key: _closed(value) for key, value in schema.items() if key != "default"}

@@ -1,4 +1,4 @@
-"""Token counts without a tokenizer: an estimate for plans, and an upper bound for budgets."""
+"""Token counts without a tokenizer: an estimate for planning, and an upper bound for budgets."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ _PER_MARK: Final = 0.65
 _PER_FOREIGN_BYTE: Final = 0.218
 """Fitted to four tokenizers at once (o200k, cl100k, Qwen, DeepSeek) on 1,900 texts: instructions of web
 tasks, questions, text of web pages, action records in JSON, judges' replies. For many English texts of one
-kind together the guess is within 9 % (14 % too low for Qwen on web pages); for nine in ten single texts
-within 17 %. Other scripts vary by tokenizer: from half to twice."""
+kind together the estimate is within 9 % (14 % too low for Qwen on web pages); for nine in ten single texts
+within 17 %. For other scripts it varies by tokenizer, from half to twice."""
 _WEIGHTS: Final = (_PER_LETTER, _PER_BLANK, _PER_DIGIT, _PER_MARK, _PER_FOREIGN_BYTE)
 
 _PER_MESSAGE: Final = 5
 _TEMPLATE: Final = 100
-"""For what a chat template says by itself."""
+"""Tokens that a chat template adds to a request."""
 
 _USUAL_SIZE: Final = (1280, 768)
-"""The viewport: how large a picture is taken to be that stands at an address of its own."""
+"""The viewport: assumed size of a picture given by URL."""
 _PIXELS_PER_TOKEN: Final = 900
-"""Between models that cut pictures into patches of 28 or 32 pixels (784 and 1,024 per token) and those that
-sell tiles (890 for a usual screenshot): within 15 % of them all."""
+"""Between models that split pictures into patches of 28 or 32 pixels (784 and 1,024 per token) and those that
+price tiles (890 for a usual screenshot): within 15 % of all of them."""
 _FEWEST_PIXELS_PER_TOKEN: Final = 700
 _LEAST_IMAGE: Final = 255
-"""No picture costs less where tiles are sold. The bound does not hold for models that multiply the tokens of
-pictures to price them, as some small ones do."""
+"""Lowest cost of a picture for models that price tiles. The bound does not hold for models that multiply the
+tokens of pictures for pricing, as some small ones do."""
 _HEADER_CHARS: Final = 65_536
-"""As much of a picture, in base64, as holds its size."""
+"""Characters of a picture in base64 that contain its size."""
 
 
 def count_text(text: str) -> int:
-    """About how many tokens a text is."""
+    """Estimated number of tokens of a text."""
     data = text.encode(errors="replace")
     counts = [len(data) - len(data.translate(None, kind)) for kind in (_LETTERS, b" ", _DIGITS, _OTHER_ASCII)]
     counts.append(len(data) - sum(counts))
@@ -51,7 +51,7 @@ def count_text(text: str) -> int:
 
 
 def count_messages(messages: Sequence[Mapping[str, Any]]) -> int:
-    """About how many tokens messages are, pictures included."""
+    """Estimated number of tokens of messages, pictures included."""
     total = 3
     for message in messages:
         total += _PER_MESSAGE
@@ -67,10 +67,14 @@ def count_messages(messages: Sequence[Mapping[str, Any]]) -> int:
 
 
 def most_tokens(content: bytes, messages: Sequence[Mapping[str, Any]]) -> int:
-    """More tokens than a request can have.
+    """An upper bound of the number of tokens of a request.
 
-    A tokenizer that falls back to bytes never makes more tokens than there are bytes, and the request's
-    JSON has more bytes than what a chat template makes of it.
+    A byte-level tokenizer never produces more tokens than bytes, and the request's JSON has more bytes than
+    the text that the chat template renders from it.
+
+    Args:
+        content: the request's JSON body.
+        messages: its messages.
     """
     images = list(_images(messages))
     text_bytes = len(content) - sum(chars for _, _, chars in images)
@@ -99,11 +103,11 @@ def _images(messages: Sequence[Mapping[str, Any]]) -> Iterator[tuple[int, int, i
 
 
 def _size(url: str) -> tuple[int, int]:
-    """Width and height of a picture; those of a usual screenshot if they cannot be seen."""
+    """Width and height of a picture; those of a usual screenshot if they are not known."""
     if not url.startswith("data:"):
         return _USUAL_SIZE
     _, _, encoded = url.partition(",")
-    for part in (encoded[:_HEADER_CHARS], encoded):  # some formats are not opened by halves
+    for part in (encoded[:_HEADER_CHARS], encoded):  # some formats need the whole file
         try:
             with Image.open(io.BytesIO(base64.b64decode(part))) as image:
                 return image.size

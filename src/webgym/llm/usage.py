@@ -11,12 +11,12 @@ class Call(msgspec.Struct, frozen=True, gc=False):
     """A call that was paid for.
 
     Attributes:
-        purpose: what it was for, as the caller labelled it; may be empty.
-        model: as it was asked for.
+        purpose: the caller's label of the call; may be empty.
+        model: the requested model.
         prompt_tokens, completion_tokens: as the endpoint counted them, else estimated.
-        prompt_tokens_cached: how many of the prompt's tokens the endpoint had read before.
-        dollars: what it cost by the prices of the time; ``None`` if the model's price was not known.
-        is_estimate: whether the tokens are our own estimate, as the endpoint did not count them.
+        prompt_tokens_cached: how many of the prompt's tokens were in the endpoint's own cache.
+        dollars: its cost by the prices at that time; ``None`` if the model's price was not known.
+        is_estimate: whether the token counts are estimated, because the endpoint did not count them.
         batch: the endpoint's id of the request if it was answered in a batch; else empty.
     """
 
@@ -34,13 +34,13 @@ class Usage(msgspec.Struct, gc=False):
     """A sum over calls.
 
     Attributes:
-        calls: how many were paid for.
-        hits: how many were answered from the cache.
-        batched: how many of the paid ones were answered in a batch.
-        prompt_tokens, completion_tokens, prompt_tokens_cached: of the paid ones.
-        dollars: of those whose price was known.
-        unpriced: how many paid ones had no price.
-        estimated: for how many the endpoint did not count tokens.
+        calls: number of paid calls.
+        hits: number of calls answered from the cache.
+        batched: number of paid calls answered in a batch.
+        prompt_tokens, completion_tokens, prompt_tokens_cached: tokens of the paid calls.
+        dollars: cost of the paid calls with a known price.
+        unpriced: number of paid calls without a known price.
+        estimated: number of paid calls whose token counts are estimated.
     """
 
     calls: int = 0
@@ -55,11 +55,11 @@ class Usage(msgspec.Struct, gc=False):
 
     @property
     def tokens(self) -> int:
-        """Of prompts and replies together."""
+        """Tokens of prompts and replies together."""
         return self.prompt_tokens + self.completion_tokens
 
     def add(self, other: Usage) -> None:
-        """Count another sum in."""
+        """Add another sum."""
         for name in self.__struct_fields__:
             setattr(self, name, getattr(self, name) + getattr(other, name))
 
@@ -68,7 +68,7 @@ class Totals:
     """Sums per purpose and model, and over all.
 
     Attributes:
-        all: over everything.
+        all: the sum over all purposes and models.
     """
 
     def __init__(self) -> None:
@@ -81,12 +81,12 @@ class Totals:
         return self._rows
 
     def add(self, purpose: str, model: str, usage: Usage) -> None:
-        """Count a sum in."""
+        """Add a sum."""
         self._rows.setdefault((purpose, model), Usage()).add(usage)
         self.all.add(usage)
 
     def paid(self, call: Call) -> None:
-        """Count a paid call in."""
+        """Add a paid call."""
         self.add(
             call.purpose,
             call.model,
@@ -103,5 +103,5 @@ class Totals:
         )
 
     def hit(self, purpose: str, model: str, count: int = 1) -> None:
-        """Count calls that were answered from the cache in."""
+        """Add calls that were answered from the cache."""
         self.add(purpose, model, Usage(hits=count))

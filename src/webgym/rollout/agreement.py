@@ -16,12 +16,12 @@ from webgym.rollout.verdicts import Judged
 
 @dataclass(frozen=True)
 class Pairs:
-    """Attempts with what people and judges say of them.
+    """Attempts with the labels of people and the verdicts of judges.
 
     Attributes:
-        judges: their whole names.
-        cases: the attempts that people and every one of the judges have looked at.
-        left_out: why labelled attempts are not among them, and how many.
+        judges: full names of the judges.
+        cases: the attempts that people and every one of the judges have judged.
+        left_out: number of labelled attempts that are not among them, by reason.
     """
 
     judges: tuple[str, ...]
@@ -32,40 +32,40 @@ class Pairs:
 def pairs_of(
     run: Path, judges: Sequence[str], labels: Iterable[HumanLabel], humans: Humans = "majority"
 ) -> Pairs:
-    """Put a run's verdicts beside people's labels.
+    """Pair a run's verdicts with people's labels.
 
-    A judge that found an attempt blocked says that it did not succeed. One that looked and came to no verdict
-    has none (:class:`webgym.judge.agreement.AgreementConfig` says what that counts).
+    An attempt that a judge found blocked counts as not successful by this judge. A judge that failed to give
+    a verdict has none (:class:`webgym.judge.agreement.AgreementConfig` says how that counts).
 
     Args:
         run: the run folder.
-        judges: names, or how they begin; ``recorded`` is the judge of the collection.
-        labels: of attempts, or of tasks that were attempted once.
-        humans: whose label stands where several people labelled an attempt.
+        judges: names of judges, or prefixes; ``recorded`` is the judge of the collection.
+        labels: labels of attempts, or of tasks that were attempted once.
+        humans: which label counts if several people labelled an attempt.
 
     Raises:
-        RunFolderError: the folder is no run, or a judge has not judged it.
+        RunFolderError: the folder is not a run, or a judge has not judged it.
     """
     reader = RunReader(run, skip_corrupt=True)
     named = [verdicts_of(run, judge) for judge in judges]
     attempts_of = defaultdict(list)
     for attempt_id, entry in reader.attempts.items():
         attempts_of[entry.task_id].append(attempt_id)
-    said, left_out = _said(labels, reader, attempts_of)
+    labels_by_attempt, left_out = _labels_by_attempt(labels, reader, attempts_of)
     cases = []
-    for attempt_id, words in said.items():
-        label = settled(words, humans)
+    for attempt_id, attempt_labels in labels_by_attempt.items():
+        label = settled(attempt_labels, humans)
         if label not in ("success", "failure"):
             left_out[_WHY[label]] += 1
             continue
-        verdicts = [_verdict(held, attempt_id) for _, held in named]
+        verdicts = [_verdict(judged, attempt_id) for _, judged in named]
         if any(verdict == "not judged" for verdict in verdicts):
             left_out["not judged by every judge"] += 1
             continue
         task_id = reader.attempts[attempt_id].task_id
         task = reader.tasks.get(task_id)
-        found = tuple(verdict if isinstance(verdict, bool) else None for verdict in verdicts)
-        cases.append(Case(label == "success", found, task.level if task else None, task_id))
+        by_judge = tuple(verdict if isinstance(verdict, bool) else None for verdict in verdicts)
+        cases.append(Case(label == "success", by_judge, task.level if task else None, task_id))
     return Pairs(tuple(name for name, _ in named), cases, left_out)
 
 
@@ -76,26 +76,26 @@ _WHY: Mapping[Label | None, str] = {
 }
 
 
-def _said(
+def _labels_by_attempt(
     labels: Iterable[HumanLabel], reader: RunReader, attempts_of: Mapping[str, Sequence[str]]
 ) -> tuple[dict[str, list[Label]], Counter[str]]:
-    """People's labels by attempt, and why some are of no attempt."""
-    said: dict[str, list[Label]] = {}
+    """People's labels by attempt, and the number of labels without an attempt by reason."""
+    labels_by_attempt: dict[str, list[Label]] = {}
     left_out: Counter[str] = Counter()
     for label in labels:
-        fitting = [label.attempt_id] if label.attempt_id else attempts_of.get(label.task_id, ())
-        if len(fitting) > 1:
+        candidates = [label.attempt_id] if label.attempt_id else attempts_of.get(label.task_id, ())
+        if len(candidates) > 1:
             left_out["a label of a task that was attempted several times"] += 1
-        elif not fitting or fitting[0] not in reader.attempts:
-            left_out["a label of an attempt that the run does not hold"] += 1
+        elif not candidates or candidates[0] not in reader.attempts:
+            left_out["a label of an attempt that is not in the run"] += 1
         else:
-            said.setdefault(fitting[0], []).append(label.label)
-    return said, left_out
+            labels_by_attempt.setdefault(candidates[0], []).append(label.label)
+    return labels_by_attempt, left_out
 
 
-def _verdict(held: Mapping[str, Judged], attempt_id: str) -> bool | str:
-    """What a judge says: whether the attempt succeeded, or why there is no saying."""
-    judged = held.get(attempt_id)
+def _verdict(judged_by_attempt: Mapping[str, Judged], attempt_id: str) -> bool | str:
+    """Whether the attempt succeeded by a judge's verdict, or why there is none."""
+    judged = judged_by_attempt.get(attempt_id)
     if judged is None:
         return "not judged"
     return "no verdict" if judged.verdict is None else judged.verdict.reward == 1

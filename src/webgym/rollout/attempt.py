@@ -1,4 +1,4 @@
-"""One attempt at one task: observe, ask, act, until it ends."""
+"""One attempt at one task: observe, query the policy, act, until it ends."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ class AttemptContext(Generic[StoreT]):
     """The services and settings that attempts share.
 
     Attributes:
-        client: of the browser server.
-        agent: decides.
-        store: keeps the pictures.
-        config: limits.
-        progress: is told what goes on.
-        site_state: of the offline web, if the tasks are its.
-        run_id: makes visitors of different runs different.
-        seed: of the run.
+        client: client of the browser server.
+        agent: the agent.
+        store: stores the screenshots.
+        config: limits of an attempt.
+        progress: records the state of attempts.
+        site_state: server states of the offline web; ``None`` for other tasks.
+        run_id: distinguishes the offline web's visitors of different runs.
+        seed: seed of the run.
         calls: queues of the kinds of calls, at least ``policy`` and ``judge``.
-        lockstep: where attempts wait for each other before they ask, if they do.
+        lockstep: makes attempts wait for each other before they query the policy; ``None`` if they do not.
     """
 
     client: Browsers
@@ -76,11 +76,11 @@ class AttemptContext(Generic[StoreT]):
 
 
 class Attempt(EpisodeDriver):
-    """An attempt in progress: an episode that the policy plays.
+    """An attempt in progress: an episode in which the agent acts.
 
     Args:
-        context: what it is made with.
-        planned: what it is.
+        context: the shared services and settings.
+        planned: the planned attempt.
     """
 
     def __init__(self, context: AttemptContext[ImageStore], planned: Planned) -> None:
@@ -89,19 +89,19 @@ class Attempt(EpisodeDriver):
         self._state: State | None = None
         self._clock: asyncio.Timeout | None = None
         self._due: float | None = None
-        """When the attempt is ended, on the loop's clock."""
+        """When the attempt is ended as a straggler, event loop time."""
 
     def end_as_straggler(self, after: float) -> None:
-        """End the attempt in so many seconds, if it runs for so long."""
+        """End the attempt after this many seconds, unless it ends earlier."""
         self._due = asyncio.get_running_loop().time() + max(0.0, after)
         if self._clock is not None and not self._clock.expired():
             self._clock.reschedule(self._due)
 
     async def run(self, session: BrowserSession) -> None:
-        """Make the attempt; its end, good or bad, is data.
+        """Carry out the attempt. Failures are recorded, not raised.
 
         Raises:
-            StoreError: a picture cannot be kept. The run cannot go on.
+            StoreError: a screenshot cannot be stored, so that the run cannot continue.
             asyncio.CancelledError: the run is being stopped.
         """
         clock = self._clock = asyncio.timeout_at(self._due)
@@ -112,8 +112,8 @@ class Attempt(EpisodeDriver):
             raise
         except Exception as error:
             if isinstance(error, TimeoutError) and clock.expired():
-                told = "ended by the collector: nearly all others were done"
-                self.stop(Ending.STRAGGLER, Failure("straggler", told))
+                message = "ended by the collector: nearly all others were done"
+                self.stop(Ending.STRAGGLER, Failure("straggler", message))
             else:
                 self.fail(error)
         finally:
@@ -130,13 +130,13 @@ class Attempt(EpisodeDriver):
         view: View | None = await self.start(session)
         while view is not None and not self.is_over:
             self._move("thinking")
-            step = await self._ask(conversation, view)
+            step = await self._query_policy(conversation, view)
             context.progress.stepped(self.planned.attempt_id, is_valid=step.action is not None)
             self._move("acting")
             view = await self.take(step)
 
-    async def _ask(self, conversation: Conversation, view: View) -> Step:
-        """A turn of the policy's."""
+    async def _query_policy(self, conversation: Conversation, view: View) -> Step:
+        """Get the policy's next step."""
         context, longest = self._attempts, self._attempts.config.longest_seconds
         at = self.elapsed
         queue = context.calls["policy"]
@@ -144,7 +144,7 @@ class Attempt(EpisodeDriver):
             if context.lockstep is not None:
                 await turns.enter_async_context(context.lockstep.turn(self))
             await turns.enter_async_context(queue.turn())
-            asked = time.monotonic()
+            started = time.monotonic()
             deadline = asyncio.timeout(longest)
             try:
                 async with deadline:
@@ -153,11 +153,11 @@ class Attempt(EpisodeDriver):
                 if not deadline.expired():
                     raise
                 raise PolicyTimeout(f"no reply within {longest:g} s") from error
-            took = time.monotonic() - asked
-        # What a policy does not count as its reply's is a wait for its endpoint.
-        own = min(step.reply.seconds or took, took)
-        queue.waited_elsewhere(took - own)
-        self.spend(own)
+            took = time.monotonic() - started
+        # Time that is not part of the reply's own time was spent waiting for the endpoint.
+        reply_seconds = min(step.reply.seconds or took, took)
+        queue.waited_elsewhere(took - reply_seconds)
+        self.spend(reply_seconds)
         return step
 
     def _move(self, state: State | None) -> None:

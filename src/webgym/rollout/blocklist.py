@@ -1,7 +1,7 @@
 """Websites that blocked the agent are not attempted for a while (paper §4; 12 h in the authors' code).
 
 A file of lines ``{"host", "at", "reason"}`` that grows by one line per blocked attempt and may be shared by
-the runs of one machine. The host that blocked decides: another of the same website may well let the agent in.
+the runs of one machine. Entries are hosts: another host of the same website may not block the agent.
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from webgym.rollout.files import Log, disk_errors
 from webgym.settings import Settings
 
 _SHOWN: Final = 5
-"""Websites that a person is told by name."""
+"""Most websites that :meth:`Blocklist.description` names."""
 
 
 class BlocklistConfig(Settings):
-    """Where it is kept, and for how long a website stays on it."""
+    """The file of the blocklist, and how long a website stays on it."""
 
     file: Annotated[Path, AfterValidator(Path.absolute)] | None = None
-    """Where; without one, nobody is left out and nothing is noted."""
+    """The file; without one, no website is excluded and nothing is recorded."""
 
     hours: float = Field(default=12.0, ge=0)
-    """How long after it blocked an attempt a website is left out."""
+    """How long a website is excluded after it blocked an attempt, hours."""
 
 
 class Block(msgspec.Struct, frozen=True):
     """A website that blocked an attempt.
 
     Attributes:
-        host: as :func:`webgym.core.websites.host_of` names it.
-        at: when, Unix time, seconds.
-        reason: the judge's.
+        host: as returned by :func:`webgym.core.websites.host_of`.
+        at: Unix time, seconds.
+        reason: the judge's reason.
     """
 
     host: str
@@ -48,11 +48,11 @@ class Block(msgspec.Struct, frozen=True):
 
 
 class Blocklist:
-    """The hosts that have blocked somebody lately. Blocks: call it from a thread.
+    """The hosts that have recently blocked the agent. Its methods do blocking I/O: call them in a thread.
 
     Args:
-        config: where, and for how long.
-        now: tells the time, Unix, seconds.
+        config: the file, and how long entries last.
+        now: returns the Unix time, seconds.
     """
 
     def __init__(self, config: BlocklistConfig, now: Callable[[], float] = time.time) -> None:
@@ -60,16 +60,16 @@ class Blocklist:
         self._now = now
 
     def blocked(self) -> dict[str, Block]:
-        """The last block of every host that is still left out.
+        """The last block of every excluded host.
 
         Raises:
-            StoreError: the file is there and cannot be read. A line that is none, as of a writer that was
-                killed, is passed over.
+            StoreError: the file exists but cannot be read. Invalid lines, such as of a writer that was
+                killed, are skipped.
         """
         file = self._config.file
         if file is None or not file.exists():
             return {}
-        found: dict[str, Block] = {}
+        blocks: dict[str, Block] = {}
         since = self._now() - self._config.hours * 3600
         with disk_errors(f"reading {file}"), file.open("rb") as lines:
             for line in lines:
@@ -77,31 +77,33 @@ class Blocklist:
                     block = msgspec.json.decode(line, type=Block)
                 except msgspec.DecodeError:
                     continue
-                if block.at > since and block.at >= found.get(block.host, block).at:
-                    found[block.host] = block
-        return found
+                if block.at > since and block.at >= blocks.get(block.host, block).at:
+                    blocks[block.host] = block
+        return blocks
 
-    def told(self) -> str:
-        """Who is left out now, and until when, for a person; the longest first, and empty if nobody is.
+    def description(self) -> str:
+        """The excluded hosts and until when, as text, the latest first; empty if there are none.
 
         Raises:
             StoreError: as for :meth:`blocked`.
         """
-        held = sorted(self.blocked().values(), key=lambda block: -block.at)
-        ends = (datetime.fromtimestamp(block.at + self._config.hours * 3600, UTC) for block in held)
-        told = [f"{block.host} until {end:%Y-%m-%d %H:%M} UTC" for block, end in zip(held, ends, strict=True)]
-        others = [f"and {len(told) - _SHOWN:,} others"] if len(told) > _SHOWN else []
-        return ", ".join(told[:_SHOWN] + others)
+        blocks = sorted(self.blocked().values(), key=lambda block: -block.at)
+        items = []
+        for block in blocks:
+            end = datetime.fromtimestamp(block.at + self._config.hours * 3600, UTC)
+            items.append(f"{block.host} until {end:%Y-%m-%d %H:%M} UTC")
+        others = [f"and {len(items) - _SHOWN:,} others"] if len(items) > _SHOWN else []
+        return ", ".join(items[:_SHOWN] + others)
 
     def is_blocked(self, website: str) -> bool:
-        """Whether a website is left out now."""
+        """Whether a website is currently excluded."""
         return host_or_text(website) in self.blocked()
 
     def add(self, website: str, reason: str) -> None:
-        """Note that a website, by its host, blocked an attempt just now.
+        """Record that a website's host blocked an attempt now.
 
         Raises:
-            StoreError: it cannot be written down.
+            StoreError: the file cannot be written.
         """
         file = self._config.file
         if file is None:
@@ -111,7 +113,7 @@ class Blocklist:
             log = Log(file)
             try:
                 block = Block(host_or_text(website), self._now(), reason)
-                # In front, too: a line that a dead writer left unfinished must not swallow this one.
+                # Also before the line, in case a killed writer has left an incomplete one.
                 log.append(b"\n" + msgspec.json.encode(block) + b"\n", durable=True)
             finally:
                 log.close()

@@ -1,8 +1,8 @@
-"""Two runs over the same tasks: which succeeds more often, and whether that is more than chance.
+"""Compares two runs over the same tasks: their success rates, and whether the difference is significant.
 
-**Paired.** A task counts with the mean over its attempts that carry a reward, in each run; only tasks that
-have one in both runs are compared, and the others are counted. Tasks are resampled with both of their means
-(bootstrap, percentiles), so that what makes a task easy or hard for everybody is in neither's interval.
+**Paired.** A task counts with the mean over its attempts with a reward, in each run; only tasks that have one
+in both runs are compared, and the number of others is reported. Tasks are resampled with both of their means
+(bootstrap, percentiles), so that the difficulty of tasks does not widen the interval.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ CONFIDENCE: Final = 0.95
 
 
 class Difference(msgspec.Struct, frozen=True):
-    """One level of difficulty, or all.
+    """The difference at one level of difficulty, or over all.
 
     Attributes:
-        tasks: that have a reward in both runs.
-        first, second: mean success over these tasks; ``None`` of none.
-        difference: second - first; ``None`` of none.
-        interval: of the difference, at 95 %; ``None`` where resampling shows no spread.
-        better, worse: tasks of a higher and of a lower mean in the second run.
+        tasks: number of tasks with a reward in both runs.
+        first, second: mean success over these tasks; ``None`` if there are none.
+        difference: second - first; ``None`` if there are no tasks.
+        interval: 95 % confidence interval of the difference; ``None`` if resampling shows no spread.
+        better, worse: number of tasks with a higher and with a lower mean in the second run.
     """
 
     tasks: int
@@ -45,17 +45,17 @@ class Difference(msgspec.Struct, frozen=True):
 
     @property
     def is_decided(self) -> bool:
-        """Whether the interval leaves out 0."""
+        """Whether the interval excludes 0."""
         return self.interval is not None and not self.interval[0] <= 0 <= self.interval[1]
 
 
 class Comparison(msgspec.Struct, frozen=True):
-    """Two runs.
+    """The comparison of two runs.
 
     Attributes:
         first, second: names of their folders.
-        rows: by level, and overall.
-        only_first, only_second: tasks that have a reward in one run alone, and so are left out.
+        rows: differences by level, and overall.
+        only_first, only_second: number of tasks with a reward in only one of the runs, which are left out.
     """
 
     first: str
@@ -72,30 +72,30 @@ def compare(
 
     Args:
         first, second: run folders.
-        judge: whose verdicts count, in both: see :func:`webgym.rollout.evaluation.evaluate`.
-        config: of the bootstrap.
+        judge: judge whose verdicts count, in both: see :func:`webgym.rollout.evaluation.evaluate`.
+        config: settings of the bootstrap.
 
     Raises:
-        RunFolderError: a folder is no run, or there is no such judge.
+        RunFolderError: a folder is not a run, or there is no such judge.
         UsageError: no task has a reward in both.
     """
-    one, other = (rewards_by_task(run, judge) for run in (first, second))
-    shared = one.keys() & other.keys()
+    first_rewards, second_rewards = (rewards_by_task(run, judge) for run in (first, second))
+    shared = first_rewards.keys() & second_rewards.keys()
     if not shared:
         raise UsageError("no task has a reward in both runs", hint="compare runs over the same tasks")
     config = config or EvaluationConfig()
     pairs: dict[Level, list[tuple[float, float]]] = {level: [] for level in LEVELS}
     for task_id in sorted(shared):
-        level, mean = one[task_id]
-        pairs[level].append((mean, other[task_id][1]))
+        level, mean = first_rewards[task_id]
+        pairs[level].append((mean, second_rewards[task_id][1]))
     generator = np.random.default_rng(config.seed)
-    drawn = {level: _resampled(held, config.resamples, generator) for level, held in pairs.items()}
+    drawn = {level: _resampled(of_level, config.resamples, generator) for level, of_level in pairs.items()}
     return Comparison(
         first=first.resolve().name,
         second=second.resolve().name,
         rows={group: _difference(group, pairs, drawn) for group in GROUPS},
-        only_first=len(one.keys() - shared),
-        only_second=len(other.keys() - shared),
+        only_first=len(first_rewards.keys() - shared),
+        only_second=len(second_rewards.keys() - shared),
     )
 
 
@@ -105,8 +105,8 @@ def _resampled(
     """The sum of differences in every resample of a level's tasks."""
     if not pairs:
         return np.zeros(resamples)
-    gains, often = np.unique([after - before for before, after in pairs], return_counts=True)
-    return np.asarray(generator.multinomial(len(pairs), often / often.sum(), size=resamples) @ gains)
+    gains, counts = np.unique([after - before for before, after in pairs], return_counts=True)
+    return np.asarray(generator.multinomial(len(pairs), counts / counts.sum(), size=resamples) @ gains)
 
 
 def _difference(
@@ -115,17 +115,17 @@ def _difference(
     drawn: Mapping[Level, np.ndarray[tuple[int, ...], np.dtype[np.float64]]],
 ) -> Difference:
     levels = LEVELS if group == "overall" else (group,)
-    held = [pair for level in levels for pair in pairs[level]]
-    if not held:
+    of_group = [pair for level in levels for pair in pairs[level]]
+    if not of_group:
         return Difference(0, None, None, None, None, 0, 0)
-    before, after = (float(np.mean(column)) for column in zip(*held, strict=True))
-    spread = sum(drawn[level] for level in levels) / len(held)
+    before, after = (float(np.mean(column)) for column in zip(*of_group, strict=True))
+    spread = sum(drawn[level] for level in levels) / len(of_group)
     return Difference(
-        tasks=len(held),
+        tasks=len(of_group),
         first=before,
         second=after,
         difference=after - before,
         interval=percentiles(np.asarray(spread), CONFIDENCE),
-        better=sum(b > a for a, b in held),
-        worse=sum(b < a for a, b in held),
+        better=sum(b > a for a, b in of_group),
+        worse=sum(b < a for a, b in of_group),
     )

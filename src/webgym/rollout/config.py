@@ -30,15 +30,15 @@ class AttemptConfig(Settings):
     """How often the start page is tried before the attempt counts as the environment's failure."""
 
     longest_seconds: float = Field(default=3600.0, gt=0)
-    """How long an attempt may take of its own: replies, and actions and looks in its browser, without waits
-    in queues. An attempt that does ends without a reward, as the environment's failure: the agent's own limit
-    is its budget of steps."""
+    """Time limit of an attempt: replies, actions and observations, without waiting in queues. An attempt that
+    exceeds it ends without a reward, as the environment's failure: the agent's own limit is its budget of
+    steps."""
 
     record_text: bool = True
-    """Record the text that is visible in each screenshot; the offline judge reads it."""
+    """Record the text that is visible in each screenshot; the offline judge needs it."""
 
     record_cuts: bool = False
-    """Record the lines of each page that are cut off; ``webgym sites check`` reads them."""
+    """Record the lines of each page that are never fully visible; ``webgym sites check`` needs them."""
 
     @property
     def budget(self) -> StepBudget:

@@ -1,7 +1,7 @@
 """The environment's side of an attempt: the browser, its observations, and the actions taken.
 
-Attempts of a run (:mod:`webgym.rollout.attempt`) and the environment that others step
-(:mod:`webgym.environment`) are this, with a policy of ours or of theirs.
+Attempts of a run (:mod:`webgym.rollout.attempt`) use it with WebGym's policies, the environment
+(:mod:`webgym.environment`) with the steps of its caller.
 """
 
 from __future__ import annotations
@@ -27,32 +27,32 @@ _CONNECTION = re.compile(
     r"gave no answer within|too many new connections|"
     r"net::ERR_(CONNECTION|NAME|DNS|ADDRESS|INTERNET|NETWORK|EMPTY_RESPONSE|TIMED_OUT|SOCKS|INSUFFICIENT)"
 )
-"""In what a browser says when a navigation failed: the way to the website is broken, not the page."""
+"""Parts of a browser's error message that mean that the connection to the website failed, not the page."""
 
 
 def _origin(url: str) -> str:
-    found = _ORIGIN.findall(url)
-    return found[-1].lower().rstrip(":") if found else ""
+    origins = _ORIGIN.findall(url)
+    return origins[-1].lower().rstrip(":") if origins else ""
 
 
 class BrowserSession(Protocol):
-    """An open session: :class:`webgym.server.Session`, or one that stands in for it."""
+    """An open session: :class:`webgym.server.Session`, or a replacement for it."""
 
     @property
     def id(self) -> str:
-        """Its name, for the record."""
+        """Its id, for the record."""
         ...
 
     async def step(self, action: BrowserAction | None = None) -> View:
-        """Carry an action out and look.
+        """Carry out an action, if any, and observe the page.
 
         Raises:
-            WebGymError: the browser, the page or the server is at fault.
+            WebGymError: the browser, the page or the server failed.
         """
         ...
 
     async def close(self) -> None:
-        """Give it back."""
+        """Release it."""
         ...
 
 
@@ -60,10 +60,10 @@ class Browsers(Protocol):
     """Opens sessions: :class:`webgym.server.BrowserClient`, or a replacement for it."""
 
     async def open(self, options: SessionOptions | None = None) -> BrowserSession:
-        """A session.
+        """Open a session.
 
         Raises:
-            WebGymError: there is none to be had.
+            WebGymError: no session could be opened.
         """
         ...
 
@@ -72,23 +72,23 @@ class ImageStore(Protocol):
     """Stores screenshots: :class:`webgym.rollout.store.RunWriter`, or a replacement for it."""
 
     async def put_image(self, name: str, data: bytes) -> None:
-        """Keep a picture.
+        """Store a picture.
 
         Raises:
-            StoreError: it cannot be kept.
+            StoreError: it cannot be stored.
         """
         ...
 
 
 class SiteState(Protocol):
-    """What the servers of the offline web hold, which no page shows: a visitor's cart, bookings, messages."""
+    """The state of the offline web's servers for a visitor, such as cart, bookings and messages."""
 
     def cookies(self, visitor: str) -> tuple[Cookie, ...]:
         """Cookies that make a browser this visitor."""
         ...
 
     async def state(self, visitor: str, host: str) -> dict[str, Any] | None:
-        """What a website's server holds for this visitor; ``None`` if it does not know it.
+        """The state of a website's server for this visitor; ``None`` if the visitor is unknown to it.
 
         Raises:
             SitesError: the offline web does not answer.
@@ -98,18 +98,18 @@ class SiteState(Protocol):
 
 @dataclass(frozen=True)
 class EpisodeContext:
-    """What episodes are made with.
+    """The services and settings that episodes share.
 
     Attributes:
-        store: keeps the pictures.
-        config: limits.
-        site_state: of the offline web, if the tasks are its.
-        run_id: makes visitors of different runs different.
-        seed: of the run.
-        policy: its name, for the record.
+        store: stores the screenshots.
+        config: limits of an attempt.
+        site_state: server states of the offline web; ``None`` for other tasks.
+        run_id: distinguishes the offline web's visitors of different runs.
+        seed: seed of the run.
+        policy: name of the policy, for the record.
         mode: how targets are named.
-        space: which actions there are.
-        elements: whether observations must carry ``elements`` and ``text``.
+        space: the action space.
+        elements: whether observations must contain ``elements`` and ``text``.
     """
 
     store: ImageStore
@@ -124,25 +124,25 @@ class EpisodeContext:
 
 
 class EpisodeDriver:
-    """One episode at one task. Whatever happens, :meth:`episode` tells all that was seen and said::
+    """One episode at one task. :meth:`episode` returns its record at any time::
 
         view = await driver.start(session)
         while not driver.is_over:
-            view = await driver.take(step)  # a reply to the view, and what it means
+            view = await driver.take(step)  # the step for this view
         await driver.conclude()
 
     Args:
-        context: what it is made with.
-        planned: what it is.
+        context: the shared services and settings.
+        planned: the planned attempt.
 
     Attributes:
-        planned: what it is.
-        seed: of everything random in the policy's part.
-        budget: steps at most.
-        steps: so far.
+        planned: as given.
+        seed: seed of everything random in the policy.
+        budget: most steps.
+        steps: the steps so far.
         ending: why it stopped; ``CANCELLED`` until it does.
         failure: the error that stopped it.
-        started_at, started: when the browser was there: Unix time, and on the monotonic clock, seconds.
+        started_at, started: when the session was opened: Unix time, and on the monotonic clock, seconds.
     """
 
     def __init__(self, context: EpisodeContext, planned: Planned) -> None:
@@ -154,7 +154,7 @@ class EpisodeDriver:
         self._context = context
         self.started_at, self.started = time.time(), time.monotonic()
         self._spent = 0.0
-        """Seconds of the attempt's own."""
+        """Time that counts towards ``longest_seconds``."""
         self._seconds = 0.0
         self._final: Observation | None = None
         self._final_state: dict[str, Any] | None = None
@@ -163,18 +163,18 @@ class EpisodeDriver:
         self._session: BrowserSession | None = None
         digest = hashlib.sha256(f"{context.run_id}\x1f{planned.attempt_id}".encode()).hexdigest()
         self._visitor = digest[:32]
-        # Not of the retry: an attempt that is made again is made under the same seed.
+        # Without the retry: a retried attempt has the same seed.
         sample = f"{context.seed}\x1f{planned.task.id}\x1f{planned.sample}"
         self.seed = int(hashlib.sha256(sample.encode()).hexdigest()[:15], 16)
 
     @property
     def elapsed(self) -> float:
-        """Seconds since the browser was there."""
+        """Seconds since the session was opened."""
         return time.monotonic() - self.started
 
     @property
     def is_over(self) -> bool:
-        """Whether it came to an end of its own: answered, or the budget is spent."""
+        """Whether it has ended regularly: answered, or the budget of steps is used up."""
         return self._answer is not None or len(self.steps) >= self.budget
 
     def options(self) -> SessionOptions:
@@ -194,8 +194,8 @@ class EpisodeDriver:
         """Open the start page.
 
         Raises:
-            NavigationFailed: it cannot be opened at all, which is the environment's failure.
-            WebGymError: the browser, the server or the disk is at fault.
+            NavigationFailed: it cannot be opened, which is the environment's failure.
+            WebGymError: the browser, the server or the disk failed.
         """
         self._session = session
         self.started_at, self.started = time.time(), time.monotonic()
@@ -207,17 +207,17 @@ class EpisodeDriver:
             notices = view.observation.notices
             refused = next((notice.text for notice in notices if notice.kind == "navigation_failed"), "")
             if not refused or view.observation.status is not None:
-                return await self._look(view)
+                return await self._record_view(view)
         raise NavigationFailed(f"{url} cannot be opened: {refused}")
 
     async def take(self, step: Step) -> View | None:
-        """Record a reply to the last view, and carry its action out.
+        """Record a step, and carry out its action.
 
         Returns:
-            What there is to see then; ``None`` after an answer.
+            The next view; ``None`` after an answer.
 
         Raises:
-            WebGymError: the browser, the server or the disk is at fault; the step is on record.
+            WebGymError: the browser, the server or the disk failed; the step is recorded.
         """
         self._final = None
         self.steps.append(step)
@@ -225,16 +225,17 @@ class EpisodeDriver:
             self._answer = step.action.text
             self.ending = Ending.ANSWERED
             return None
-        view = await self._look(await self._act(step.action))
+        view = await self._record_view(await self._act(step.action))
         self.steps[-1] = step.followed_by(view.observation)
         if self.is_over:
             self.ending = Ending.BUDGET_SPENT
         return view
 
     async def conclude(self) -> None:
-        """Find out what only the end tells; call it once, however the episode ended.
+        """Complete the record; call it once, however the episode ended.
 
-        A model that never once replied in the format was asked wrongly: no measure of what it can do.
+        If no reply of a model was in the requested format, the episode counts as an error of the policy: the
+        prompt or the chat template is probably wrong.
         """
         self._seconds = self.elapsed
         unread = [step.parse_error for step in self.steps if step.action is None]
@@ -245,21 +246,21 @@ class EpisodeDriver:
         await self._read_site_state()
 
     def spend(self, seconds: float) -> None:
-        """Add to the episode's own time.
+        """Add to the time that counts towards ``longest_seconds``.
 
         Raises:
-            AttemptOverdue: it is more than an attempt may take.
+            AttemptOverdue: the limit is exceeded.
         """
         self._spent += seconds
         if self._spent > (longest := self._context.config.longest_seconds):
-            raise AttemptOverdue(f"the attempt took longer than {longest:g} s of its own")
+            raise AttemptOverdue(f"the attempt took longer than {longest:g} s, without waiting in queues")
 
     def stop(self, ending: Ending, failure: Failure) -> None:
-        """The episode ends so."""
+        """End the episode with this ending and failure."""
         self.ending, self.failure = ending, failure
 
     def fail(self, error: Exception) -> None:
-        """The episode ends with this error."""
+        """End the episode with this error."""
         if isinstance(error, WebGymError):
             self.stop(ending_of(error), Failure(error.code, error.message))
         else:
@@ -271,37 +272,38 @@ class EpisodeDriver:
         self.spend(view.observation.own_seconds)
         return view
 
-    async def _look(self, view: View) -> View:
-        """A view that counts."""
+    async def _record_view(self, view: View) -> View:
+        """Check a view, store its screenshot, and keep it as the last observation."""
         self._check_connection(view.observation)
         await self._context.store.put_image(view.observation.screenshot, view.image)
-        self._final = view.observation  # if no reply comes, what was open is on record all the same
+        self._final = view.observation  # recorded even if no reply follows
         return view
 
-    def _check_connection(self, seen: Observation) -> None:
-        """A website that could be reached, and now cannot, is the environment's failure, not the agent's.
+    def _check_connection(self, observation: Observation) -> None:
+        """Fail if a website that could be reached earlier cannot be reached any more: the environment's
+        failure.
 
-        An address that never answered may be the agent's own invention.
+        A URL that never answered may have been made up by the agent, and does not count.
 
         Raises:
-            NavigationFailed: it cannot be reached any more.
+            NavigationFailed: a website cannot be reached any more.
         """
-        for notice in seen.notices:
+        for notice in observation.notices:
             if (
                 notice.kind == "navigation_failed"
                 and _CONNECTION.search(notice.text)
                 and _origin(notice.text) in self._reached
             ):
-                raise NavigationFailed(f"the website went away under the attempt: {notice.text}")
-        if seen.status is not None:
-            self._reached.add(_origin(seen.url))
+                raise NavigationFailed(f"the website became unreachable during the attempt: {notice.text}")
+        if observation.status is not None:
+            self._reached.add(_origin(observation.url))
 
     async def _read_site_state(self) -> None:
         truth, site_state = self.planned.task.truth, self._context.site_state
         if site_state is None or truth is None or self.ending is Ending.ENVIRONMENT_FAILED:
             return
         if any(fact.state for fact in truth.facts):
-            ended, self.ending = self.ending, Ending.CANCELLED  # until judges have what they look at
+            ended, self.ending = self.ending, Ending.CANCELLED  # until the state for the judge is known
             try:
                 self._final_state = await site_state.state(self._visitor, truth.host)
             except WebGymError as error:
@@ -310,7 +312,7 @@ class EpisodeDriver:
                 self.ending = ended
 
     def episode(self) -> Episode:
-        """All that was seen and said so far."""
+        """The record of the episode so far."""
         planned = self.planned
         return Episode(
             attempt_id=planned.attempt_id,

@@ -1,15 +1,16 @@
-"""The success rate of a policy on a test set, by difficulty, as a paper reports it.
+"""The success rate of a policy on a test set, by difficulty, as papers report it.
 
 Every planned sample of every task counts once, by the last attempt at it. Success, failure and truncated
-carry a reward and make up the rate; the other outcomes are told beside it and never enter it. The rate over
-all planned samples stands next to it: there whatever is no success counts against the policy.
+have a reward and make up the rate; the other outcomes are reported separately and do not count. The rate
+over all
+planned samples is reported as well: there, everything but success counts against the policy.
 
 **Intervals.** With one sample per task, attempts are independent and the interval is Wilson's: it needs no
-random numbers and holds what it promises near 0 and 1, where test sets of hard tasks live. With several
-samples per task they are not (a task is easy or hard for all of them), so tasks are resampled with all their
-samples (bootstrap, percentiles), within each level of difficulty, because the test set fixes how many tasks
-of each there are. Where every task ends alike, resampling shows no spread; the interval is then Wilson's,
-counting tasks rather than attempts.
+random numbers and is accurate near 0 and 1, which is typical of hard tasks. With several samples per task
+they are not independent (a task is easy or hard for all of them), so tasks are resampled with all their
+samples (bootstrap, percentiles), within each level of difficulty, because the test set fixes the number of
+tasks per level. If all samples have the same outcome, resampling shows no spread; the interval is then
+Wilson's, counting tasks rather than attempts.
 """
 
 from __future__ import annotations
@@ -44,23 +45,23 @@ GROUPS: Final[tuple[Group, ...]] = (*LEVELS, "overall")
 
 
 class EvaluationConfig(Settings):
-    """How the intervals of several samples per task are made."""
+    """Settings of the bootstrap, for several samples per task."""
 
     resamples: Annotated[int, Field(ge=100)] = 10_000
-    """Of the bootstrap."""
+    """Number of bootstrap resamples."""
 
     seed: int = 0
-    """Of the bootstrap."""
+    """Seed of the bootstrap."""
 
 
 class Sample(msgspec.Struct, frozen=True):
     """The last attempt at a planned sample of a task.
 
     Attributes:
-        task_id: of the task.
+        task_id: id of the task.
         level: its difficulty.
         outcome: how the attempt ended.
-        steps: how many it took.
+        steps: number of steps.
     """
 
     task_id: str
@@ -70,22 +71,23 @@ class Sample(msgspec.Struct, frozen=True):
 
 
 class Row(msgspec.Struct, frozen=True):
-    """One level of difficulty, or all.
+    """The result at one level of difficulty, or over all.
 
     Attributes:
-        tasks: of the test set; one that was drawn twice counts twice.
-        attempts: samples that ended with a reward; the rate is of these.
+        tasks: number of tasks in the test set; a task that was drawn twice counts twice.
+        attempts: number of samples with a reward, over which the rate is taken.
         successes: how many of them succeeded.
-        rate: success rate; ``None`` of nothing.
-        interval: at 95 %; ``None`` with the rate.
-        method: where the interval comes from.
-        planned: samples of all tasks, whatever became of them.
-        rate_of_planned: successes over planned; ``None`` of nothing.
-        interval_of_planned: at 95 %; ``None`` with this rate. Bootstrap of several samples per task.
-        solved: tasks that succeeded at least once, and tasks with a reward at all.
-        steps: mean over the attempts that carry a reward; ``None`` of nothing.
-        no_reward: the other samples, by outcome.
-        missing: samples that were planned and have not ended yet, or not been judged.
+        rate: success rate; ``None`` if there are no attempts.
+        interval: its 95 % confidence interval; ``None`` with the rate.
+        method: how the interval was computed.
+        planned: number of planned samples of all tasks.
+        rate_of_planned: successes / planned; ``None`` if nothing was planned.
+        interval_of_planned: its 95 % confidence interval; ``None`` with this rate. By bootstrap for several
+            samples per task.
+        solved: number of tasks with at least one success, and of tasks with a reward.
+        steps: mean number of steps of the attempts with a reward; ``None`` if there are none.
+        no_reward: number of the other samples, by outcome.
+        missing: number of planned samples that have not ended yet, or are not judged.
     """
 
     tasks: int
@@ -104,17 +106,17 @@ class Row(msgspec.Struct, frozen=True):
 
 
 class Evaluation(msgspec.Struct, frozen=True):
-    """A run as a result.
+    """The result of a run.
 
     Attributes:
         run: name of its folder.
         policy, judge: names.
-        seed: of the run; ``None`` if it is not told.
-        samples: planned per task.
-        budget: steps by level; ``None`` if the run does not tell.
-        rows: by level, and overall.
-        notes: what the figures must be read with, as in the run's summary.
-        manifest: under which conditions it was made.
+        seed: seed of the run; ``None`` if it is not recorded.
+        samples: planned samples per task.
+        budget: steps by level; ``None`` if they are not recorded.
+        rows: results by level, and overall.
+        notes: caveats of the figures, as in the run's summary.
+        manifest: the conditions of the evaluation.
     """
 
     run: str
@@ -129,16 +131,16 @@ class Evaluation(msgspec.Struct, frozen=True):
 
 
 def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None = None) -> Evaluation:
-    """The result of a run, which may still be going on.
+    """The result of a run, which may still be in progress.
 
     Args:
         run: the run folder.
-        judge: whose verdicts count: the collection's own, or those of a judge that judged it again, by its
-            name or how that begins.
-        config: of the intervals.
+        judge: judge whose verdicts count: that of the collection, or one that judged the run again, by its
+            name or a prefix of it.
+        config: settings of the intervals.
 
     Raises:
-        RunFolderError: the folder is no run, or there is no such judge.
+        RunFolderError: the folder is not a run, or there is no such judge.
     """
     reader = RunReader(run, skip_corrupt=True)
     per_task = int(reader.config.get("samples") or 1)
@@ -146,30 +148,30 @@ def evaluate(run: Path, judge: str = RECORDED, config: EvaluationConfig | None =
     records = Records()
     samples = list(_samples(reader, ended_by, records))
     levels = Counter(task.level for task in reader.drawn)
-    told: Mapping[str, Any] = reader.summary or {
-        "notes": [oracle_note(each) for each in ORACLES & records.policies.keys()]
+    summary: Mapping[str, Any] = reader.summary or {
+        "notes": [oracle_note(policy) for policy in ORACLES & records.policies.keys()]
     }
     rows = rows_of(samples, levels, per_task, config)
-    whole = rows["overall"]
-    counted = {"planned": whole.planned, "judged": whole.attempts, "successes": whole.successes}
+    overall = rows["overall"]
+    counted = {"planned": overall.planned, "judged": overall.attempts, "successes": overall.successes}
     manifest = manifest_of(
-        reader, records, None if name == RECORDED else name, counted | {"missing": whole.missing}
+        reader, records, None if name == RECORDED else name, counted | {"missing": overall.missing}
     )
     return Evaluation(
         run=manifest.run,
-        policy=told.get("policy") or ", ".join(records.policies),
-        judge=(told.get("judge") or RECORDED) if name == RECORDED else name,
+        policy=summary.get("policy") or ", ".join(records.policies),
+        judge=(summary.get("judge") or RECORDED) if name == RECORDED else name,
         seed=manifest.seed,
         samples=per_task,
         budget=manifest.budget,
         rows=rows,
         manifest=manifest,
-        notes=tuple(told.get("notes", ())),
+        notes=tuple(summary.get("notes", ())),
     )
 
 
 def rewards_by_task(run: Path, judge: str = RECORDED) -> dict[str, tuple[Level, float]]:
-    """Level and mean success of every task of a run that has a reward; see :func:`evaluate`."""
+    """Level and mean success of every task with a reward, by task id; see :func:`evaluate`."""
     reader = RunReader(run, skip_corrupt=True)
     _, ended_by = _judged_by(run, judge)
     means = _by_task(_samples(reader, ended_by, Records()))
@@ -182,13 +184,13 @@ def rows_of(
     per_task: int = 1,
     config: EvaluationConfig | None = None,
 ) -> dict[Group, Row]:
-    """The table of a set of samples.
+    """The results of a set of samples.
 
     Args:
-        samples: at most ``per_task`` of a task.
-        tasks: how many tasks of every level the test set has.
-        per_task: samples planned for every task.
-        config: of the intervals.
+        samples: at most ``per_task`` samples of each task.
+        tasks: number of tasks of every level in the test set.
+        per_task: planned samples per task.
+        config: settings of the intervals.
     """
     config = config or EvaluationConfig()
     generator = np.random.default_rng(config.seed)
@@ -197,7 +199,7 @@ def rows_of(
         of_level = _by_task(sample for sample in samples if sample.level == level)
         judged[level] = resampled(list(of_level.values()), 2, config.resamples, generator)
         won = [(wins, per_task) for wins, _ in of_level.values()]
-        won += [(0, per_task)] * (tasks.get(level, 0) - len(won))  # tasks without a reward count, too
+        won += [(0, per_task)] * (tasks.get(level, 0) - len(won))  # tasks without a reward
         planned[level] = resampled(won, 2, config.resamples, generator)
     rows: dict[Group, Row] = {}
     for group in GROUPS:
@@ -208,7 +210,7 @@ def rows_of(
 
 
 def _spread(drawn: Mapping[Level, Counts], group: Group) -> Interval | None:
-    """The percentile interval of a rate from its resamples of (successes, of)."""
+    """The percentile interval of a rate from its resamples of (successes, attempts)."""
     sums = drawn[group] if group != "overall" else np.sum(list(drawn.values()), axis=0)
     with np.errstate(invalid="ignore"):
         return percentiles(sums[:, 0] / sums[:, 1], 0.95)
@@ -243,43 +245,44 @@ def _row(
 def _interval(
     rate: Rate, spread: Interval | None, attempts: int, tasks: int
 ) -> tuple[Method, Interval | None]:
-    """Where the interval of a rate comes from, and the interval."""
+    """The method for the interval of a rate, and the interval."""
     if rate.value is None or tasks == attempts:
         return "wilson", rate.interval
     if spread:
         return "bootstrap", spread
-    # Of clustered attempts that all end alike, only the tasks are independent.
+    # If all attempts have the same outcome, count tasks, because only these are independent.
     return "wilson", wilson(round(rate.value * tasks), tasks)
 
 
 def _by_task(samples: Iterable[Sample]) -> dict[str, tuple[int, int]]:
-    """Successes and rewarded attempts of every task that has one."""
-    found: dict[str, tuple[int, int]] = defaultdict(lambda: (0, 0))
+    """Number of successes and of attempts with a reward, for every task with a reward."""
+    counts: dict[str, tuple[int, int]] = defaultdict(lambda: (0, 0))
     for sample in samples:
         if sample.outcome.is_rewarded:
-            won, of = found[sample.task_id]
-            found[sample.task_id] = (won + (sample.outcome is Outcome.SUCCESS), of + 1)
-    return found
+            won, of = counts[sample.task_id]
+            counts[sample.task_id] = (won + (sample.outcome is Outcome.SUCCESS), of + 1)
+    return counts
 
 
 _Ended: TypeAlias = tuple[Outcome, Failure | None]
-"""How an attempt ended by a judge, and the error that kept the reward from being."""
+"""An attempt's outcome by a judge, and the error because of which it has no reward."""
 
 
 def _judged_by(run: Path, judge: str) -> tuple[str, Callable[[Trajectory], _Ended | None]]:
-    """A judge's whole name, and how an attempt ended by it; ``None`` for one that it has not judged."""
+    """A judge's full name, and a function that returns an attempt's outcome by it, or ``None`` if it was not
+    judged."""
 
     def as_recorded(trajectory: Trajectory) -> _Ended:
         return trajectory.outcome, trajectory.episode.failure or trajectory.judge_failure
 
     if judge == RECORDED:
         return RECORDED, as_recorded
-    name, held = verdicts_of(run, judge)
+    name, judged_by_attempt = verdicts_of(run, judge)
 
     def as_judged(trajectory: Trajectory) -> _Ended | None:
-        if trajectory.outcome.is_retried:  # it did not end of its own, whoever judges
+        if trajectory.outcome.is_retried:  # it did not end regularly, so that no judge changes its outcome
             return as_recorded(trajectory)
-        judged = held.get(trajectory.episode.attempt_id)
+        judged = judged_by_attempt.get(trajectory.episode.attempt_id)
         return (judged.outcome, judged.failure) if judged else None
 
     return name, as_judged
@@ -288,7 +291,7 @@ def _judged_by(run: Path, judge: str) -> tuple[str, Callable[[Trajectory], _Ende
 def _samples(
     reader: RunReader, ended_by: Callable[[Trajectory], _Ended | None], records: Records
 ) -> Iterator[Sample]:
-    """The last attempt at every sample. One that the run was stopped in has not ended yet."""
+    """The last attempt at every sample, without cancelled ones, which have not ended yet."""
     last = {}
     for entry in sorted(reader.attempts.values(), key=lambda entry: entry.retry):
         last[entry.task_id, entry.sample] = entry

@@ -1,7 +1,7 @@
 """Export of a run for other programs: a row per step, as JSON lines, Parquet or ShareGPT (LLaMA-Factory).
 
-A row is what was sent and what was replied, with the outcome and the reward of its attempt. The reward is
-``null`` where the attempt has none; it is never made a 0.
+A row contains the request and the reply, with the outcome and the reward of the attempt. The reward is
+``null`` if the attempt has none, never 0.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Format: TypeAlias = Literal["jsonl", "parquet", "sharegpt"]
 PICTURES: Final = "pictures"
 _IMAGE: Final = "<image>"
 _ROWS: Final = 256
-"""In a row group of Parquet: pictures are large."""
+"""Rows per row group of Parquet; few, because pictures are large."""
 _SCHEMA: Final = pa.schema(
     [
         ("attempt_id", pa.string()),
@@ -59,13 +59,13 @@ _SCHEMA: Final = pa.schema(
 
 
 class Exported(msgspec.Struct):
-    """What was written.
+    """The result of an export.
 
     Attributes:
-        attempts, steps, pictures: in the files.
-        unrewarded: attempts left out because they have no reward, or none of those asked for.
-        other_split: attempts left out because their task is of another split.
-        unusable: steps left out because the format cannot say them.
+        attempts, steps, pictures: numbers in the files.
+        unrewarded: attempts left out because of their outcome.
+        other_split: attempts left out because their task belongs to another split.
+        unusable: steps left out because the format cannot represent them.
     """
 
     attempts: int = 0
@@ -85,28 +85,30 @@ def export(
     outcomes: frozenset[Outcome] | None = None,
     progress: Callable[[int], object] = lambda _: None,
 ) -> Exported:
-    """Write a run's steps for another program.
+    """Export a run's steps for another program.
 
     Args:
         run: the run folder.
-        out: a folder that is not there yet or is empty. It gets ``steps.jsonl``, ``steps.parquet``, or
-            ``sharegpt.json`` with ``dataset_info.json``; the first and the last with ``pictures/``, each as
-            large as it was sent.
-        kind: which of the three.
-        split: of the tasks. A task that has none is of the split that the run took its tasks as; if that was
-            none either, only ``all`` lets it through: nobody knows that it is for training.
-        outcomes: of the attempts; by default success alone for ``sharegpt``, which is for imitation, and all
-            for the others.
-        progress: is told how many attempts have been read.
+        out: a folder that does not exist yet or is empty. It gets ``steps.jsonl``, ``steps.parquet``, or
+            ``sharegpt.json`` with ``dataset_info.json``; the first and the last with ``pictures/``, in the
+            sizes in which they were sent.
+        kind: the format.
+        split: split of the tasks to export. A task without one belongs to the split that the run's tasks were
+            taken from; if that is not known either, it is only exported with ``all``, because it may not be
+            for training.
+        outcomes: outcomes of the attempts to export; by default only success for ``sharegpt``, which is for
+            imitation learning, and all for the others.
+        progress: called with the number of attempts read so far.
 
     Raises:
-        RunFolderError: the run is none, or the folder is not empty.
-        StoreError: a record cannot be trusted, or the disk is full.
+        UsageError: ``sharegpt`` with outcomes that have no reward.
+        RunFolderError: the folder is not a run, or ``out`` is not empty.
+        StoreError: a record is invalid, or the disk is full.
     """
     if outcomes is None:
         outcomes = frozenset({Outcome.SUCCESS}) if kind == "sharegpt" else frozenset(Outcome)
     if kind == "sharegpt" and not all(outcome.is_rewarded for outcome in outcomes):
-        raise UsageError("attempts without a reward are nothing to imitate", hint="leave them out")
+        raise UsageError("attempts without a reward cannot be imitated", hint="leave them out")
     reader = RunReader(run)
     make_folder(out)
     if any(out.iterdir()):
@@ -137,7 +139,7 @@ class _Exporter:
         self._tasks = reader.tasks
         self._folder = out / PICTURES
         self._split = split
-        self._taken_as = reader.config.get("tasks", {}).get("split")
+        self._default_split = reader.config.get("tasks", {}).get("split")
         self._outcomes = outcomes
         self._progress = progress
         self._written: set[str] = set()
@@ -146,7 +148,7 @@ class _Exporter:
         for number, trajectory in enumerate(self._reader.trajectories(), 1):
             self._progress(number)
             task = self._tasks[trajectory.episode.task_id]
-            if self._split not in ("all", task.split or self._taken_as):
+            if self._split not in ("all", task.split or self._default_split):
                 self.done.other_split += 1
             elif trajectory.outcome not in self._outcomes:
                 self.done.unrewarded += 1
@@ -156,47 +158,50 @@ class _Exporter:
                     yield task, trajectory, step
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """With paths of pictures."""
+        """Rows with paths of pictures."""
         for task, trajectory, step in self._steps():
             self.done.steps += 1
-            yield _row(task, trajectory, step) | {"images": [self._kept(ref) for ref in _refs(step.messages)]}
+            yield _row(task, trajectory, step) | {
+                "images": [self._picture_path(ref) for ref in _refs(step.messages)]
+            }
 
     def write_parquet(self, path: Path) -> None:
-        """With the pictures themselves, as the library ``datasets`` keeps them."""
-        torn = path.with_name(f".{path.name}{TORN}")  # whole or not at all, as the other formats
+        """Write rows with the pictures themselves, in the form of the library ``datasets``."""
+        torn = path.with_name(f".{path.name}{TORN}")  # renamed once it is complete
         with pq.ParquetWriter(torn, _SCHEMA, compression="zstd") as writer:
-            held: list[dict[str, Any]] = []
+            rows: list[dict[str, Any]] = []
             for task, trajectory, step in self._steps():
                 self.done.steps += 1
                 images = [{"bytes": self._sent(ref), "path": _name(ref)} for ref in _refs(step.messages)]
                 self.done.pictures += len(images)
-                held.append(_row(task, trajectory, step) | {"images": images})
-                if len(held) == _ROWS:
-                    writer.write_table(pa.Table.from_pylist(held, _SCHEMA))
-                    held = []
-            writer.write_table(pa.Table.from_pylist(held, _SCHEMA))
+                rows.append(_row(task, trajectory, step) | {"images": images})
+                if len(rows) == _ROWS:
+                    writer.write_table(pa.Table.from_pylist(rows, _SCHEMA))
+                    rows = []
+            writer.write_table(pa.Table.from_pylist(rows, _SCHEMA))
         torn.replace(path)
 
     def conversations(self) -> Iterator[dict[str, Any]]:
-        """One for every step with an action; its last message is the reply."""
+        """A conversation for every step with an action, whose last message is the reply."""
         for _, _, step in self._steps():
-            told = [{"role": message.role, "content": _flat(message)} for message in step.messages]
+            messages = [{"role": message.role, "content": _flat(message)} for message in step.messages]
             refs = _refs(step.messages)
-            # A picture's placeholder in a page's own words would shift all that follow.
-            placeholders = sum(each["content"].count(_IMAGE) for each in told) + step.reply.text.count(_IMAGE)
+            # A placeholder in the text of a page would shift all later pictures.
+            texts = [*(message["content"] for message in messages), step.reply.text]
+            placeholders = sum(text.count(_IMAGE) for text in texts)
             if step.action is None or placeholders != len(refs):
                 self.done.unusable += 1
                 continue
             self.done.steps += 1
             yield {
-                "messages": [*told, {"role": "assistant", "content": step.reply.text}],
-                "images": [self._kept(ref) for ref in refs],
+                "messages": [*messages, {"role": "assistant", "content": step.reply.text}],
+                "images": [self._picture_path(ref) for ref in refs],
             }
 
     def _sent(self, ref: ImageRef) -> bytes:
         return fit(self._reader.image(ref.screenshot), (ref.width, ref.height))
 
-    def _kept(self, ref: ImageRef) -> str:
+    def _picture_path(self, ref: ImageRef) -> str:
         name = _name(ref)
         if name not in self._written:
             self._folder.mkdir(exist_ok=True)
@@ -220,8 +225,8 @@ _SHAREGPT: Final = {
         },
     }
 }
-"""What LLaMA-Factory has to be told of the file. Train with ``mask_history: true``: only the last reply of a
-conversation is a target; those before it are history, and targets of their own conversations."""
+"""LLaMA-Factory's description of the file. Train with ``mask_history: true``: only the last reply of a
+conversation is a target; earlier replies are targets in their own conversations."""
 
 
 def _row(task: Task, trajectory: Trajectory, step: Step) -> dict[str, Any]:

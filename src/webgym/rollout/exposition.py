@@ -16,13 +16,13 @@ _HOST = "127.0.0.1"
 
 
 class _Figures(Collector):
-    """Read when they are asked for."""
+    """Metrics that are read when they are collected."""
 
     def __init__(self, progress: Progress) -> None:
         self._progress = progress
 
     def collect(self) -> Iterable[Metric]:
-        """At this moment."""
+        """The metrics at this moment."""
         progress = self._progress
         calls = GaugeMetricFamily("webgym_collector_calls", "Calls under way", labels=["kind", "state"])
         done = CounterMetricFamily("webgym_collector_calls_done", "Calls that ended", labels=["kind"])
@@ -60,17 +60,17 @@ class _Figures(Collector):
 
 @contextmanager
 def exposing(progress: Progress, port: int | None) -> Iterator[int | None]:
-    """Serve a run's figures at ``/metrics`` for the block.
+    """Serve a run's figures at ``/metrics`` during the block.
 
     Args:
-        progress: of the run.
-        port: of the loopback address; 0 takes a free one, ``None`` serves nothing.
+        progress: progress of the run.
+        port: port on the loopback address; 0 for any free one, ``None`` to serve nothing.
 
     Yields:
         The port.
 
     Raises:
-        ConfigError: the port is taken.
+        ConfigError: the port is in use.
     """
     if port is None:
         yield None
@@ -80,7 +80,7 @@ def exposing(progress: Progress, port: int | None) -> Iterator[int | None]:
     try:
         server, thread = start_http_server(port, _HOST, registry)
     except OSError as error:
-        raise ConfigError(f"collector.metrics_port {port} cannot be had: {error.strerror}") from error
+        raise ConfigError(f"cannot listen on collector.metrics_port {port}: {error.strerror}") from error
     try:
         yield server.server_port
     finally:

@@ -1,7 +1,7 @@
-"""``live.json`` in the run folder: the collector's present state, for other processes.
+"""``live.json`` in the run folder: the collector's current state, for other processes.
 
-It is written whole about once a second and removed when the collector ends. One that was left by a killed
-collector is told by the time in it.
+It is rewritten about once a second and removed when the collector ends. A file left by a killed collector is
+recognised by the time in it.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from webgym.rollout.files import LIVE, disk_errors, write_whole
 from webgym.rollout.progress import Progress
 
 FEED_SECONDS: Final = 1.0
-"""How often it is written: 1,000 attempts make 60 kB."""
+"""Interval at which it is written; with 1,000 attempts it has 60 kB."""
 
 STALE_SECONDS: Final = 15.0
-"""Older than this, nobody writes it any more: a busy machine delays a write, but not by so much."""
+"""Age from which the collector counts as dead: longer than a busy machine delays a write."""
 
 
 @asynccontextmanager
 async def feeding(progress: Progress, run: Path, seconds: float = FEED_SECONDS) -> AsyncIterator[None]:
     """Keep ``live.json`` up to date until the block ends, then remove it.
 
-    A feed that cannot be written stops nothing: ``progress.feed_error`` says why until it can be again.
+    If it cannot be written, the run continues, and ``progress.feed_error`` says why.
 
     Args:
-        progress: what is told.
+        progress: progress of the run.
         run: the run folder.
-        seconds: between two writes.
+        seconds: interval of writes.
     """
     path = run / LIVE
-    # One thread for writes and removal, so that no write that is under way can follow the removal.
+    # A single thread for writes and the removal, so that no write happens after the removal.
     thread = ThreadPoolExecutor(1, thread_name_prefix="live-feed")
     loop = asyncio.get_running_loop()
 
@@ -71,10 +71,11 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def read_feed(run: Path) -> dict[str, Any] | None:
-    """What a collector says of itself, and ``age``, seconds since it did; ``None`` if none is at work.
+    """The state that a collector has written, and its ``age`` in seconds; ``None`` if no collector is
+    running.
 
     Raises:
-        StoreCorrupt: the file is not what a collector writes.
+        StoreCorrupt: the file does not have a collector's format.
     """
     path = run / LIVE
     try:

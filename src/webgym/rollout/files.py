@@ -1,6 +1,6 @@
 """Layout of the run store, and atomic, durable writes to it.
 
-Everything here blocks and belongs in a thread.
+All functions do blocking I/O: call them in a thread.
 """
 
 from __future__ import annotations
@@ -30,21 +30,22 @@ SET_ASIDE = "set-aside"
 REPORT = "report.html"
 ITERATIONS = "iterations"
 EVALUATIONS = "evaluations"
-"""Of a training folder (webgym.train.folder): its iterations, and its evaluations, which are runs."""
+"""Subfolders of a training folder (webgym.train.folder): its iterations, and its evaluations, which are
+runs."""
 LOCK = ".lock"
 TORN = ".tmp"
-"""Suffix of a file that is being written and does not count yet."""
+"""Suffix of a temporary file that is being written."""
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _NAME = re.compile(r"[0-9a-f]{64}")
 
 
 def is_picture(name: str) -> bool:
-    """Whether this is a name as the store gives it to pictures: a SHA-256 in hex, so no path."""
+    """Whether this is a valid name of a picture in the store: a SHA-256 in hex."""
     return _NAME.fullmatch(name) is not None
 
 
 def image_path(run: Path, name: str) -> Path:
-    """Where the picture of this name lies in a run folder.
+    """The path of a picture in a run folder.
 
     Raises:
         StoreError: the name is not a SHA-256 in hex.
@@ -55,7 +56,7 @@ def image_path(run: Path, name: str) -> Path:
 
 
 def check_run(path: Path) -> None:
-    """Be sure that a folder is a run.
+    """Check that a folder is a run.
 
     Raises:
         RunFolderError: it is not.
@@ -69,32 +70,36 @@ def check_run(path: Path) -> None:
 
 @contextmanager
 def disk_errors(doing: str) -> Iterator[None]:
-    """Errors of the file system, as errors of the store."""
+    """Turn errors of the file system into errors of the store.
+
+    Args:
+        doing: what is being done, for the message, e.g. ``"writing metrics"``.
+    """
     try:
         yield
     except OSError as error:
         if error.errno in _FULL:
             raise StoreFull(
                 f"no space left while {doing}",
-                hint="nothing counted is lost: free some space, then resume with --resume",
+                hint="no record is lost: free some space, then resume with --resume",
             ) from error
-        raise StoreError(f"cannot go on {doing}: {error}") from error
+        raise StoreError(f"cannot continue {doing}: {error}") from error
 
 
 def make_folder(path: Path) -> None:
-    """Make the folder that a command was given to write to.
+    """Create a command's output folder, if it does not exist.
 
     Raises:
-        RunFolderError: it cannot be made.
+        RunFolderError: it cannot be created.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RunFolderError(f"cannot make the folder {path}: {error.strerror}") from error
+        raise RunFolderError(f"cannot create the folder {path}: {error.strerror}") from error
 
 
 def sync_folder(path: Path) -> None:
-    """Make names in a folder as durable as the files they name."""
+    """Sync a folder, so that new names of files in it are durable."""
     fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(fd)
@@ -103,12 +108,12 @@ def sync_folder(path: Path) -> None:
 
 
 def write_whole(path: Path, data: bytes, *, durable: bool = True) -> None:
-    """Write a file whole or not at all. If durable, so is its name once its folder is synced."""
+    """Write a file atomically. If ``durable``, its content is synced; its name once the folder is synced."""
     write_lines(path, [data], durable=durable)
 
 
 def write_lines(path: Path, lines: Iterable[bytes], *, append: bool = False, durable: bool = True) -> None:
-    """Write a file as its parts come, whole or not at all, or add them to its end."""
+    """Write a file atomically from parts, or append them to it."""
     if append:
         with path.open("ab") as file:
             _write(file, lines, durable=durable)
@@ -131,11 +136,11 @@ def _write(file: BinaryIO, lines: Iterable[bytes], *, durable: bool) -> None:
 
 
 def delete_torn(path: Path, *folders: str) -> None:
-    """Delete what a process that died was writing.
+    """Delete temporary files of a process that died.
 
     Args:
-        path: a folder that this process alone writes to.
-        folders: where in it to look, as patterns; ``""`` is the folder itself.
+        path: a folder to which only this process writes.
+        folders: subfolders to search, as patterns; ``""`` is the folder itself.
     """
     for folder in folders:
         for torn in path.glob(f"{folder}.*{TORN}"):
@@ -143,7 +148,7 @@ def delete_torn(path: Path, *folders: str) -> None:
 
 
 def last_line_end(path: Path) -> int:
-    """The offset after the last line that ends."""
+    """The offset after the last complete line."""
     end = 0
     with path.open("rb") as file:
         for line in file:
@@ -153,7 +158,7 @@ def last_line_end(path: Path) -> int:
 
 
 class Log:
-    """A file that grows by whole lines. Used from one thread at a time."""
+    """A file to which complete lines are appended. Used from one thread at a time."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -164,11 +169,11 @@ class Log:
             sync_folder(path.parent)
 
     def append(self, line: bytes, *, durable: bool) -> None:
-        """Add a line, or leave the file as it was."""
+        """Append a line; if that fails, the file is unchanged."""
         try:
-            rest = memoryview(line)
-            while rest:
-                rest = rest[os.write(self._fd, rest) :]
+            remaining = memoryview(line)
+            while remaining:
+                remaining = remaining[os.write(self._fd, remaining) :]
             if durable:
                 os.fsync(self._fd)
         except OSError:
@@ -177,12 +182,16 @@ class Log:
         self.size += len(line)
 
     def close(self) -> None:
-        """Let the file go."""
+        """Close the file."""
         os.close(self._fd)
 
 
 def take_lock(path: Path) -> int:
-    """Take a run folder for this process, for as long as the returned descriptor stays open."""
+    """Lock a run folder for this process, until the returned descriptor is closed.
+
+    Raises:
+        StoreLocked: another process has the lock.
+    """
     fd = os.open(path / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)

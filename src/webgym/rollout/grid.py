@@ -1,7 +1,7 @@
-"""One cell of a terminal per attempt in progress: its state by color and letter, its steps as a number.
+"""A grid of attempts in progress for the terminal: their state as color and letter, their steps as a number.
 
-Where the numbers do not fit, a cell is one character whose height tells the steps; where not even that fits,
-the last line says how many are left out.
+If the numbers do not fit, a cell is one character whose height shows the steps; if not even that fits, the
+last line says how many attempts are left out.
 """
 
 from __future__ import annotations
@@ -21,61 +21,61 @@ STYLES: Final[dict[State | None, tuple[str, str]]] = {
     "judging": ("j", "magenta"),
     None: ("·", "bright_black"),
 }
-"""Letter and color of a state; ``None`` is between two."""
+"""Letter and color of a state; ``None`` is between two states."""
 
 _WIDE: Final = 4
-"""Characters of a cell with a letter and a number, the gap included."""
+"""Width of a cell with a letter and a number, including the gap, characters."""
 _HEIGHTS: Final = "▁▂▃▄▅▆▇█"
 _STEPS_PER_HEIGHT: Final = 4
-"""So that the longest budget of training, 30 steps, fills a cell."""
+"""Steps per level of a cell's height: the longest budget in training, 30 steps, fills a cell."""
 
 
-def look(state: State | None) -> tuple[str, str]:
+def style_of(state: State | None) -> tuple[str, str]:
     """Letter and color of a state."""
     return STYLES.get(state, STYLES[None])
 
 
 def grid(cells: Iterable[Cell], width: int, height: int) -> Text:
-    """The attempts in progress, each at its place.
+    """The grid of attempts in progress, each at its place.
 
     Args:
         cells: the attempts.
-        width: characters of a line.
-        height: lines at most.
+        width: width of a line, characters.
+        height: most lines.
 
     Returns:
-        At most ``height`` lines; none if there is no attempt or no room.
+        At most ``height`` lines; empty if there is no attempt or no space.
     """
-    held = {cell.place: cell for cell in cells}
-    places = max(held, default=-1) + 1
+    by_place = {cell.place: cell for cell in cells}
+    places = max(by_place, default=-1) + 1
     if not places or height < 1 or width < 1:
         return Text()
     columns = max(1, (width + 1) // _WIDE)
     is_wide = width >= _WIDE and -(-places // columns) <= height
     columns = columns if is_wide else width
     fitting = columns * height
-    if places > fitting:  # the last line tells the rest
+    if places > fitting:  # the last line is for the number of the others
         fitting -= columns
     lines = [
-        _line([held.get(place) for place in range(first, min(first + columns, places))], is_wide)
+        _line([by_place.get(place) for place in range(first, min(first + columns, places))], is_wide)
         for first in range(0, min(places, fitting), columns)
     ]
-    if rest := sum(place >= fitting for place in held) if places > fitting else 0:
-        lines.append(Text(f"and {rest} more"[:width], style="dim"))
+    if others := sum(place >= fitting for place in by_place) if places > fitting else 0:
+        lines.append(Text(f"and {others} more"[:width], style="dim"))
     return Text("\n").join(lines)
 
 
 def _line(cells: list[Cell | None], is_wide: bool) -> Text:
     line = Text(no_wrap=True)
     draw = _wide if is_wide else _narrow
-    for style, group in groupby(cells, lambda cell: look(cell.state)[1] if cell else ""):
+    for style, group in groupby(cells, lambda cell: style_of(cell.state)[1] if cell else ""):
         line.append("".join(map(draw, group)), style=style)
     line.rstrip()
     return line
 
 
 def _wide(cell: Cell | None) -> str:
-    return f"{look(cell.state)[0]}{min(cell.steps, 99):02d} " if cell else " " * _WIDE
+    return f"{style_of(cell.state)[0]}{min(cell.steps, 99):02d} " if cell else " " * _WIDE
 
 
 def _narrow(cell: Cell | None) -> str:

@@ -1,4 +1,4 @@
-"""Judging one episode: whatever the judge does, the attempt gets an outcome."""
+"""Judges one episode; if the judge fails, the attempt gets the outcome ``judge_error``."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from webgym.core.verdict import Verdict
 from webgym.judge.base import Judge, Pictures
 
 JUDGED = frozenset({Ending.ANSWERED, Ending.BUDGET_SPENT})
-"""How an episode ends that came to an end of its own."""
+"""Endings of episodes that ended regularly, and so are judged."""
 
 
 def is_judged(trajectory: Trajectory) -> bool:
-    """Whether an attempt has, or may yet get, a verdict: it ended of its own, and is its sample's last."""
+    """Whether an attempt has, or may yet get, a verdict: it ended regularly, and is not retried."""
     return trajectory.episode.ending in JUDGED and not trajectory.outcome.is_retried
 
 
@@ -27,9 +27,9 @@ class JudgedEpisode:
     """An episode with its outcome and verdict.
 
     Attributes:
-        verdict: ``None`` if there is none.
-        failure: why not, if it was asked for.
-        outcome: of the attempt.
+        verdict: the verdict; ``None`` if there is none.
+        failure: why the judge gave none; ``None`` if the episode was not judged.
+        outcome: outcome of the attempt.
     """
 
     verdict: Verdict | None
@@ -42,20 +42,20 @@ TAKEN_OVER: Final = JudgedEpisode(
     Failure("taken_over", "another collector thought this one dead, and has the task"),
     Outcome.CANCELLED,
 )
-"""What becomes of an episode whose sample is another collector's by now."""
+"""The result for an episode whose sample was taken over by another collector."""
 
 
 async def judge_episode(
     judge: Judge, task: Task, episode: Episode, pictures: Pictures, seconds: float
 ) -> JudgedEpisode:
-    """Judge an episode within so many seconds; one that did not end of its own is not judged."""
+    """Judge an episode, with a deadline in seconds; one that did not end regularly is not judged."""
     if episode.ending not in JUDGED:
         return JudgedEpisode(None, None, outcome_of(episode.ending, None))
     try:
         async with asyncio.timeout(seconds):
             verdict = await judge.judge(task, episode, pictures)
     except Exception as error:
-        # Whatever kept the judge from a verdict, the attempt is unjudged and says why.
+        # The attempt remains without a verdict, and its record says why.
         failure = _as_judge_error(error, seconds)
         return JudgedEpisode(
             None, Failure(failure.code, failure.message), outcome_of(episode.ending, failure)

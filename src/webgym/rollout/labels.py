@@ -1,7 +1,7 @@
 """Human labels of a run, saved as they are given.
 
-One small file, which is written anew, whole or not at all, with every label: kill -9 loses nothing that was
-acknowledged. Several viewers may write to it, for each reads it again under a lock before it writes.
+One small file, which is rewritten atomically with every label, so that kill -9 loses no acknowledged label.
+Several viewers may write to it: each reads it again under a lock before it writes.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ LABELS = "labels.csv"
 
 
 def labels_path(run: Path) -> Path:
-    """Where a run's labels lie unless somebody says otherwise."""
+    """The default path of a run's labels."""
     return run / LABELS
 
 
 class LabelStore:
-    """A file of labels that is written to. Blocks: call it from a thread, one call at a time.
+    """A writable file of labels. Its methods do blocking I/O: call them in a thread, one at a time.
 
     Args:
-        path: CSV, or JSON by its name; need not be there yet.
+        path: the file, CSV or JSON by its suffix; need not exist yet.
 
     Raises:
-        UsageError: it is there, and writing it again would lose something that stands in it.
+        UsageError: the file exists, and rewriting it would lose some of its content.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,21 +47,21 @@ class LabelStore:
         self._check(self._read())
 
     def labels(self) -> list[HumanLabel]:
-        """What the file holds now."""
+        """The labels in the file."""
         return self._read().labels
 
     def put(self, label: HumanLabel) -> None:
-        """Write down a label: on disk when this returns. It takes the place of the person's earlier one.
+        """Store a label, in place of the same person's earlier one: on disk when this returns.
 
         Raises:
-            StoreFull: there is no space; the file is as it was.
-            UsageError: somebody wrote something else to the file meanwhile.
+            StoreFull: there is no space; the file is unchanged.
+            UsageError: another program has changed the file, and rewriting it would lose some of its content.
         """
         with disk_errors("writing a label"), self._locked():
             read = self._read()
             self._check(read)
             key = (label.subject, label.annotator)
-            kept = [one for one in read.labels if (one.subject, one.annotator) != key]
+            kept = [it for it in read.labels if (it.subject, it.annotator) != key]
             data = render_labels([*kept, label], as_json=self.path.suffix == ".json")
             write_whole(self.path, data)
             sync_folder(self.path.parent)
@@ -78,7 +78,7 @@ class LabelStore:
 
     @contextmanager
     def _locked(self) -> Iterator[None]:
-        # A file beside it: the labels' own is another one after every write.
+        # A separate lock file: the file of labels is replaced by every write.
         fd = os.open(self.path.with_name(f".{self.path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX)
@@ -88,46 +88,47 @@ class LabelStore:
 
 
 _PER_DIFFICULTY: Final = dict.fromkeys(range(1, 7), 10) | dict.fromkeys(range(7, 11), 5)
-"""Of the paper's 80 trajectories, by the number of facts of their tasks."""
+"""Number of the paper's 80 trajectories by difficulty: the number of facts of their tasks."""
 
 
 def sample_to_label(reader: RunReader, count: int, seed: int) -> list[str]:
-    """Attempts to be labelled, drawn as in the paper's study (§3.4), as far as the run allows.
+    """Sample attempts to be labelled, as in the paper's study (§3.4), as far as the run allows.
 
     Of 80 attempts, ten are at tasks of each difficulty from 1 to 6 and five at each from 7 to 10, and about
-    half of them succeeded by the run's own verdict; of another count, the same shares. What a difficulty
-    lacks, others make up for, those beyond 10 included.
+    half of them succeeded by the run's own verdict; other counts have the same proportions. Where a
+    difficulty has too few attempts, others are used instead, including those beyond 10.
 
-    Only attempts that came to an end of their own, and another task's before a second one of the same task.
-    The order goes round the difficulties, so that whoever stops early has labelled alike, and tells nothing
-    of the verdicts. It depends on the seed and the attempts alone: everybody labels the same ones.
+    Only attempts that ended regularly are sampled, and a second attempt at a task only after the first of
+    other tasks. The difficulties alternate, so that the proportions also hold if labelling stops early, and
+    the order does not depend on the verdicts. It is determined by the seed and the attempts, so that
+    everybody labels the same ones.
 
     Args:
-        reader: of the run.
-        count: how many at most.
-        seed: of the draw.
+        reader: reader of the run.
+        count: most attempts.
+        seed: seed of the sample.
     """
     strata = _strata(reader, seed)
-    sizes = _shares(count, {each: len(strata.get(each, ())) for each in _PER_DIFFICULTY})
+    sizes = _shares(count, {difficulty: len(strata.get(difficulty, ())) for difficulty in _PER_DIFFICULTY})
     chosen: dict[int, list[_Ended]] = {}
-    left, wanted = sum(sizes.values()), round(sum(sizes.values()) / 2)
-    # Where one of the two is scarce first: the others can then make up for it.
-    for difficulty in sorted(sizes, key=lambda each: (_scarcer(strata.get(each, ())), each)):
+    remaining, successes_needed = sum(sizes.values()), round(sum(sizes.values()) / 2)
+    # Difficulties with few successes or failures first, so that the others can compensate.
+    for difficulty in sorted(sizes, key=lambda it: (_fewer(strata.get(it, ())), it)):
         ended, size = strata.get(difficulty, []), sizes[difficulty]
-        won = [one for one in ended if one.succeeded]
-        lost = [one for one in ended if not one.succeeded]
-        share = round(size * wanted / left) if left else 0
+        won = [attempt for attempt in ended if attempt.succeeded]
+        lost = [attempt for attempt in ended if not attempt.succeeded]
+        share = round(size * successes_needed / remaining) if remaining else 0
         successes = min(len(won), max(0, share, size - len(lost)))
         chosen[difficulty] = sorted([*won[:successes], *lost[: size - successes]])
-        left, wanted = left - size, wanted - successes
-    taken = {one.attempt_id for ended in chosen.values() for one in ended}
-    spare = [[one for one in ended if one.attempt_id not in taken] for _, ended in sorted(strata.items())]
-    turns = [*_spread(list(chosen.values())), *_round_robin(spare)]
-    return [one.attempt_id for one in turns[:count]]
+        remaining, successes_needed = remaining - size, successes_needed - successes
+    used = {attempt.attempt_id for ended in chosen.values() for attempt in ended}
+    spare = [[it for it in ended if it.attempt_id not in used] for _, ended in sorted(strata.items())]
+    ordered = [*_spread(list(chosen.values())), *_round_robin(spare)]
+    return [attempt.attempt_id for attempt in ordered[:count]]
 
 
 class _Ended(NamedTuple):
-    """An attempt that came to an end of its own; sorted as it is drawn."""
+    """An attempt that ended regularly; the order of the fields is the order of sampling."""
 
     nth: int
     digest: str
@@ -136,7 +137,7 @@ class _Ended(NamedTuple):
 
 
 def _strata(reader: RunReader, seed: int) -> dict[int, list[_Ended]]:
-    """Attempts by the difficulty of their task, in an order that is drawn; 0 where the task is not known."""
+    """Attempts by the difficulty of their task, in random order; difficulty 0 if the task is not known."""
     strata: dict[int, list[_Ended]] = defaultdict(list)
     seen: dict[str, int] = defaultdict(int)
     drawn = [
@@ -152,25 +153,26 @@ def _strata(reader: RunReader, seed: int) -> dict[int, list[_Ended]]:
     return {difficulty: sorted(ended) for difficulty, ended in strata.items()}
 
 
-def _shares(count: int, there: Mapping[int, int]) -> dict[int, int]:
-    """How many of each difficulty: by the paper's shares, as far as there are any; the rest spread again."""
-    sizes = dict.fromkeys(there, 0)
-    for _ in range(min(count, sum(there.values()))):
-        open_ = [each for each in sizes if sizes[each] < there[each]]
-        sizes[min(open_, key=lambda each: ((sizes[each] + 0.5) / _PER_DIFFICULTY[each], each))] += 1
+def _shares(count: int, available: Mapping[int, int]) -> dict[int, int]:
+    """The number of attempts per difficulty, by the paper's proportions as far as attempts are available."""
+    sizes = dict.fromkeys(available, 0)
+    for _ in range(min(count, sum(available.values()))):
+        open_ = [difficulty for difficulty in sizes if sizes[difficulty] < available[difficulty]]
+        sizes[min(open_, key=lambda it: ((sizes[it] + 0.5) / _PER_DIFFICULTY[it], it))] += 1
     return sizes
 
 
-def _scarcer(ended: Sequence[_Ended]) -> int:
-    won = sum(one.succeeded for one in ended)
+def _fewer(ended: Sequence[_Ended]) -> int:
+    """The number of successes or of failures, whichever is lower."""
+    won = sum(attempt.succeeded for attempt in ended)
     return min(won, len(ended) - won)
 
 
 def _spread(lists: Sequence[Sequence[_Ended]]) -> list[_Ended]:
-    """All of them in one list, each list's spread evenly over it."""
-    placed = [((place + 0.5) / len(ended), one) for ended in lists for place, one in enumerate(ended)]
-    return [one for _, one in sorted(placed, key=lambda each: (each[0], each[1].digest))]
+    """One list of all items, in which the items of each list are evenly distributed."""
+    placed = [((index + 0.5) / len(ended), it) for ended in lists for index, it in enumerate(ended)]
+    return [attempt for _, attempt in sorted(placed, key=lambda pair: (pair[0], pair[1].digest))]
 
 
 def _round_robin(lists: Sequence[Sequence[_Ended]]) -> list[_Ended]:
-    return [one for turn in zip_longest(*lists) for one in turn if one is not None]
+    return [attempt for turn in zip_longest(*lists) for attempt in turn if attempt is not None]

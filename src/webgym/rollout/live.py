@@ -14,17 +14,17 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from webgym.core.background import beside
+from webgym.core.background import running_in_background
 from webgym.core.outcome import Outcome
 from webgym.core.task import LEVELS
 from webgym.core.text import plain
-from webgym.rollout.grid import grid, look
+from webgym.rollout.grid import grid, style_of
 from webgym.rollout.progress import STATES, Progress, Queue
 
 REFRESH_SECONDS = 0.5
 LINE_SECONDS = 10.0
 DRAWING_SHARE = 0.04
-"""Of the event loop's time at most: a thousand cells, or a slow terminal, are drawn less often."""
+"""Largest share of the event loop's time for drawing: large grids and slow terminals are drawn less often."""
 
 COLORS = {
     Outcome.SUCCESS: "green",
@@ -64,18 +64,18 @@ def line(progress: Progress) -> str:
         f"{progress.steps_per_second:.1f} steps/s, {progress.trajectories_per_minute:.1f} trajectories/min, "
         f"success {_success(progress)}, "
         f"{duration(progress.seconds_left)} left ({outcomes or 'nothing ended yet'})"
-        + "".join(f"; {plain(told)}" for told in progress.warnings)
+        + "".join(f"; {plain(warning)}" for warning in progress.warnings)
     )
 
 
-class panel:  # noqa: N801 - called as the function that it could be, if a terminal's size were not needed
-    """The progress as a panel that fits the terminal: figures first, then the attempts, then the newest ends.
+class panel:  # noqa: N801 - used like a function, but needs the terminal's size when it is rendered
+    """The progress as a panel that fits the terminal: figures, then the attempts, then those that ended last.
 
     Args:
-        progress: what to show.
-        title: of the panel.
-        reserved: lines of the terminal that something else takes.
-        among: how many panels share the rest.
+        progress: the progress to show.
+        title: title of the panel.
+        reserved: lines of the terminal for other output.
+        among: number of panels that share the rest.
     """
 
     def __init__(
@@ -90,12 +90,12 @@ class panel:  # noqa: N801 - called as the function that it could be, if a termi
         progress, width = self._progress, max(1, options.max_width - _FRAME_COLUMNS)
         height = (options.max_height - self._reserved) // max(1, self._among) - _FRAME_LINES
         lines = _figures(progress, width)
-        for told in progress.warnings:
-            lines += Text(plain(told), style="yellow").wrap(console, width)
-        left = height - 1 - len(lines)  # of the bar
-        cells = grid(progress.cells.values(), width, left)
-        left -= len(cells.plain.splitlines())
-        last = [_ended(*ended) for ended in progress.last][: max(0, left)]
+        for warning in progress.warnings:
+            lines += Text(plain(warning), style="yellow").wrap(console, width)
+        remaining = height - 1 - len(lines)  # of the bar
+        cells = grid(progress.cells.values(), width, remaining)
+        remaining -= len(cells.plain.splitlines())
+        last = [_ended(*ended) for ended in progress.last][: max(0, remaining)]
         parts = [*lines, *([cells] if cells else []), *last][: max(1, height - 1)]
         yield Panel(Group(_bar(progress), *parts), title=self._title, title_align="left")
 
@@ -115,7 +115,7 @@ def _bar(progress: Progress) -> RenderableType:
 
 
 def _figures(progress: Progress, width: int) -> list[Text]:
-    """Lines for each kind of figure that there is something to tell about."""
+    """Lines for each kind of figure that has values."""
     figures = {
         "success": _success(progress),
         "steps/s": f"{progress.steps_per_second:.1f}",
@@ -126,7 +126,7 @@ def _figures(progress: Progress, width: int) -> list[Text]:
     }
     successes = {level: progress.successes_of(level).of_judged for level in LEVELS}
     ended = [outcome for outcome in Outcome if progress.outcomes[outcome]]
-    told: dict[str, Iterable[tuple[str, str, str]]] = {
+    sections: dict[str, Iterable[tuple[str, str, str]]] = {
         "": ((name, "dim", value) for name, value in figures.items()),
         "by level": (
             (level, "dim", f"{rate.value:.1%}") for level, rate in successes.items() if rate.value is not None
@@ -134,13 +134,13 @@ def _figures(progress: Progress, width: int) -> list[Text]:
         "now": (
             (f"{letter} {state}", color, str(progress.states[state]))
             for state in STATES
-            for letter, color in [look(state)]
+            for letter, color in [style_of(state)]
         ),
         "queues": ((plain(kind), "dim", _queue(queue)) for kind, queue in progress.queues().items()),
         "outcomes": ((outcome.value, COLORS[outcome], str(progress.outcomes[outcome])) for outcome in ended),
         "errors": ((plain(code), "yellow", str(n)) for code, n in progress.errors.most_common() if n),
     }
-    return [line for name, values in told.items() for line in _told(name, values, width)]
+    return [line for name, values in sections.items() for line in _figure_lines(name, values, width)]
 
 
 def _queue(queue: Queue) -> str:
@@ -152,11 +152,11 @@ def _queue(queue: Queue) -> str:
     return f"{queue.waiting}+{queue.running}{times}"
 
 
-def _told(name: str, values: Iterable[tuple[str, str, str]], width: int) -> list[Text]:
-    """Figures, each what it is of, in a style, and its value, on lines that are broken between them alone."""
+def _figure_lines(name: str, values: Iterable[tuple[str, str, str]], width: int) -> list[Text]:
+    """Lines of figures ``(label, style, value)``, broken only between figures."""
     lines: list[Text] = []
-    for of, style, value in values:
-        figure = Text.assemble((of, style), " ", (value, "bold"))
+    for label, style, value in values:
+        figure = Text.assemble((label, style), " ", (value, "bold"))
         if not lines or lines[-1].cell_len + _GAP + figure.cell_len > width:
             head = "" if not name else f"{'' if lines else name:<{_NAME_COLUMNS}}"
             lines.append(Text(head, no_wrap=True, overflow="ellipsis"))
@@ -167,31 +167,31 @@ def _told(name: str, values: Iterable[tuple[str, str, str]], width: int) -> list
 
 
 def _ended(outcome: Outcome, task_id: str, steps: int) -> Text:
-    """An attempt that ended. As text: a task may come from anywhere, and brackets in its id are no markup."""
-    told = Text(f"{outcome:<18}", style=COLORS[outcome], no_wrap=True, overflow="ellipsis")
-    return told.append(f"{steps:>3} steps  ", style="dim").append(plain(task_id), style="default")
+    """A line for an attempt that ended. Without markup, because a task's id may contain brackets."""
+    text = Text(f"{outcome:<18}", style=COLORS[outcome], no_wrap=True, overflow="ellipsis")
+    return text.append(f"{steps:>3} steps  ", style="dim").append(plain(task_id), style="default")
 
 
 @asynccontextmanager
 async def showing(progress: Progress, console: Console) -> AsyncIterator[None]:
-    """Show the progress until the block ends: live in a terminal, else a line now and then."""
+    """Show the progress until the block ends: a live panel in a terminal, else a line at intervals."""
     try:
         if console.is_terminal:
             with Live(panel(progress), console=console, auto_refresh=False, transient=True) as live:
-                async with beside(_refresh(live, progress)):
+                async with running_in_background(_refresh(live, progress)):
                     yield
         else:
-            async with beside(_print_lines(progress, console)):
+            async with running_in_background(_print_lines(progress, console)):
                 yield
-    finally:  # also of a run that was stopped
+    finally:  # also if the run was stopped
         console.print(line(progress), highlight=False, soft_wrap=True, markup=False)
 
 
 async def _refresh(live: Live, progress: Progress) -> None:
     while True:
-        began = time.perf_counter()
+        started = time.perf_counter()
         live.update(panel(progress), refresh=True)
-        drawn = time.perf_counter() - began
+        drawn = time.perf_counter() - started
         await asyncio.sleep(max(REFRESH_SECONDS, drawn / DRAWING_SHARE))
 
 

@@ -1,13 +1,13 @@
-"""Run permits, and a queue of its own for each type of operation in front of them (paper §4).
+"""Run permits, and a separate queue for each type of operation in front of them (paper §4).
 
-A slot's processes run only while it holds a permit; between calls they are stopped. How many may run at
-once is found by measuring: more while the processors have time to spare (a slot that waits for the
-network uses none), fewer when they are saturated.
+A slot's processes run only while it has a permit; between calls they are stopped. The number of permits is
+adapted to measurements: more while the processors are not fully used (a slot that waits for the network uses
+none), fewer when they are saturated.
 
-The queues take turns by service time: next is the one whose calls have held permits for the least time. No
-type has priority over another, so that a burst of navigations waits for navigations, and the screenshots
-behind it go on. A queue that was empty comes back level with the others: idleness earns no credit. One queue
-for all is there for comparison.
+The queues are served fairly by service time: the next permit goes to the queue whose calls have used the
+least service time. No type has priority over another, so that a burst of navigations delays navigations but
+not screenshots. A queue that was empty continues at the level of the others: idle time gives no credit. A
+single global queue is available for comparison.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from webgym.server.operations import QUEUES, QueueName
 from webgym.server.saturation import Processors
 
 _RECENT = 0.1
-"""Weight of the latest call in what a queue's calls are expected to take."""
+"""Weight of the latest call in the expected service time of a queue's calls."""
 
 
 class _Grant(NamedTuple):
@@ -45,13 +45,14 @@ class _Queue:
     running: int = 0
     done: int = 0
     waited: float = 0.0
-    """Seconds that its calls have waited for their turns, all in all."""
+    """Total waiting time of its calls, seconds."""
     served: float = 0.0
-    """Seconds that its calls have held permits, all in all."""
+    """Total service time of its calls, seconds."""
     account: float = 0.0
-    """Service time that decides whose turn it is: had, and expected of the calls that run."""
-    usual: float = 0.0
-    """Seconds for which a call holds its permit, lately."""
+    """Service time that decides which queue is next: of finished calls, plus the expected one of running
+    calls."""
+    expected: float = 0.0
+    """Expected service time of a call: a moving average, seconds."""
 
     @property
     def load(self) -> QueueLoad:
@@ -61,22 +62,22 @@ class _Queue:
 
     @property
     def first(self) -> int | None:
-        """When the first that still waits came; those that gave up are dropped."""
+        """Arrival number of the first call that still waits, or ``None``; drops cancelled ones."""
         while self.waiting and self.waiting[0][1].done():
             self.waiting.popleft()
         return self.waiting[0][0] if self.waiting else None
 
     def begin(self, now: float) -> None:
-        """Grant a permit to the first that waits. Its expected service time counts at once."""
+        """Grant a permit to the first waiting call. Its expected service time counts at once."""
         _, turn = self.waiting.popleft()
         self.running += 1
-        self.account += self.usual
-        turn.set_result(_Grant(now, self.usual))
+        self.account += self.expected
+        turn.set_result(_Grant(now, self.expected))
 
     def end(self, grant: _Grant, now: float) -> None:
-        """Record that a call has run: its service time counts in place of the expected one."""
+        """Record the end of a call: its service time replaces the expected one."""
         took = now - grant.at
-        self.usual += (took - self.usual) * (_RECENT if self.done else 1.0)
+        self.expected += (took - self.expected) * (_RECENT if self.done else 1.0)
         self.running -= 1
         self.done += 1
         self.served += took
@@ -84,71 +85,72 @@ class _Queue:
 
 
 class Permit:
-    """The right to run, which a call of :meth:`AdmissionController.permit` holds."""
+    """A run permit, created by :meth:`AdmissionController.permit`."""
 
     def __init__(self, gate: AdmissionController) -> None:
         self._waited = 0.0
-        self._waits_since: float | None = None
+        self._waiting_since: float | None = None
         self._gate = gate
-        self._held: tuple[_Queue, _Grant] | None = None
+        self._grant_held: tuple[_Queue, _Grant] | None = None
 
     @property
     def waited(self) -> float:
-        """Seconds that it has waited for its turns, until now."""
-        since = self._waits_since
+        """Total waiting time in the queues so far, seconds."""
+        since = self._waiting_since
         return self._waited + (0.0 if since is None else asyncio.get_running_loop().time() - since)
 
     async def exchange(self, queue: QueueName, stopped: Callable[[], AbstractContextManager[None]]) -> None:
-        """Give it back, and wait for one of another queue.
+        """Return the permit, and wait for one of another queue.
 
         Args:
-            queue: the other.
-            stopped: entered for as long as somebody else has the place; not at all if nobody wants it.
+            queue: the other queue.
+            stopped: context in which to wait; not entered if the new permit is granted at once.
         """
-        own, turn = self._gate.line_up(queue)  # before the place is free: one's own turn may be next
+        target, turn = self._gate.enqueue(queue)  # before the release, so that it may be granted at once
         self.give_back()
         with contextlib.nullcontext() if turn.done() else stopped():
-            await self.take(own, turn)
+            await self.take(target, turn)
 
-    async def take(self, own: _Queue, turn: _Turn) -> None:
-        """Wait for a turn, and hold the permit that comes with it."""
-        began = self._waits_since = asyncio.get_running_loop().time()
+    async def take(self, queue: _Queue, turn: _Turn) -> None:
+        """Wait until the permit is granted."""
+        started = self._waiting_since = asyncio.get_running_loop().time()
         try:
-            self._held = own, await turn
+            self._grant_held = queue, await turn
         except asyncio.CancelledError:
-            if turn.done() and not turn.cancelled():  # it came in the same moment
-                self._held = own, turn.result()
+            if turn.done() and not turn.cancelled():  # it was granted at the same moment
+                self._grant_held = queue, turn.result()
                 self.give_back()
             raise
         finally:
-            waited = asyncio.get_running_loop().time() - began
+            waited = asyncio.get_running_loop().time() - started
             self._waited += waited
-            self._waits_since = None
-            own.waited += waited
+            self._waiting_since = None
+            queue.waited += waited
 
     def give_back(self) -> None:
-        """Let the next one run. Safe to call twice."""
-        held, self._held = self._held, None
-        if held is not None:
-            self._gate.release(*held)
+        """Return the permit. Safe to call twice."""
+        granted, self._grant_held = self._grant_held, None
+        if granted is not None:
+            self._gate.release(*granted)
 
 
 class AdmissionController:
     """Grants run permits.
 
     Args:
-        processors: what measures saturation.
+        config: limits of the number of permits, and how queues are served.
+        processors: measures the processors' load.
     """
 
     def __init__(self, config: Admission, processors: Processors | None = None) -> None:
         self.limit = config.fewest
         self.busy = 0.0
-        """Share of the processors in use, when it was last measured."""
+        """Busy share of the processors at the last measurement, 0 to 1."""
         self._config = config
         self._processors = processors or Processors()
         self._queues: dict[QueueName, _Queue] = {name: _Queue() for name in QUEUES}
         self._level = 0.0
-        """Account of the queue that was served last: where one that was empty comes back."""
+        """Largest account of a served queue: the least account of a queue that was empty."""
         self._arrivals = 0
         self._running = 0
         self._adapting: asyncio.Task[None] | None = None
@@ -157,35 +159,36 @@ class AdmissionController:
     async def permit(
         self, queue: QueueName, on_queue: Callable[[Permit], None] = lambda _: None
     ) -> AsyncIterator[Permit]:
-        """Wait in this queue for a turn, and hold a run permit for the block.
+        """Wait in a queue for a run permit, and hold it during the block.
 
         Args:
-            on_queue: is given the permit before it is waited for.
+            queue: the queue of the call's operation.
+            on_queue: called with the permit before the wait.
         """
         permit = Permit(self)
         on_queue(permit)
-        await permit.take(*self.line_up(queue))
+        await permit.take(*self.enqueue(queue))
         try:
             yield permit
         finally:
             permit.give_back()
 
-    def line_up(self, queue: QueueName) -> tuple[_Queue, _Turn]:
-        """Stand in a queue; for :class:`Permit`."""
-        own = self._queues[queue]
+    def enqueue(self, queue: QueueName) -> tuple[_Queue, _Turn]:
+        """Add a call to a queue; for :class:`Permit`."""
+        target = self._queues[queue]
         turn: _Turn = asyncio.get_running_loop().create_future()
-        if own.first is None:
-            own.account = max(own.account, self._level)
+        if target.first is None:
+            target.account = max(target.account, self._level)
         self._arrivals += 1
-        own.waiting.append((self._arrivals, turn))
+        target.waiting.append((self._arrivals, turn))
         self._grant()
         if not turn.done() and (self._adapting is None or self._adapting.done()):
             self._adapting = asyncio.get_running_loop().create_task(self._adapt())
-        return own, turn
+        return target, turn
 
-    def release(self, own: _Queue, grant: _Grant) -> None:
-        """A call has run; for :class:`Permit`."""
-        own.end(grant, asyncio.get_running_loop().time())
+    def release(self, queue: _Queue, grant: _Grant) -> None:
+        """Return the permit of a finished call; for :class:`Permit`."""
+        queue.end(grant, asyncio.get_running_loop().time())
         self._running -= 1
         self._grant()
 
@@ -202,12 +205,12 @@ class AdmissionController:
             return min(waiting, key=lambda queue: queue.first or 0, default=None)
         return min(waiting, key=lambda queue: (queue.account, queue.first), default=None)
 
-    # --- how many ---------------------------------------------------------------------------------------
+    # --- the number of permits --------------------------------------------------------------------------
 
     async def _adapt(self) -> None:
-        """Measure and adjust for as long as somebody waits."""
+        """Measure the load and adjust the number of permits while calls wait."""
         config = self._config
-        self._processors.busy()  # from here on
+        self._processors.busy()  # the next measurement begins here
         while any(queue.first is not None for queue in self._queues.values()):
             await asyncio.sleep(config.measure_seconds)
             self.busy = self._processors.busy()
@@ -224,14 +227,14 @@ class AdmissionController:
             with contextlib.suppress(asyncio.CancelledError):
                 await self._adapting
 
-    # --- what is seen -----------------------------------------------------------------------------------
+    # --- statistics -------------------------------------------------------------------------------------
 
     @property
     def load(self) -> dict[str, QueueLoad]:
-        """Of every queue at this moment, by its name."""
+        """The load of every queue at this moment, by name."""
         return {name: queue.load for name, queue in self._queues.items()}
 
     @property
     def permits(self) -> PermitLoad:
-        """Of the permits at this moment."""
+        """The number of permits at this moment."""
         return PermitLoad(self.limit, self._running, self.busy)

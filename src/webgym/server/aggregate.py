@@ -17,8 +17,8 @@ _SAMPLE = re.compile(rb"([a-zA-Z_:][a-zA-Z0-9_:]*)(\{)?")
 
 
 class _Load(Collector):
-    def __init__(self, fleet: Fleet, line: SlotQueue) -> None:
-        self._fleet, self._line = fleet, line
+    def __init__(self, fleet: Fleet, queue: SlotQueue) -> None:
+        self._fleet, self._queue = fleet, queue
 
     def collect(self) -> Iterable[Metric]:
         """Collect the load at this moment."""
@@ -26,7 +26,7 @@ class _Load(Collector):
             "webgym_gateway_workers", "Workers that are up", value=len(self._fleet.workers)
         )
         yield GaugeMetricFamily(
-            "webgym_gateway_waiting", "Callers who wait for a slot", value=len(self._line)
+            "webgym_gateway_waiting", "Callers who wait for a slot", value=len(self._queue)
         )
         yield CounterMetricFamily(
             "webgym_gateway_workers_lost", "Workers that were up and are gone", value=self._fleet.lost
@@ -36,15 +36,16 @@ class _Load(Collector):
 class GatewayMetrics(CallMetrics):
     """The metrics of one gateway."""
 
-    def __init__(self, fleet: Fleet, line: SlotQueue) -> None:
-        super().__init__(_Load(fleet, line), "webgym_gateway")
+    def __init__(self, fleet: Fleet, queue: SlotQueue) -> None:
+        super().__init__(_Load(fleet, queue), "webgym_gateway")
 
 
 def total(parts: list[Any]) -> Any:
-    """Numbers added, mappings by key; of anything else the first.
+    """Combine decoded messages: integers are added, mappings combined by key; of other values the first
+    counts.
 
-    A mean over workers is not what an operator acts on, so a share (of busy processors) must not be added:
-    those are written as floats, and the largest counts.
+    Shares (of busy processors) are floats, and must not be added: the largest counts, as it matters more to
+    an operator than the mean.
     """
     first = parts[0]
     if isinstance(first, dict):
@@ -60,7 +61,7 @@ def total(parts: list[Any]) -> Any:
 
 
 def merge_expositions(own: bytes, others: Mapping[str, bytes]) -> bytes:
-    """Prometheus texts of workers as one: every sample labelled with its worker, every family once."""
+    """Merge the Prometheus texts of workers: samples are labelled with their worker, families occur once."""
     families: dict[bytes, list[bytes]] = {}
     for worker, text in others.items():
         label = b'worker="%s"' % worker.encode("ascii")
@@ -79,7 +80,7 @@ def merge_expositions(own: bytes, others: Mapping[str, bytes]) -> bytes:
 
 
 def _labelled(sample: bytes, label: bytes) -> bytes:
-    named = _SAMPLE.match(sample)
-    assert named is not None
-    rest = sample[named.end() :]
-    return b"%s{%s,%s" % (named[1], label, rest) if named[2] else b"%s{%s}%s" % (named[1], label, rest)
+    match = _SAMPLE.match(sample)
+    assert match is not None
+    rest = sample[match.end() :]
+    return b"%s{%s,%s" % (match[1], label, rest) if match[2] else b"%s{%s}%s" % (match[1], label, rest)

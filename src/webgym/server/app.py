@@ -1,4 +1,4 @@
-"""HTTP in front of a service. Every route comes from the table of operations."""
+"""The HTTP application of a worker. Its routes come from the table of operations."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from webgym.server.messages import GENERATION_HEADER, SECRET_HEADER, SessionGran
 from webgym.server.operations import ALLOCATE, OPERATIONS, Operation
 from webgym.server.quota import Quota, client_of
 from webgym.server.service import Service
-from webgym.server.tokens import OWN, Tokens
+from webgym.server.tokens import SERVER_CALLER, Tokens
 
 
 def create_app(service: Service, tokens: Tokens, *, instance: str = "", endpoint: str = "") -> Starlette:
     """The ASGI application of one service.
 
     Args:
-        tokens: who may make calls that are not open.
-        instance: which run of the server this is.
-        endpoint: its base URL, as others may reach it; empty if unknown.
+        service: the service.
+        tokens: valid tokens, for operations that are not open.
+        instance: id of this run of the server.
+        endpoint: its base URL for other machines; empty if unknown.
     """
     calls = _Calls(service, tokens, instance, endpoint)
     return application({operation: calls.endpoint(operation) for operation in OPERATIONS})
@@ -34,12 +35,12 @@ class _Calls:
     def __init__(self, service: Service, tokens: Tokens, instance: str, endpoint: str) -> None:
         self._service = service
         self._front = HttpFrontend(tokens, service.config.body_bytes, instance, service.observed)
-        self._address = endpoint
+        self._endpoint = endpoint
         self._quota = Quota(service.config.sessions_per_client)
         service.on_end = self._quota.ended
 
     def endpoint(self, operation: Operation) -> Callable[[Request], Awaitable[Any]]:
-        """What serves one operation's route."""
+        """The request handler of one operation."""
 
         async def work(request: Request) -> Any:
             return await self._serve(operation, request)
@@ -63,17 +64,17 @@ class _Calls:
         return await getattr(self._service, operation.name)(*arguments)
 
     async def _allocate(self, request: Request, options: SessionOptions) -> SessionGrant:
-        if self._service.config.name and request.state.caller != OWN:
+        if self._service.config.name and request.state.caller != SERVER_CALLER:
             raise Unauthorized(
-                "a worker opens sessions for its gateway alone, which counts them", hint="ask the gateway"
+                "a worker opens sessions only for its gateway, which counts them", hint="call the gateway"
             )
         client = client_of(request)
-        with self._quota.asking(client):
+        with self._quota.requesting(client):
             grant = await while_connected(request, self._service.allocate(options), self._undo)
             self._quota.granted(client, grant.session_id)
-            if grant.session_id not in self._service.leases:  # it ran out before this was written down
+            if grant.session_id not in self._service.leases:  # it has expired in the meantime
                 self._quota.ended(grant.session_id)
-        return msgspec.structs.replace(grant, endpoint=self._address, instance=self._front.instance)
+        return msgspec.structs.replace(grant, endpoint=self._endpoint, instance=self._front.instance)
 
     async def _undo(self, grant: SessionGrant) -> None:
         leases = self._service.leases

@@ -1,4 +1,4 @@
-"""Who opened which session, and when it ended: a JSON line each, in a file that others may rotate."""
+"""The audit log: a JSON line for every session opened and ended, in a file that may be rotated."""
 
 from __future__ import annotations
 
@@ -19,29 +19,30 @@ _log = logging.getLogger("webgym.audit")
 
 
 class Audit:
-    """What is written down about sessions. Without a file, nothing is."""
+    """Writes the audit log. Without a handler it writes nothing."""
 
     def __init__(self, handler: logging.Handler | None = None) -> None:
         self._handler = handler
         self._open: dict[str, tuple[float, str]] = {}
-        """When each began, and the name of its token."""
+        """Start time and token name of every open session."""
 
     def opened(self, session: str, *, token: str, client: str, address: str) -> None:
-        """A session begins.
+        """Record that a session was opened.
 
         Args:
+            session: id of the session.
             token: name of the token that it was opened with.
-            client: what the client calls itself.
-            address: where it called from.
+            client: name that the client gives itself.
+            address: network address of the client.
         """
         self._open[session] = (time.monotonic(), token)
         self._write("opened", session, token=token, client=client, address=address)
 
     def ended(self, session: str) -> None:
-        """A session is over, however it ended."""
-        if (known := self._open.pop(session, None)) is not None:
-            began, token = known
-            self._write("ended", session, token=token, seconds=round(time.monotonic() - began, 3))
+        """Record that a session has ended, for any reason."""
+        if (opened := self._open.pop(session, None)) is not None:
+            started, token = opened
+            self._write("ended", session, token=token, seconds=round(time.monotonic() - started, 3))
 
     def _write(self, event: str, session: str, **more: Any) -> None:
         if self._handler is None:
@@ -54,7 +55,7 @@ class Audit:
 
 @contextmanager
 def audit_to(path: Path | None) -> Iterator[Audit]:
-    """Append to this file, from a thread of its own, for the length of the block.
+    """Append to a file during the block, from a background thread.
 
     Raises:
         ConfigError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""The route to a browser server: what the collector uses.
+"""The client of a browser server.
 
 >>> async with BrowserClient(url, token=token) as client:
 ...     session = await client.open(SessionOptions(mode="marks"))
@@ -80,12 +80,12 @@ T = TypeVar("T")
 _NAME_BYTES = 8
 
 
-class _Broken(Exception):
-    """A call came to nothing on its route.
+class _CallFailed(Exception):
+    """A call failed on its route.
 
     Attributes:
-        error: what the caller is told.
-        was_sent: whether the server may have carried it out.
+        error: the error for the caller.
+        was_sent: whether the server may have carried out the call.
     """
 
     def __init__(self, error: ServerUnreachable, *, was_sent: bool) -> None:
@@ -95,7 +95,7 @@ class _Broken(Exception):
 
 
 class _Response(NamedTuple):
-    """What came back, whole."""
+    """A complete HTTP response."""
 
     status: int
     content_type: str
@@ -108,14 +108,14 @@ class _Response(NamedTuple):
 
 
 def connections(limits: ClientLimits) -> aiohttp.ClientSession:
-    """Connections that are kept between calls, to any number of servers."""
+    """An HTTP session that keeps connections open between calls, to any number of servers."""
 
     def open_socket(address: aiohttp.AddrInfoType) -> socket.socket:
         family, kind, protocol, _, _ = address
-        made = socket.socket(family, kind, protocol)
+        sock = socket.socket(family, kind, protocol)
         for option in keep_alive_options(limits.dead_peer_seconds):
-            made.setsockopt(*option)
-        return made
+            sock.setsockopt(*option)
+        return sock
 
     return aiohttp.ClientSession(
         connector=aiohttp.TCPConnector(
@@ -130,17 +130,17 @@ class BrowserClient:
     """A client of one browser server, for any number of sessions at once.
 
     Args:
-        base_url: the server's address.
+        base_url: the server's base URL.
         token: its bearer token.
         limits: concurrency per operation type, and deadlines.
-        name: of this client, by which the server counts its sessions; ``None`` makes one.
-        calls: a queue for each type of operation; by default they are made from the limits.
+        name: name of this client, by which the server counts its sessions; ``None`` generates one.
+        calls: a queue for each type of operation; by default created from the limits.
 
     Raises:
         ServerUnreachable: by every method: nothing answers, or not in time.
-        Unauthorized: by every method: the token is wrong.
-        ProtocolError: by every method: the answer is not one of a browser server; at once: a token that is
-            not ASCII.
+        Unauthorized: by every method: the token is invalid.
+        ProtocolError: by every method: the answer is not that of a browser server; by the constructor: the
+            token is not ASCII.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class BrowserClient:
         calls: Mapping[str, CallQueue] | None = None,
     ) -> None:
         if not token.isascii():
-            raise ProtocolError("a token is plain ASCII", hint="copy it from `webgym serve`")
+            raise ProtocolError("the token is not plain ASCII", hint="copy it from `webgym serve`")
         self.limits = limits or ClientLimits()
         self.base_url = base_url.rstrip("/")
         self._headers = {
@@ -181,14 +181,15 @@ class BrowserClient:
         return self._connections
 
     async def open(self, options: SessionOptions | None = None) -> Session:
-        """Lease a browser with a fresh, blank page. Renewed in the background until it is closed.
+        """Lease a browser with a fresh, blank page. The lease is renewed in the background until it is
+        closed.
 
         Args:
             options: viewport, marks, cookies and so on; the server's defaults if not given.
 
         Raises:
-            NoCapacity: all slots stayed taken.
-            TooManySessions: this client has all that it may have.
+            NoCapacity: no slot became free in time.
+            TooManySessions: this client has reached its limit on sessions.
         """
         grant = await self.call(ALLOCATE, SessionGrant, options or SessionOptions())
         try:
@@ -201,18 +202,20 @@ class BrowserClient:
         return session
 
     async def _give_back(self, grant: SessionGrant) -> None:
-        with contextlib.suppress(WebGymError):  # it runs out by itself
+        with contextlib.suppress(WebGymError):  # the lease expires by itself
             await self.call(RELEASE, Closed, grant=grant, seconds=self.limits.release_seconds)
 
     async def info(self) -> ServerInfo:
-        """What the server is."""
+        """Information about the server."""
         return await self.call(INFO, ServerInfo)
 
     async def health(self) -> Health:
-        """Whether it can give sessions. Needs no token."""
-        response = await self._through(SessionRoute(self.base_url, False), HEALTH, None, None, None, None)
+        """Whether the server can open sessions. Needs no token."""
+        response = await self._call_with_fallback(
+            SessionRoute(self.base_url, False), HEALTH, None, None, None, None
+        )
         if response.status == UNHEALTHY_STATUS:
-            with contextlib.suppress(ProtocolError):  # then it is an error like any other
+            with contextlib.suppress(ProtocolError):  # then it is handled like any other error
                 return self._decode(HEALTH, Health, response)
         return self._answer(HEALTH, Health, response)
 
@@ -221,10 +224,10 @@ class BrowserClient:
         return await self.call(PRESSURE, Pressure)
 
     def forget(self, session: Session) -> None:
-        """The session is over.
+        """Forget a session that is over.
 
         Args:
-            session: one of this client's; no request is made.
+            session: a session of this client; no request is sent.
         """
         self._sessions.discard(session)
 
@@ -241,23 +244,25 @@ class BrowserClient:
         queue: QueueName | None = None,
         seconds: float | None = None,
     ) -> T:
-        """Do one operation of the table, in its type's pool.
+        """Make one call, in the queue of its type.
 
         Args:
-            operation: of the table, :mod:`webgym.server.operations`.
-            body: the request, if the operation takes one.
-            reply: shape of the answer; ``bytes`` for a body that is no struct.
-            grant: the session, for operations that need one.
-            route: where to; the known address if there is none. One that breaks is changed for the known
-                address from then on, but what may have been carried out is not asked for again.
-            queue: the pool, where it is not the operation's own.
-            seconds: deadline, where it is not the usual one.
+            operation: an operation of :mod:`webgym.server.operations`.
+            reply: type of the reply; ``bytes`` for a body that is not a struct.
+            body: the request's body, if the operation has one.
+            grant: the session, for operations on a session.
+            route: where to send it; by default the client's base URL. If a direct route fails, the base URL
+                replaces it, but calls that may have been carried out are not repeated.
+            queue: the queue, if it is not the operation's own.
+            seconds: deadline, if it is not the default.
         """
         route = route or SessionRoute(self.base_url, False)
-        response = await self._through(route, operation, body, grant, queue or operation.queue, seconds)
+        response = await self._call_with_fallback(
+            route, operation, body, grant, queue or operation.queue, seconds
+        )
         return self._answer(operation, reply, response)
 
-    async def _through(
+    async def _call_with_fallback(
         self,
         route: SessionRoute,
         operation: Operation,
@@ -266,26 +271,26 @@ class BrowserClient:
         queue: QueueName | None,
         seconds: float | None,
     ) -> _Response:
-        """Send a call on its route, and on the other route if this one breaks."""
-        was_straight = route.is_straight
+        """Send a call on its route, and on the other route if that fails."""
+        was_direct = route.is_direct
         try:
             return await self._send(route.base_url, operation, body, grant, queue, seconds)
-        except _Broken as broken:
-            if not was_straight:
-                raise broken.error from None
-            route.base_url, route.is_straight = self.base_url, False
-            again = not broken.was_sent or operation.is_repeatable
-            # A server that knows what became of the session says it better than we can.
-            asked = operation if again else HEARTBEAT
+        except _CallFailed as failed:
+            if not was_direct:
+                raise failed.error from None
+            route.base_url, route.is_direct = self.base_url, False
+            again = not failed.was_sent or operation.is_repeatable
+            # The server's answer about the session is more specific than the failure of the route.
+            fallback = operation if again else HEARTBEAT
             try:
                 response = await self._send(
-                    self.base_url, asked, body if again else None, grant, queue, seconds
+                    self.base_url, fallback, body if again else None, grant, queue, seconds
                 )
-            except _Broken as other:
-                raise (other.error if again else broken.error) from None
+            except _CallFailed as other:
+                raise (other.error if again else failed.error) from None
             if again or not response.is_success:
                 return response
-            raise broken.error from None
+            raise failed.error from None
 
     def _answer(self, operation: Operation, reply: type[T], response: _Response) -> T:
         if not response.is_success:
@@ -301,7 +306,7 @@ class BrowserClient:
             return msgspec.json.decode(response.content, type=reply)
         except (msgspec.MsgspecError, ValueError) as error:
             raise ProtocolError(
-                f"{operation.name}: the answer is not understood: {error}",
+                f"{operation.name}: the answer cannot be parsed: {error}",
                 hint=f"is {self.base_url} a WebGym server of this version?",
             ) from None
 
@@ -317,7 +322,7 @@ class BrowserClient:
         """One call to one server.
 
         Raises:
-            _Broken: no answer came back.
+            _CallFailed: there was no answer.
         """
         path, headers = operation.path, self._headers
         if grant is not None:
@@ -332,43 +337,47 @@ class BrowserClient:
                 if grant is None or operation in (HEARTBEAT, RELEASE):
                     async with asyncio.timeout(limit):
                         return await exchange
-                return await self._answered(exchange, limit, base_url, grant)
+                return await self._answer_in_time(exchange, limit, base_url, grant)
         except (aiohttp.InvalidURL, ValueError) as error:
-            told = ServerUnreachable(f"{base_url} is not an http address: {error}", hint="check --server")
-            raise _Broken(told, was_sent=False) from None
+            failure = ServerUnreachable(f"{base_url} is not an http address: {error}", hint="check --server")
+            raise _CallFailed(failure, was_sent=False) from None
         except (aiohttp.ClientConnectorError, aiohttp.ConnectionTimeoutError):
-            told = ServerUnreachable(f"nothing answers at {base_url}", hint="start one with `webgym serve`")
-            raise _Broken(told, was_sent=False) from None
-        except TimeoutError:
-            told = ServerUnreachable(f"{operation.name}: no answer from {base_url} in time")
-            raise _Broken(told, was_sent=True) from None
-        except (aiohttp.ClientError, OSError) as error:
-            told = ServerUnreachable(
-                f"{operation.name}: the connection to {base_url} broke ({type(error).__name__})",
-                hint="it may have been carried out: look before you act again",
+            failure = ServerUnreachable(
+                f"nothing answers at {base_url}", hint="start one with `webgym serve`"
             )
-            raise _Broken(told, was_sent=True) from None
+            raise _CallFailed(failure, was_sent=False) from None
+        except TimeoutError:
+            failure = ServerUnreachable(f"{operation.name}: no answer from {base_url} in time")
+            raise _CallFailed(failure, was_sent=True) from None
+        except (aiohttp.ClientError, OSError) as error:
+            failure = ServerUnreachable(
+                f"{operation.name}: the connection to {base_url} broke ({type(error).__name__})",
+                hint="it may have been carried out: observe the page before acting again",
+            )
+            raise _CallFailed(failure, was_sent=True) from None
 
-    async def _answered(
+    async def _answer_in_time(
         self, exchange: Coroutine[Any, Any, _Response], limit: float, base_url: str, grant: SessionGrant
     ) -> _Response:
-        """The answer to a session's call. Only the server knows how long the call has waited in its queues:
-        it is asked when the time is up, and what it says of a session that is over is the answer.
+        """The answer to a session's call. Time in the server's queues does not count, but only the server
+        knows
+        it: it is queried by a heartbeat at the deadline. If that fails, its error is the answer.
 
         Raises:
-            TimeoutError: the call took longer, without that wait.
+            TimeoutError: the call took longer than the limit, without waiting in queues.
         """
-        call, began, left = asyncio.create_task(exchange), time.monotonic(), limit
+        call, started, remaining = asyncio.create_task(exchange), time.monotonic(), limit
         try:
-            while not (await asyncio.wait({call}, timeout=left))[0]:
+            while not (await asyncio.wait({call}, timeout=remaining))[0]:
                 try:
-                    said = await self._send(base_url, HEARTBEAT, None, grant, None, limit)
-                except _Broken as broken:
-                    raise TimeoutError from broken
-                if not said.is_success:
-                    return said
-                queued = self._decode(HEARTBEAT, Renewed, said).queued_seconds
-                if (left := limit + queued - (time.monotonic() - began)) <= 0 and not call.done():
+                    heartbeat = await self._send(base_url, HEARTBEAT, None, grant, None, limit)
+                except _CallFailed as failed:
+                    raise TimeoutError from failed
+                if not heartbeat.is_success:
+                    return heartbeat
+                queued = self._decode(HEARTBEAT, Renewed, heartbeat).queued_seconds
+                remaining = limit + queued - (time.monotonic() - started)
+                if remaining <= 0 and not call.done():
                     raise TimeoutError
             return call.result()
         finally:
@@ -386,11 +395,11 @@ class BrowserClient:
 
 
 class Session:
-    """A leased browser. Get one from :meth:`BrowserClient.open`; close it when done.
+    """A leased browser. Open one with :meth:`BrowserClient.open`; close it when done.
 
-    Not for concurrent calls: the server takes them one after the other.
+    Not for concurrent calls: the server handles them one after the other.
 
-    Raises (every method, beside the client's errors):
+    Raises (every method, besides the client's errors):
         LeaseLost: the session expired or was closed.
         BrowserCrashed, BrowserTimeout: the browser failed; the session is over.
     """
@@ -398,7 +407,7 @@ class Session:
     def __init__(self, client: BrowserClient, grant: SessionGrant, route: SessionRoute) -> None:
         self._client = client
         self.grant = grant
-        """What proves to the server that this client holds the session. Contains a secret."""
+        """The session's lease, with the secret that authorizes its calls."""
         self._route = route
         self._pictures: OrderedDict[str, bytes] = OrderedDict()
         self._is_closed = False
@@ -412,67 +421,67 @@ class Session:
 
     @property
     def is_direct(self) -> bool:
-        """Whether its calls go straight to the worker that holds it."""
-        return self._route.is_straight
+        """Whether its calls are sent directly to the worker that holds it."""
+        return self._route.is_direct
 
     async def step(self, action: AnyAction | None = None) -> View:
-        """Act (or not), wait until the page is quiet, and look: one round trip."""
+        """Carry out an action (if any), wait until the page is quiet, and observe it, in one round trip."""
         queue: QueueName = "navigate" if isinstance(action, Navigate) else "execute"
         if action is None:
             queue = "screenshot"
         request = StepRequest(action, tuple(self._pictures))
         reply = await self._call(STEP, StepReply, request, queue)
-        calls, seen = self._client.calls, reply.observation
-        calls[queue].waited_elsewhere(seen.seconds("queued"))
-        calls[queue].held(calls["metadata"], 0.0, seen.seconds("metadata"))
+        calls, observation = self._client.calls, reply.observation
+        calls[queue].waited_elsewhere(observation.seconds("queued"))
+        calls[queue].included(calls["metadata"], 0.0, observation.seconds("metadata"))
         if queue != "screenshot":
-            waited = seen.seconds("queued_screenshot")
-            calls[queue].held(calls["screenshot"], waited, seen.seconds("screenshot"))
-        name = seen.screenshot
+            waited = observation.seconds("queued_screenshot")
+            calls[queue].included(calls["screenshot"], waited, observation.seconds("screenshot"))
+        name = observation.screenshot
         image = self._pictures.get(name) if reply.image is None else reply.image
         if image is None:
-            raise ProtocolError("the server left out a picture that was never sent")
+            raise ProtocolError("the server left out a screenshot that it has never sent")
         self._pictures[name] = image
         self._pictures.move_to_end(name)
         if len(self._pictures) > self._client.limits.pictures:
             self._pictures.popitem(last=False)
-        return View(seen, image)
+        return View(observation, image)
 
     async def navigate(self, url: str) -> PageMetadata:
-        """Open a URL, without looking."""
+        """Open a URL, without an observation."""
         return await self._call(NAVIGATE, PageMetadata, NavigateRequest(url))
 
     async def execute(self, action: AnyAction) -> PageMetadata:
-        """Act, without looking."""
+        """Carry out an action, without an observation."""
         return await self._call(EXECUTE, PageMetadata, ExecuteRequest(action))
 
     async def metadata(self) -> PageMetadata:
-        """Where the page is."""
+        """The page's URL, title, status and scroll position."""
         return await self._call(METADATA, PageMetadata)
 
     async def read(self, request: ReadRequest) -> Document:
-        """What the whole document holds, not only what the viewport shows of it."""
+        """Read the whole document, not only the part in the viewport."""
         return await self._call(READ, Document, request)
 
     async def screenshot(self) -> bytes:
-        """The bare viewport as it is now, PNG (or JPEG)."""
+        """A screenshot without marks and without waiting, PNG (or JPEG)."""
         return await self._call(SCREENSHOT, bytes)
 
     async def heartbeat(self) -> Renewed:
-        """Renew the lease. Done in the background anyway."""
+        """Renew the lease. This also happens in the background."""
         return await self._call(HEARTBEAT, Renewed)
 
     async def abandon(self) -> None:
-        """Stop renewing the session without giving its browser back, as a client that dies would.
+        """Stop renewing the session without releasing its browser, as a client that dies would.
 
-        The server takes the browser back when the lease runs out; until then, calls still work and renew it.
+        The server releases the browser when the lease expires; until then, calls still work and renew it.
         """
         self._renewal.cancel()
         await asyncio.wait({self._renewal})
 
     async def close(self) -> None:
-        """Give the browser back. Safe to call twice; never raises what would hide a caller's own error:
-        a lease that cannot be given back runs out by itself."""
+        """Release the browser. Safe to call twice. Never raises, so that it does not hide the caller's own
+        error: a lease that cannot be released expires by itself."""
         if self._is_closed:
             return
         self._is_closed = True
@@ -484,7 +493,7 @@ class Session:
         except LeaseLost:
             return
         except ServerError as error:
-            log.warning("session %s was not given back: %s", self.id, error)
+            log.warning("session %s was not released: %s", self.id, error)
 
     async def _call(
         self,
@@ -501,7 +510,7 @@ class Session:
         )
 
     async def _keep_alive(self) -> None:
-        """Renew the lease whenever no call has done so for a while: a thinking model never loses it."""
+        """Renew the lease when there was no call for a while, for example because the model is thinking."""
         interval = self.grant.ttl_seconds * self._client.limits.heartbeat_share
         while True:
             self._used.clear()
@@ -514,6 +523,6 @@ class Session:
             try:
                 await self._client.call(HEARTBEAT, Renewed, grant=self.grant, route=self._route)
             except LeaseLost:
-                return  # the next call says so
+                return  # the next call raises it
             except WebGymError as error:
                 log.warning("session %s was not renewed: %s", self.id, error)

@@ -14,12 +14,13 @@ from webgym.server.messages import Watched
 class Feed:
     """The subscribers of one server.
 
-    A line holds the state at the time of writing, so a slow subscriber misses intermediate states but never
-    the last.
+    A line contains the state at the time of writing, so a slow subscriber misses intermediate states but
+    never the last.
 
     Args:
-        read: what holds now.
-        beat_seconds: longest time without a line. A watcher that hears nothing for longer knows why.
+        read: returns the current state.
+        beat_seconds: longest time without a line. A subscriber without one for longer knows that the server
+            is gone.
     """
 
     def __init__(self, read: Callable[[], Watched], beat_seconds: float) -> None:
@@ -39,7 +40,7 @@ class Feed:
         self.changed()
 
     async def lines(self) -> AsyncIterator[bytes]:
-        """One subscriber's stream, beginning with the present state."""
+        """One subscriber's stream, beginning with the current state."""
         change = asyncio.Event()
         self._watchers.add(change)
         try:

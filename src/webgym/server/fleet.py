@@ -32,11 +32,12 @@ log = logging.getLogger(__name__)
 
 
 class Started(msgspec.Struct, frozen=True):
-    """What a worker reports when it is up.
+    """A worker's report that it has started.
 
     Attributes:
-        url: its base URL, for whoever can reach it.
-        instance: which run of a server it is.
+        url: its base URL.
+        instance: id of this run of the server.
+        info: information about the server.
     """
 
     url: str
@@ -53,21 +54,21 @@ class Host(Protocol):
 
     @property
     def place(self) -> str:
-        """A name for people."""
+        """Its name in messages."""
 
     @property
     def shares(self) -> tuple[ServerConfig, ...]:
         """The settings of each of its workers, without their names."""
 
     async def start(self, config: ServerConfig) -> Started:
-        """Start a worker and wait until it is up. Nothing is left of one that does not come up.
+        """Start a worker and wait until it is ready. Nothing is left of one that fails to start.
 
         Raises:
-            WebGymError: it does not come up.
+            WebGymError: it does not start.
         """
 
     async def stop(self, name: str) -> None:
-        """Stop a worker in any state. Safe to call for one that is gone."""
+        """Stop a worker in any state. Does nothing if it is gone."""
 
 
 class Hosts(Protocol):
@@ -78,7 +79,8 @@ class Hosts(Protocol):
 
 
 def split(slots: int, cores: float, config: GatewayConfig) -> list[int]:
-    """The slots of a machine's workers: as many workers as are asked for or useful, and none without one."""
+    """Divide a machine's slots among its workers: the configured number, or by cores; every worker gets
+    one."""
     workers = min(slots, config.workers or max(1, round(cores / config.cores_per_worker)))
     return [slots // workers + (number < slots % workers) for number in range(workers)]
 
@@ -87,10 +89,11 @@ def share_of(config: ServerConfig, slots: int, cores: float, *, share: float, of
     """The settings of one of the workers of a machine.
 
     Args:
-        config: of all of them together, made for ``of_cores`` processors.
-        slots: this one's.
-        cores: how many processors it may keep busy.
-        share: of the machine's sessions.
+        config: the settings of all workers together, for ``of_cores`` processors.
+        slots: number of slots of this worker.
+        cores: number of processors that it may keep busy.
+        share: its share of the machine's sessions, 0 to 1.
+        of_cores: number of processors that ``config`` is meant for.
     """
     part = cores / of_cores
     admission, egress = config.admission, config.browser.egress
@@ -98,9 +101,9 @@ def share_of(config: ServerConfig, slots: int, cores: float, *, share: float, of
     def scaled(value: int) -> int:
         return max(1, math.ceil(value * part))
 
-    numbers = {name: scaled(getattr(admission, name)) for name in ("fewest", "most", "step")}
-    # To websites all workers of a machine are one visitor.
-    polite = egress.model_copy(
+    limits = {name: scaled(getattr(admission, name)) for name in ("fewest", "most", "step")}
+    # Websites see all workers of a machine as one visitor.
+    egress_share = egress.model_copy(
         update={"rate": egress.rate * share, "burst": max(1, math.ceil(egress.burst * share))}
     )
     return config.model_copy(
@@ -108,21 +111,21 @@ def share_of(config: ServerConfig, slots: int, cores: float, *, share: float, of
             "port": 0,
             "slots": slots,
             "parallel_launches": scaled(config.parallel_launches),
-            "admission": admission.model_copy(update=numbers),
-            "browser": config.browser.model_copy(update={"egress": polite}),
+            "admission": admission.model_copy(update=limits),
+            "browser": config.browser.model_copy(update={"egress": egress_share}),
             "sessions_per_client": None,  # counted by the gateway, over all workers
         }
     )
 
 
 class Worker:
-    """One run of a worker, as its gateway knows it.
+    """The gateway's state of one run of a worker.
 
     Attributes:
-        sent: calls for a session that were sent to it so far.
-        pending: those of them that have no answer yet.
-        watched: what it said last.
-        sessions: the living ones that were opened through the gateway, and their generations.
+        sent: number of allocate calls sent to it so far.
+        pending: number of these calls without an answer yet.
+        watched: its last report.
+        sessions: generations of the open sessions that were opened through the gateway, by session id.
         is_lost: whether it is gone.
     """
 
@@ -139,24 +142,24 @@ class Worker:
         self.is_lost = False
         self._answer_seconds = config.answer_seconds
         self._credentials: list[Header] = [(b"authorization", f"Bearer {token}".encode("ascii"))]
-        self._was_astray = False
+        self._was_inconsistent = False
 
     @property
     def room(self) -> int:
-        """Free slots to which no caller has been sent yet."""
+        """Number of free slots to which no caller was sent yet."""
         if self.watched is None or self.is_lost:
             return 0
         slots = self.watched.slots
         return slots.free - slots.waiting - (self.sent - self.watched.asked)
 
-    def take(self, watched: Watched) -> list[str]:
-        """Take in a report. Returns the ids of the sessions that have ended."""
+    def update(self, watched: Watched) -> list[str]:
+        """Process a report. Returns the ids of the sessions that have ended."""
         self.watched = watched
-        # With no call on its way both count the same, unless one was lost with its connection.
-        is_astray = not self.pending and self.sent != watched.asked
-        if is_astray and self._was_astray:
+        # Without pending calls both counts are equal, unless a call was lost with its connection.
+        is_inconsistent = not self.pending and self.sent != watched.asked
+        if is_inconsistent and self._was_inconsistent:
             self.sent = watched.asked
-        self._was_astray = is_astray
+        self._was_inconsistent = is_inconsistent
         living = set(watched.sessions)
         ended = [
             session
@@ -168,18 +171,18 @@ class Worker:
         return ended
 
     def allocate(self, headers: Iterable[Header], body: bytes) -> AbstractAsyncContextManager[Answer]:
-        """Ask for a session, in our own name: it opens none in another's.
+        """Request a session with the gateway's own token: workers accept no other.
 
         Raises:
-            NotSent, Interrupted: here or in the block: it could not be asked.
+            NotSent, Interrupted: here or in the block: the call failed.
         """
         return self.relay.call(ALLOCATE.method, ALLOCATE.path, [*self._credentials, *headers], body)
 
     async def get(self, path: str) -> bytes:
-        """The body of a small answer.
+        """The body of the answer to a GET request.
 
         Raises:
-            NotSent, Interrupted, TimeoutError: there is none.
+            NotSent, Interrupted, TimeoutError: the call failed.
         """
         async with (
             asyncio.timeout(self._answer_seconds),
@@ -191,7 +194,7 @@ class Worker:
         """End a session.
 
         Raises:
-            NotSent, Interrupted, TimeoutError: it could not be asked.
+            NotSent, Interrupted, TimeoutError: the call failed.
         """
         proof = [
             (SECRET_HEADER.encode(), grant.secret.encode("ascii")),
@@ -204,8 +207,8 @@ class Worker:
         ):
             await answer.body()
 
-    async def is_there(self) -> bool:
-        """Whether the worker still answers."""
+    async def is_reachable(self) -> bool:
+        """Whether this run of the worker still answers."""
         try:
             async with asyncio.timeout(self._answer_seconds), self.relay.call("GET", HEALTH.path) as answer:
                 await answer.body()
@@ -217,7 +220,7 @@ class Worker:
         """Yield its reports until the connection ends.
 
         Raises:
-            NotSent, Interrupted, TimeoutError: the connection is gone, or silent.
+            NotSent, Interrupted, TimeoutError: the connection failed, or there was no report in time.
         """
         loop = asyncio.get_running_loop()
         async with self.relay.call("GET", WATCH.path, self._credentials) as answer:
@@ -230,7 +233,7 @@ class Worker:
                 yield msgspec.json.decode(line, type=Watched)
 
     def lose(self) -> None:
-        """Mark the worker as gone and tell all callers that wait for it."""
+        """Mark the worker as gone and interrupt all calls to it."""
         self.is_lost = True
         self.relay.close()
 
@@ -238,16 +241,19 @@ class Worker:
 async def _lines(answer: Answer) -> AsyncIterator[bytes]:
     rest = b""
     async for chunk in answer.chunks():
-        *whole, rest = (rest + chunk).split(b"\n")
-        for line in whole:
+        *complete, rest = (rest + chunk).split(b"\n")
+        for line in complete:
             yield line
 
 
 class Fleet:
-    """Keeps every worker of every host up.
+    """Keeps every worker of every host running.
 
     Args:
-        on_change: called when a worker came, said something, or went; with the ids of sessions that ended.
+        hosts: where the workers run.
+        config: deadlines and pauses.
+        token: the token of the gateway's calls to workers.
+        on_change: called when a worker started, reported, or ended; with the ids of sessions that ended.
     """
 
     def __init__(
@@ -262,17 +268,17 @@ class Fleet:
         self._token = token
         self._on_change = on_change
         self.workers: dict[str, Worker] = {}
-        """Those that are up, by name."""
+        """Running workers, by name."""
         self.lost = 0
-        """Workers that were up and are gone, so far."""
+        """Number of workers that were running and are gone."""
         self._started = 0
         self._wanted = 0
-        self._has_looked = False
+        self._hosts_known = False
         self._failing: dict[object, WebGymError] = {}
-        self._news = asyncio.Event()
+        self._changed = asyncio.Event()
 
     async def run(self) -> None:
-        """Keep all workers up until cancelled; then stop all of them."""
+        """Keep all workers running until cancelled; then stop all of them."""
         keepers: dict[str, asyncio.Task[None]] = {}
         places: dict[str, str] = {}
         async with asyncio.TaskGroup() as group:
@@ -286,38 +292,38 @@ class Fleet:
                     self._wanted += len(shares)
                     places[new] = hosts[new].place
                     keepers[new] = group.create_task(self._keep_all(hosts[new], shares))
-                self._has_looked = True
-                self._news.set()
+                self._hosts_known = True
+                self._changed.set()
 
     async def ready(self) -> None:
-        """Wait until a worker is up, or until there is no host to wait for.
+        """Wait until a worker is running, or it is known that there is no host.
 
         Raises:
-            WebGymError: none came up.
+            WebGymError: all workers failed to start.
         """
         while not self.workers:
-            if self._has_looked and len(self._failing) == self._wanted:
+            if self._hosts_known and len(self._failing) == self._wanted:
                 if not self._wanted:
                     return
                 raise next(iter(self._failing.values()))
-            self._news.clear()
-            await self._news.wait()
+            self._changed.clear()
+            await self._changed.wait()
 
     async def check(self, worker: Worker) -> bool:
-        """Whether a worker whose connection broke is still there. One that is not is given up."""
-        if not worker.is_lost and not await worker.is_there():
+        """Whether a worker is still reachable after a failed connection. If not, it is marked as lost."""
+        if not worker.is_lost and not await worker.is_reachable():
             worker.lose()
             self.workers.pop(worker.name, None)
         return not worker.is_lost
 
     def has_been(self, name: str) -> bool:
-        """Whether a worker had this name."""
+        """Whether there was a worker with this name."""
         number = name.removeprefix("w")
         return number.isdecimal() and number.isascii() and int(number) <= self._started
 
     @property
     def wanted(self) -> int:
-        """How many workers should be up."""
+        """Number of workers that should be running."""
         return self._wanted
 
     # --- one worker -----------------------------------------------------------------------------------
@@ -331,67 +337,65 @@ class Fleet:
             self._wanted -= len(shares)
 
     async def _keep(self, host: Host, share: ServerConfig) -> None:
-        """Keep one worker up: after each end a pause, which grows while it does not last."""
+        """Keep one worker running: restart it after a pause, which grows while its runs are short."""
         loop = asyncio.get_running_loop()
-        mark = object()
+        key = object()
         pause, longest = self._config.restart_seconds
         try:
             while True:
-                began = loop.time()
+                started_at = loop.time()
                 self._started += 1
                 name = f"w{self._started}"
                 try:
-                    await self._live(host, share.model_copy(update={"name": name}), mark)
+                    await self._run_once(host, share.model_copy(update={"name": name}), key)
                     log.warning("worker %s on %s ended", name, host.place)
                 except WebGymError as error:
-                    self._failing[mark] = error
-                    log.error("worker %s on %s did not come up: %s", name, host.place, error)
-                self._tell(())
-                if loop.time() - began > self._config.settled_seconds:
+                    self._failing[key] = error
+                    log.error("worker %s on %s did not start: %s", name, host.place, error)
+                self._report_change(())
+                if loop.time() - started_at > self._config.settled_seconds:
                     pause = self._config.restart_seconds[0]
                 await asyncio.sleep(pause)
                 pause = min(pause * 2, longest)
         finally:
-            self._failing.pop(mark, None)
+            self._failing.pop(key, None)
 
-    async def _live(self, host: Host, config: ServerConfig, mark: object) -> None:
+    async def _run_once(self, host: Host, config: ServerConfig, key: object) -> None:
         """One run of a worker, from its start until it is gone.
 
         Raises:
-            WebGymError: it did not come up.
+            WebGymError: it did not start.
         """
         try:
             try:
                 async with asyncio.timeout(self._config.start_seconds):
                     started = await host.start(config)
             except TimeoutError:
-                raise ServerError(
-                    f"a worker did not come up within {self._config.start_seconds:g} s"
-                ) from None
+                raise ServerError(f"a worker did not start within {self._config.start_seconds:g} s") from None
             worker = Worker(config.name, started, self._config, self._token)
-            self._failing.pop(mark, None)
+            self._failing.pop(key, None)
             try:
                 await self._watch(worker)
             finally:
                 self.workers.pop(worker.name, None)
                 self.lost += 1
                 worker.lose()
-                self._tell(worker.sessions)
+                self._report_change(worker.sessions)
         finally:
             await host.stop(config.name)
 
     async def _watch(self, worker: Worker) -> None:
-        """Follow what a worker says until it is gone. A connection that broke is made again."""
+        """Process a worker's reports until it is gone. If the connection fails, it is opened again."""
         while not worker.is_lost:
             try:
                 async for watched in worker.watch(self._config.silent_seconds):
                     self.workers[worker.name] = worker
-                    self._tell(worker.take(watched))
+                    self._report_change(worker.update(watched))
                 return
             except (NotSent, Interrupted, TimeoutError, msgspec.MsgspecError) as error:
                 if await self.check(worker):
                     log.warning("worker %s was silent: %s", worker.name, error)
 
-    def _tell(self, ended: Collection[str]) -> None:
+    def _report_change(self, ended: Collection[str]) -> None:
         self._on_change(ended)
-        self._news.set()
+        self._changed.set()

@@ -1,7 +1,7 @@
-"""One address for many workers. It speaks the same table of operations as they do.
+"""One address for many workers, with the same operations as a worker.
 
-A session is opened where there is most room, and its id names the worker that holds it; clients that can
-reach that worker then talk to it alone. The calls of the others are passed on as bytes.
+A session is opened on the worker with the most free slots, and its id names that worker; clients that can
+reach the worker then connect to it directly. The calls of other clients are forwarded as bytes.
 """
 
 from __future__ import annotations
@@ -61,19 +61,22 @@ from webgym.server.tokens import Tokens
 log = logging.getLogger(__name__)
 
 _SESSION = re.compile(r"(w\d{1,12})-[0-9a-f]{1,64}")
-_PASSED_ON = (b"authorization", b"content-type")
-_PASSED_ON_PREFIX = b"x-webgym-"
-_NOT_PASSED_BACK = (b"date", b"connection", b"keep-alive", b"transfer-encoding")
+_FORWARDED_HEADERS = (b"authorization", b"content-type")
+_FORWARDED_PREFIX = b"x-webgym-"
+_NOT_RETURNED_HEADERS = (b"date", b"connection", b"keep-alive", b"transfer-encoding")
 _OPEN_ATTEMPTS = 3
-"""Workers that may go away under a caller that opens a session, before it is told."""
+"""How many workers may fail while a caller opens a session, before the call fails."""
 
 
 class Gateway:
-    """What each operation does, over all workers.
+    """Implements each operation over all workers.
 
     Args:
-        config: limits of the front: the line, the quota, sizes.
+        config: limits of the gateway itself: the queue, the quota, sizes.
         fleet_config: limits of the workers.
+        hosts: where the workers run.
+        token: the token of the gateway's calls to workers.
+        audit: the audit log.
     """
 
     def __init__(
@@ -82,34 +85,34 @@ class Gateway:
         self.config = config
         self._audit = audit
         self.fleet = Fleet(hosts, fleet_config, token, self._on_change)
-        self.line = SlotQueue(self.fleet.workers, config.waiting)
+        self.queue = SlotQueue(self.fleet.workers, config.waiting)
         self.feed = Feed(self._watched, config.beat_seconds)
         self._quota = Quota(config.sessions_per_client)
         self._asked = 0
         self._granted = 0
         self._endings: set[asyncio.Task[None]] = set()
-        self.observed = GatewayMetrics(self.fleet, self.line)
+        self.observed = GatewayMetrics(self.fleet, self.queue)
 
     def _on_change(self, ended: Collection[str]) -> None:
         for session in ended:
             self._quota.ended(session)
             self._audit.ended(session)
-        self.line.serve()
+        self.queue.serve()
         self.feed.changed()
 
     # --- sessions -------------------------------------------------------------------------------------
 
     async def allocate(self, request: Request, front: HttpFrontend) -> SessionGrant:
-        """Open a session where there is most room."""
+        """Open a session on the worker with the most free slots."""
         body = await front.body(request)
-        decode(body, SessionOptions)  # what is not understood does not wait in line
+        decode(body, SessionOptions)  # an invalid request must not wait in the queue
         client = client_of(request)
         self._asked += 1
-        with self._quota.asking(client):
-            headers = [header for header in _passed_on(request) if header[0] != b"authorization"]
+        with self._quota.requesting(client):
+            headers = [header for header in _forwarded_headers(request) if header[0] != b"authorization"]
             work = self._open(headers, body)
             worker, grant = await while_connected(request, work, self._undo)
-            if not worker.is_lost:  # else it has ended already
+            if not worker.is_lost:  # otherwise the session has ended already
                 worker.sessions[grant.session_id] = grant.generation
                 self._quota.granted(client, grant.session_id)
                 self._audit.opened(grant.session_id, **caller_of(request))
@@ -120,49 +123,49 @@ class Gateway:
         deadline = asyncio.get_running_loop().time() + self.config.allocate_seconds
         attempt = 1
         while True:
-            left = max(0.0, deadline - asyncio.get_running_loop().time())
-            worker = await self.line.turn(left, again=attempt > 1)
-            asking = asyncio.create_task(self._ask(worker, headers, body))
+            remaining = max(0.0, deadline - asyncio.get_running_loop().time())
+            worker = await self.queue.turn(remaining, again=attempt > 1)
+            opening = asyncio.create_task(self._open_on(worker, headers, body))
             try:
-                return worker, await asyncio.shield(asking)
+                return worker, await asyncio.shield(opening)
             except asyncio.CancelledError:
-                # Never torn off: what it opens must be closed, and its slot counted right.
-                self._in_background(self._undo_when_there(worker, asking))
+                # The call itself is not cancelled: its session must be closed, and its slot counted.
+                self._in_background(self._undo_when_open(worker, opening))
                 raise
             except (NotSent, Interrupted) as error:
                 await self.fleet.check(worker)
                 if attempt == _OPEN_ATTEMPTS:
-                    raise ServerUnreachable(f"worker {worker.name} cannot be asked: {error}") from None
+                    raise ServerUnreachable(f"worker {worker.name} cannot be reached: {error}") from None
                 attempt += 1
 
-    async def _ask(self, worker: Worker, headers: list[Header], body: bytes) -> SessionGrant:
+    async def _open_on(self, worker: Worker, headers: list[Header], body: bytes) -> SessionGrant:
         worker.pending += 1
         try:
             async with worker.allocate(headers, body) as answer:
-                said = await answer.body()
+                reply = await answer.body()
         except NotSent:
             worker.sent -= 1
             raise
         finally:
             worker.pending -= 1
         if answer.status != 200:
-            raise error_of(said, answer.status, worker.url)
-        return msgspec.json.decode(said, type=SessionGrant)
+            raise error_of(reply, answer.status, worker.url)
+        return msgspec.json.decode(reply, type=SessionGrant)
 
-    async def _undo_when_there(self, worker: Worker, asking: asyncio.Task[SessionGrant]) -> None:
+    async def _undo_when_open(self, worker: Worker, opening: asyncio.Task[SessionGrant]) -> None:
         try:
-            grant = await asking
+            grant = await opening
         except (NotSent, Interrupted, ServerError):
             return
         await self._undo((worker, grant))
 
     async def _undo(self, opened: tuple[Worker, SessionGrant]) -> None:
-        """Give a session back whose caller has left."""
+        """Release a session whose caller has disconnected."""
         worker, grant = opened
         try:
             await worker.release(grant)
         except (NotSent, Interrupted, TimeoutError) as error:
-            log.warning("session %s was not given back, it will run out: %s", grant.session_id, error)
+            log.warning("session %s was not released, it will expire: %s", grant.session_id, error)
 
     def _in_background(self, work: Any) -> None:
         task = asyncio.get_running_loop().create_task(work)
@@ -170,127 +173,126 @@ class Gateway:
         task.add_done_callback(self._endings.discard)
 
     async def stop(self) -> None:
-        """Finish what goes on in the background."""
+        """Wait for background tasks."""
         await asyncio.gather(*self._endings, return_exceptions=True)
 
     async def relay(self, operation: Operation, request: Request, front: HttpFrontend) -> Response:
-        """Pass a session's call on to the worker that holds it."""
+        """Forward a session's call to the worker that holds it."""
         worker, path = self._find(operation, request.path_params["id"])
         body = await front.body(request)
         async with AsyncExitStack() as stack:
-            call = worker.relay.call(operation.method, path, _passed_on(request), body)
+            call = worker.relay.call(operation.method, path, _forwarded_headers(request), body)
             try:
                 answer = await stack.enter_async_context(call)
             except (NotSent, Interrupted) as error:
-                raise await self._why(worker, error) from None
-            return _Passing(answer, stack.pop_all())
+                raise await self._failure(worker, error) from None
+            return _ForwardedResponse(answer, stack.pop_all())
 
     def _find(self, operation: Operation, session: str) -> tuple[Worker, str]:
-        named = _SESSION.fullmatch(session)
-        worker = self.fleet.workers.get(named[1]) if named else None
+        match = _SESSION.fullmatch(session)
+        worker = self.fleet.workers.get(match[1]) if match else None
         if worker is not None:
             return worker, operation.path.replace("{id}", session)
-        if named and self.fleet.has_been(named[1]):
-            raise _gone(named[1])
+        if match and self.fleet.has_been(match[1]):
+            raise _gone(match[1])
         raise LeaseLost("the session expired, was closed, or is not yours", hint="open a new one")
 
-    async def _why(self, worker: Worker, error: Exception) -> ServerError:
+    async def _failure(self, worker: Worker, error: Exception) -> ServerError:
         if not await self.fleet.check(worker):
             return _gone(worker.name)
         return ServerUnreachable(
             f"the connection to worker {worker.name} broke: {error}",
-            hint="it may have been carried out: look before you act again",
+            hint="it may have been carried out: observe the page before acting again",
         )
 
-    # --- what is seen ---------------------------------------------------------------------------------
+    # --- state and statistics -------------------------------------------------------------------------
 
     @property
     def workers(self) -> list[Worker]:
-        """Those that are up, oldest first."""
+        """Running workers, oldest first."""
         return list(self.fleet.workers.values())
 
     async def health(self) -> Health:
-        """Whether sessions can be had."""
+        """Whether sessions can be opened."""
         if any(worker.watched and worker.watched.is_healthy for worker in self.workers):
             return Health(HEALTHY)
-        return Health("no browser comes up" if self.workers else "no worker is up")
+        return Health("no browser starts" if self.workers else "no worker is running")
 
     async def info(self) -> ServerInfo:
-        """What is behind this address."""
+        """Information about the workers behind this gateway."""
         workers = self.workers
         if not workers:
             return ServerInfo(
-                version("webgym-rl"), 0, "", "", sandboxed=False, sandbox_reason="no worker is up"
+                version("webgym-rl"), 0, "", "", sandboxed=False, sandbox_reason="no worker is running"
             )
-        exposed = next((worker.info for worker in workers if not worker.info.sandboxed), workers[0].info)
+        reported = next((worker.info for worker in workers if not worker.info.sandboxed), workers[0].info)
         return msgspec.structs.replace(
-            exposed,
+            reported,
             slots=sum(worker.info.slots for worker in workers),
             workers=tuple(WorkerInfo(worker.name, worker.url, worker.info.slots) for worker in workers),
         )
 
     async def pressure(self) -> Pressure:
-        """Load of all workers together, and of the line in front of them."""
-        told = [msgspec.json.decode(one) for one in (await self._ask_all(PRESSURE)).values()]
-        if not told:
+        """Load of all workers together, and of the queue for slots."""
+        loads = [msgspec.json.decode(body) for body in (await self._query_all(PRESSURE)).values()]
+        if not loads:
             return Pressure({}, PermitLoad(0, 0, 0.0), self._slots())
-        pressure = msgspec.convert(total(told), type=Pressure)
-        waiting = pressure.slots.waiting + len(self.line)
+        pressure = msgspec.convert(total(loads), type=Pressure)
+        waiting = pressure.slots.waiting + len(self.queue)
         return msgspec.structs.replace(
             pressure, slots=msgspec.structs.replace(pressure.slots, waiting=waiting)
         )
 
     async def metrics(self) -> bytes:
-        """Our own, and every worker's under its name."""
-        return merge_expositions(self.observed.exposition(), await self._ask_all(METRICS))
+        """The gateway's own metrics, and every worker's labelled with its name."""
+        return merge_expositions(self.observed.exposition(), await self._query_all(METRICS))
 
     async def openapi(self) -> dict[str, Any]:
         """The API's description."""
         return openapi(version("webgym-rl"))
 
     async def watch(self) -> AsyncIterator[bytes]:
-        """For whoever wants to know without asking."""
+        """The stream of the gateway's state."""
         return self.feed.lines()
 
     def _watched(self) -> Watched:
-        said = [worker.watched for worker in self.workers if worker.watched]
-        sessions = tuple(session for one in said for session in one.sessions)
-        return Watched(
-            self._asked, self._granted, self._slots(), sessions, any(one.is_healthy for one in said)
-        )
+        reports = [worker.watched for worker in self.workers if worker.watched]
+        sessions = tuple(session for report in reports for session in report.sessions)
+        is_healthy = any(report.is_healthy for report in reports)
+        return Watched(self._asked, self._granted, self._slots(), sessions, is_healthy)
 
     def _slots(self) -> SlotLoad:
-        said = [msgspec.to_builtins(worker.watched.slots) for worker in self.workers if worker.watched]
-        load = msgspec.convert(total(said), type=SlotLoad) if said else SlotLoad(0, 0, 0, 0, 0)
-        return msgspec.structs.replace(load, waiting=load.waiting + len(self.line))
+        loads = [msgspec.to_builtins(worker.watched.slots) for worker in self.workers if worker.watched]
+        load = msgspec.convert(total(loads), type=SlotLoad) if loads else SlotLoad(0, 0, 0, 0, 0)
+        return msgspec.structs.replace(load, waiting=load.waiting + len(self.queue))
 
-    async def _ask_all(self, operation: Operation) -> dict[str, bytes]:
-        """Every worker's answer, by its name; those that do not answer are left out."""
+    async def _query_all(self, operation: Operation) -> dict[str, bytes]:
+        """Every worker's answer, by its name; workers that do not answer are left out."""
 
-        async def ask(worker: Worker) -> bytes | None:
+        async def query(worker: Worker) -> bytes | None:
             try:
                 return await worker.get(operation.path)
             except (NotSent, Interrupted, TimeoutError) as error:
-                log.warning("worker %s does not say its %s: %s", worker.name, operation.name, error)
+                log.warning("worker %s does not report its %s: %s", worker.name, operation.name, error)
                 return None
 
         workers = self.workers
-        said = await asyncio.gather(*(ask(worker) for worker in workers))
-        return {worker.name: body for worker, body in zip(workers, said, strict=True) if body is not None}
+        bodies = await asyncio.gather(*(query(worker) for worker in workers))
+        return {worker.name: body for worker, body in zip(workers, bodies, strict=True) if body is not None}
 
 
 def _gone(name: str) -> WorkerLost:
     return WorkerLost(f"worker {name} is gone, and the session with it", hint="open a new session")
 
 
-def _passed_on(request: Request) -> Iterable[Header]:
+def _forwarded_headers(request: Request) -> Iterable[Header]:
     for header in request.scope["headers"]:
-        if header[0] in _PASSED_ON or header[0].startswith(_PASSED_ON_PREFIX):
+        if header[0] in _FORWARDED_HEADERS or header[0].startswith(_FORWARDED_PREFIX):
             yield header
 
 
-class _Passing(Response):
-    """An answer that is sent on while it arrives. Ends the call when it is through."""
+class _ForwardedResponse(Response):
+    """An answer that is forwarded while it arrives. Ends the call at its end."""
 
     def __init__(self, answer: Answer, call: AsyncExitStack) -> None:
         self.status_code = answer.status
@@ -300,10 +302,10 @@ class _Passing(Response):
 
     async def __call__(self, _: Scope, __: Receive, send: Send) -> None:
         answer = self._answer
-        headers = [header for header in answer.headers if header[0] not in _NOT_PASSED_BACK]
+        headers = [header for header in answer.headers if header[0] not in _NOT_RETURNED_HEADERS]
         async with self._call:
             await send({"type": "http.response.start", "status": answer.status, "headers": headers})
-            # A worker that dies now cuts the body off, which is what the caller must see.
+            # If the worker dies now, the caller sees a truncated body.
             async for chunk in answer.chunks():
                 await send({"type": "http.response.body", "body": chunk, "more_body": True})
             await send({"type": "http.response.body", "body": b"", "more_body": False})
@@ -327,12 +329,12 @@ def create_gateway_app(gateway: Gateway, tokens: Tokens, instance: str) -> Starl
 
 
 class RunningGateway:
-    """A gateway that takes calls.
+    """A running gateway.
 
     Attributes:
         url: its base URL.
         token: the bearer token.
-        gateway: what is behind it.
+        gateway: the gateway.
     """
 
     def __init__(self, url: str, token: str, gateway: Gateway) -> None:
@@ -347,15 +349,15 @@ async def running_gateway(
     fleet: GatewayConfig | None = None,
     cluster: RayConfig | None = None,
 ) -> AsyncIterator[RunningGateway]:
-    """Serve for the length of the block; afterwards no worker and no browser is left.
+    """Serve during the block; afterwards no worker and no browser is left.
 
     Args:
-        config: what all workers of a machine are together, and the address that clients know.
-        fleet: how workers are kept up.
-        cluster: where they run; on this machine if there is none.
+        config: the settings of a machine's workers together, and the address to listen on.
+        fleet: how workers are started and monitored.
+        cluster: the Ray cluster to run them on; this machine if not given.
 
     Raises:
-        BrowserNotFound, BrowserLaunchFailed: no worker comes up.
+        BrowserNotFound, BrowserLaunchFailed: no worker starts.
         ConfigError: the address cannot be listened on, or Ray is not installed.
         ServerUnreachable: no cluster answers.
     """
@@ -368,9 +370,9 @@ async def running_gateway(
     )
     tokens = Tokens(token, config.tokens_file)
     with closing(listen(config)) as listener, audit_to(config.audit_file) as audit:
-        async with where as hosts, _kept_up(Gateway(config, fleet, hosts, token, audit)) as gateway:
+        async with where as hosts, _running_fleet(Gateway(config, fleet, hosts, token, audit)) as gateway:
             app = create_gateway_app(gateway, tokens, new_instance())
-            async with tokens.kept_fresh(), serving(app, listener, config):
+            async with tokens.watching_file(), serving(app, listener, config):
                 try:
                     yield RunningGateway(url_of(listener), token, gateway)
                 finally:
@@ -378,8 +380,8 @@ async def running_gateway(
 
 
 @asynccontextmanager
-async def _kept_up(gateway: Gateway) -> AsyncIterator[Gateway]:
-    """Workers for the length of the block, which begins when there is one."""
+async def _running_fleet(gateway: Gateway) -> AsyncIterator[Gateway]:
+    """Run the workers during the block, which begins when the first is ready."""
     running = asyncio.create_task(gateway.fleet.run())
     ready = asyncio.create_task(gateway.fleet.ready())
     try:
@@ -387,7 +389,7 @@ async def _kept_up(gateway: Gateway) -> AsyncIterator[Gateway]:
         if running.done():
             running.result()
         ready.result()
-        running.add_done_callback(_say_why)
+        running.add_done_callback(_log_failure)
         yield gateway
         await gateway.stop()
     finally:
@@ -396,6 +398,6 @@ async def _kept_up(gateway: Gateway) -> AsyncIterator[Gateway]:
         await asyncio.wait({ready, running})
 
 
-def _say_why(running: asyncio.Task[None]) -> None:
+def _log_failure(running: asyncio.Task[None]) -> None:
     if not running.cancelled() and (error := running.exception()) is not None:
-        log.critical("workers are no longer kept up, by our own mistake", exc_info=error)
+        log.critical("workers are no longer restarted because of an internal error", exc_info=error)

@@ -1,4 +1,4 @@
-"""What every HTTP front of ours does: authentication, limits, decoding, typed errors."""
+"""The common part of worker and gateway: authentication, limits, decoding, typed errors."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _STATUS_OF: dict[type[WebGymError], int] = {
     BrowserError: 502,
     WebGymError: 500,
 }
-"""The first class of an error's ancestry that stands here decides."""
+"""HTTP status by error class; the first class of an error's MRO that is in the table decides."""
 
 _HEADERS_OF = {401: {"www-authenticate": "Bearer"}, 429: {"retry-after": "5"}}
 
@@ -60,13 +60,13 @@ class _TooLarge(ProtocolError):
 
 
 class HttpFrontend:
-    """One server's side of HTTP.
+    """Handles the HTTP side of one server's operations.
 
     Args:
-        tokens: who may make calls that are not open.
+        tokens: valid tokens, for operations that are not open.
         body_bytes: largest request body.
-        instance: which run of the server this is.
-        metrics: where time and errors are counted.
+        instance: id of this run of the server.
+        metrics: records times and errors.
     """
 
     def __init__(self, tokens: Tokens, body_bytes: int, instance: str, metrics: CallMetrics) -> None:
@@ -78,7 +78,7 @@ class HttpFrontend:
     def endpoint(
         self, operation: Operation, work: Callable[[Request], Awaitable[Any]]
     ) -> Callable[[Request], Awaitable[Response]]:
-        """What serves one operation's route: ``work``, with everything around it."""
+        """The request handler of one operation: ``work`` with authentication, metrics and error handling."""
         seconds = self._metrics.seconds.labels(operation.name)
         errors = self._metrics.errors
 
@@ -92,7 +92,7 @@ class HttpFrontend:
                 return error_response(error)
             except ClientDisconnect:
                 return Response(status_code=499)
-            except asyncio.CancelledError:  # what outlasts the time for an orderly end is cut off
+            except asyncio.CancelledError:  # the call did not end within the shutdown time
                 errors.labels(operation.name, ServerUnreachable.code).inc()
                 return error_response(ServerUnreachable("the server stopped before the call had ended"))
             except Exception as error:
@@ -105,10 +105,10 @@ class HttpFrontend:
         return serve
 
     def admit(self, operation: Operation, request: Request) -> None:
-        """Let a caller in, and note as ``request.state.caller`` whose token it has.
+        """Authenticate a caller, and set ``request.state.caller`` to the name of its token.
 
         Raises:
-            Unauthorized: the operation is not open and the caller lacks a token.
+            Unauthorized: the operation is not open and the caller has no valid token.
         """
         request.state.caller = self._tokens.name_of(request.headers.get("authorization", ""))
         if not operation.is_open and request.state.caller is None:
@@ -117,10 +117,10 @@ class HttpFrontend:
             )
 
     async def body(self, request: Request) -> bytes:
-        """A request's whole body.
+        """A request's complete body.
 
         Raises:
-            ProtocolError: it is larger than it may be.
+            ProtocolError: it is larger than the limit.
         """
         body = bytearray()
         async for part in request.stream():
@@ -147,30 +147,35 @@ class HttpFrontend:
 
 
 def decode(body: bytes, shape: type[msgspec.Struct]) -> Any:
-    """A request's body as what it must be.
+    """Decode a request's body.
 
     Raises:
-        ProtocolError: it is something else.
+        ProtocolError: it does not have the required form.
     """
     try:
         return msgspec.json.decode(body or b"{}", type=shape)
     except (msgspec.MsgspecError, ValueError, UnicodeError, RecursionError) as error:
-        raise ProtocolError(f"the request is not understood: {error}", hint="see /openapi.json") from None
+        raise ProtocolError(f"the request is invalid: {error}", hint="see /openapi.json") from None
 
 
 async def while_connected(
     request: Request, work: Coroutine[Any, Any, T], undo: Callable[[T], Awaitable[object]]
 ) -> T:
-    """Do the work only as long as the caller is there; what was done for one who left is undone.
+    """Do the work while the caller is connected.
+
+    Args:
+        request: the request.
+        work: the work, which is cancelled if the caller disconnects.
+        undo: called with its result if it finished all the same.
 
     Raises:
-        ClientDisconnect: the caller left.
+        ClientDisconnect: the caller disconnected.
     """
     task = asyncio.create_task(work)
-    gone = asyncio.create_task(_disconnected(request))
+    disconnect = asyncio.create_task(_disconnected(request))
     try:
-        await asyncio.wait({task, gone}, return_when=asyncio.FIRST_COMPLETED)
-        if not gone.done():
+        await asyncio.wait({task, disconnect}, return_when=asyncio.FIRST_COMPLETED)
+        if not disconnect.done():
             return task.result()
         task.cancel()
         await asyncio.wait({task})
@@ -178,10 +183,10 @@ async def while_connected(
             await undo(task.result())
         raise ClientDisconnect
     finally:
-        gone.cancel()
+        disconnect.cancel()
         if not task.done():
             task.cancel()
-        await asyncio.wait({gone, task})
+        await asyncio.wait({disconnect, task})
 
 
 async def _disconnected(request: Request) -> None:
@@ -190,7 +195,7 @@ async def _disconnected(request: Request) -> None:
 
 
 def application(endpoints: Mapping[Operation, Callable[[Request], Awaitable[Response]]]) -> Starlette:
-    """A server's routes. What is not exactly one of them is an error, never led elsewhere."""
+    """The application with a server's routes. Any other path is an error, never redirected."""
     app = Starlette(
         routes=[
             Route(operation.path, endpoint, methods=[operation.method])
@@ -209,10 +214,10 @@ async def _http_error(_: Request, error: Exception) -> Response:
 
 
 def error_response(error: WebGymError, status: int | None = None) -> Response:
-    """A typed error, as it travels."""
+    """The HTTP response for a typed error."""
     if status is None:
         status = 413 if isinstance(error, _TooLarge) else _status_of(type(error))
-    # An error that is ours alone travels as the public class that it belongs to.
+    # An error class that is private to a module is sent as its public base class.
     public = next(cls for cls in type(error).__mro__ if cls.__module__ == WebGymError.__module__)
     code = getattr(public, "code", WebGymError.code)
     body = ErrorReply(ErrorBody(code, error.message, error.hint))

@@ -1,7 +1,7 @@
-"""Who may use which slot, and until when. Every call is checked against its lease.
+"""Leases: the right to use a slot for a limited time. Every call is checked against its lease.
 
-A lease has an id, a secret and a generation (of the slot). Whoever does not name all three gets
-``lease_lost`` and touches nothing. A lease that is not renewed within its time to live is taken back.
+A lease has an id, a secret and a generation. A call without all three gets ``lease_lost`` and has no effect.
+A lease that is not renewed within its time to live expires.
 """
 
 from __future__ import annotations
@@ -29,10 +29,15 @@ class Lease:
     """The right to use a slot.
 
     Attributes:
+        id: session id.
+        secret: proves that a caller holds the lease.
+        generation: number of the lease among all leases of the server.
+        slot: the slot.
         ttl_seconds: time to live without renewal.
-        expires: when it runs out, on the loop's clock.
-        ends: when it runs out for good, renewed or not.
-        permit: of its call, or of its last one.
+        expires: when it expires unless it is renewed, event loop time.
+        ends: when it ends even if it is renewed, event loop time.
+        permit: run permit of its current or last call.
+        is_over: whether it has ended, so that no further call may start.
     """
 
     id: str
@@ -45,12 +50,12 @@ class Lease:
     permit: Permit | None = None
     is_over: bool = False
     over: asyncio.Event = field(default_factory=asyncio.Event)
-    """Set when nothing of the lease touches the slot any more."""
+    """Set when no call of the lease uses the slot any more."""
     _turn: asyncio.Lock = field(default_factory=asyncio.Lock)
     _running: asyncio.Task[Any] | None = None
 
     def renew(self) -> float:
-        """Start the time to live anew. Returns the remaining seconds."""
+        """Restart the time to live. Returns the remaining seconds."""
         now = asyncio.get_running_loop().time()
         self.expires = min(now + self.ttl_seconds, self.ends)
         return self.expires - now
@@ -61,27 +66,27 @@ class Lease:
         return self._turn.locked()
 
     async def run(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """Do one call's work when its turn has come: one session's calls never overlap.
+        """Do one call's work, after earlier calls of the session have ended.
 
-        The turn is the work's own, not the caller's. A caller that is cancelled, however often, cancels the
-        work; the turn is over when the work has really ended.
+        The work runs in a task of its own. If the caller is cancelled, however often, the work is cancelled;
+        the next call starts only when the work has really ended.
 
         Raises:
-            LeaseLost: the lease ended before or meanwhile.
+            LeaseLost: the lease ended before or during the call.
         """
         caller = asyncio.current_task()
         assert caller is not None
         try:
-            return await asyncio.get_running_loop().create_task(self._in_turn(work))
+            return await asyncio.get_running_loop().create_task(self._run_exclusively(work))
         except asyncio.CancelledError:
             if self.is_over and not caller.cancelling():
-                raise _lost() from None
+                raise _lease_lost() from None
             raise
 
-    async def _in_turn(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
+    async def _run_exclusively(self, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
         async with self._turn:
             if self.is_over:
-                raise _lost()
+                raise _lease_lost()
             self._running = asyncio.current_task()
             try:
                 return await work()
@@ -90,15 +95,15 @@ class Lease:
                 self.renew()
 
     async def end(self) -> None:
-        """Cut a running call off and wait until nothing of the lease touches the slot."""
+        """Cancel a running call and wait until no call of the lease uses the slot."""
         self.is_over = True
         if self._running is not None:
             self._running.cancel()
-        async with self._turn:  # those in line find the lease over
+        async with self._turn:  # waiting calls find that the lease is over
             pass
 
 
-def _lost() -> LeaseLost:
+def _lease_lost() -> LeaseLost:
     return LeaseLost("the session ended", hint="open a new one")
 
 
@@ -106,29 +111,29 @@ class Leases:
     """All leases of one server.
 
     Args:
-        take_back: what becomes of a slot whose lease ended.
-        name: of this server among others; its session ids begin with it.
-        look_seconds: between two looks; a pause of the whole process is noticed by it.
+        take_back: called with the slot of a lease that has ended.
+        name: name of this server among others; its session ids begin with it.
+        check_seconds: longest interval between two checks, by which a pause of the whole process is noticed.
     """
 
     def __init__(
-        self, take_back: Callable[[Slot], Awaitable[None]], name: str = "", *, look_seconds: float = 1.0
+        self, take_back: Callable[[Slot], Awaitable[None]], name: str = "", *, check_seconds: float = 1.0
     ) -> None:
         self._take_back = take_back
-        self._look_seconds = look_seconds
+        self._check_seconds = check_seconds
         self._prefix = f"{name}-" if name else ""
         self._leases: dict[str, Lease] = {}
         self.granted = 0
-        """How many so far. Every lease takes the next number for its generation."""
+        """Number of leases granted so far, which is the generation of the newest."""
         self.on_end: Callable[[str], None] = lambda _: None
-        """Called with the id of every lease that ends, when it does."""
+        """Called with the id of every lease that ends."""
         self._changed = asyncio.Event()
         self._reaper: asyncio.Task[None] | None = None
         self._endings: set[asyncio.Task[None]] = set()
         self.expired = 0
 
     def start(self) -> None:
-        """Start taking back what is not renewed."""
+        """Start ending leases that are not renewed."""
         self._reaper = asyncio.get_running_loop().create_task(self._reap())
 
     async def stop(self) -> None:
@@ -147,11 +152,11 @@ class Leases:
 
     @property
     def ids(self) -> tuple[str, ...]:
-        """Of the living leases."""
+        """Ids of the open leases."""
         return tuple(self._leases)
 
     def grant(self, slot: Slot, ttl_seconds: float, session_seconds: float) -> Lease:
-        """A new lease of a slot, whose earlier ones have all ended."""
+        """Create a lease of a slot, whose earlier leases have all ended."""
         self.granted += 1
         now = asyncio.get_running_loop().time()
         lease = Lease(
@@ -168,10 +173,10 @@ class Leases:
         return lease
 
     def check(self, session_id: str, secret: str, generation: str) -> Lease:
-        """The lease that a caller holds.
+        """The lease that a caller holds, renewed.
 
         Raises:
-            LeaseLost: there is none, or the caller does not hold it.
+            LeaseLost: there is no such lease, or secret or generation are wrong.
         """
         lease = self._leases.get(session_id)
         proven = lease is not None and hmac.compare_digest(lease.secret.encode(), secret.encode())
@@ -181,8 +186,8 @@ class Leases:
         return lease
 
     async def end(self, lease: Lease) -> None:
-        """End a lease: when this returns, nothing of it touches the slot any more, which is taken back in
-        the background. Safe to call twice; not undone by cancellation."""
+        """End a lease. When this returns, no call of it uses the slot any more, which is taken back in the
+        background. Safe to call twice; not undone by cancellation."""
         if self._leases.pop(lease.id, None) is not None:
             self.on_end(lease.id)
             self._in_background(lease)
@@ -199,34 +204,35 @@ class Leases:
         lease.over.set()
         try:
             await self._take_back(lease.slot)
-        except Exception:  # nobody waits for it, so here is where it is said
-            log.exception("the slot of session %s was not taken back as it should", lease.id)
+        except Exception:  # this is a background task, so the error is only logged
+            log.exception("the slot of session %s could not be taken back", lease.id)
 
     async def _reap(self) -> None:
-        """Take back what is not renewed. Looks when the next lease can run out, and every so often anyway."""
+        """End leases that are not renewed. Checks when the next lease may expire, and at least at the
+        interval."""
         loop = asyncio.get_running_loop()
         due = loop.time()
         while True:
             now = loop.time()
-            if now - due > self._look_seconds:
-                self._pass_over(now - due)
+            if now - due > self._check_seconds:
+                self._extend_all(now - due)
             for lease in tuple(self._leases.values()):
                 if lease.expires <= now and (not lease.is_busy or lease.ends <= now):
                     self.expired += 1
-                    log.warning("session %s was not renewed and is taken back", lease.id)
+                    log.warning("session %s was not renewed and has expired", lease.id)
                     del self._leases[lease.id]
                     self.on_end(lease.id)
                     self._in_background(lease)
             self._changed.clear()
             ends = (lease.ends if lease.is_busy else lease.expires for lease in self._leases.values())
-            due = min([*ends, now + self._look_seconds])
+            due = min([*ends, now + self._check_seconds])
             with contextlib.suppress(TimeoutError):
                 async with asyncio.timeout_at(due):
                     await self._changed.wait()
 
-    def _pass_over(self, seconds: float) -> None:
-        """This process stood still (stopped, or starved): heartbeats were sent, and nobody heard them."""
-        log.warning("the server stood still for %.1f s; so long holders have to renew their leases", seconds)
+    def _extend_all(self, seconds: float) -> None:
+        """Extend all leases after a pause of this process (stopped, or starved), which missed heartbeats."""
+        log.warning("the server was paused for %.1f s; its leases are extended by that time", seconds)
         now = asyncio.get_running_loop().time()
         for lease in self._leases.values():
             grace = min(now + min(seconds, lease.ttl_seconds), lease.ends)

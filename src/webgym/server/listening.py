@@ -1,4 +1,4 @@
-"""How our servers listen: one socket, requests of bounded size, detection of dead clients."""
+"""How servers listen: one socket, requests of bounded size, detection of dead clients."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import resource
 import socket
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 import msgspec
 import uvicorn
@@ -25,15 +25,15 @@ log = logging.getLogger(__name__)
 _BACKLOG = 2048
 _PROBES = 3
 _NOT_HTTP = "this is not an HTTP/1.1 request"
-_THROWN_AWAY = 8
-"""A body is refused when it is too large, and the answer needs a caller who still listens: what he sends
-meanwhile is thrown away, up to so many times the largest body."""
+_DISCARDED_BODIES = 8
+"""After a body that is too large was refused, the rest of it is read and discarded, so that the caller can
+receive the answer, up to this many times the largest body."""
 
 
 def keep_alive_options(seconds: float) -> list[tuple[int, int, int]]:
-    """Socket options that detect a peer that vanished without closing the connection within ``seconds``.
+    """Socket options that detect within ``seconds`` a peer that vanished without closing the connection.
 
-    Without them the connections of a machine that lost power stay open for hours.
+    Without them, connections to a machine that lost power stay open for hours.
     """
     pause = max(1, round(seconds / (_PROBES + 1)))
     return [
@@ -45,14 +45,14 @@ def keep_alive_options(seconds: float) -> list[tuple[int, int, int]]:
     ]
 
 
-def open_as_many_files_as_may_be() -> None:
+def raise_open_files_limit() -> None:
     """Raise the limit of open files to the maximum: a session needs about ten; the usual limit is 1024."""
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 
 
 def listen(config: ServerConfig) -> socket.socket:
-    """Open the server's socket. From here on clients wait instead of being refused.
+    """Open the server's socket. From now on, clients wait instead of being refused.
 
     Raises:
         ConfigError: the address cannot be listened on.
@@ -100,7 +100,7 @@ def url_of(listener: socket.socket) -> str:
 
 
 def is_wildcard(host: str) -> bool:
-    """Whether a host to listen on stands for every address of the machine, so that it names none."""
+    """Whether a host to listen on means every address of the machine, so that others cannot connect to it."""
     try:
         return ipaddress.ip_address(host).is_unspecified
     except ValueError:
@@ -116,112 +116,133 @@ class QuietServer(uvicorn.Server):
         yield
 
 
-def _bounded(config: ServerConfig) -> type[HttpToolsProtocol]:
-    """An HTTP protocol with limits on sizes of heads and bodies, on the time until a request is complete, and
-    on the number of connections. They apply before the application sees a request or checks its token.
+class _BoundedProtocol(HttpToolsProtocol):
+    """An HTTP protocol with limits on the sizes of heads and bodies, on the time until a request is complete,
+    and on the number of connections. They apply before the application sees a request or checks its token.
+
+    uvicorn creates one per connection, so the limits are set on a subclass (:func:`_bounded_protocol`).
     """
-    most_bytes = config.head_bytes + _THROWN_AWAY * config.body_bytes
-    long_head = f"the request's line and headers are larger than {config.head_bytes} bytes"
 
-    class Bounded(HttpToolsProtocol):
-        _head_bytes = 0  # of what the parser told of the head
-        _bytes = 0  # of the message so far, as they came
-        _in_head = True
-        _completed = False
-        _deadline: asyncio.TimerHandle | None = None
+    limits: ClassVar[ServerConfig]
 
-        def connection_made(self, transport: asyncio.BaseTransport) -> None:
-            super().connection_made(transport)  # type: ignore[arg-type]  # uvicorn narrows it
-            if len(self.connections) > config.connections:
-                log.warning("more than %d connections: one is refused", config.connections)
-                self.transport.abort()
-            else:
-                self._expect()
+    _head_bytes = 0
+    """Bytes of the request line and headers, as parsed."""
+    _bytes = 0
+    """Bytes of the current message received so far."""
+    _in_head = True
+    _completed = False
+    _deadline: asyncio.TimerHandle | None = None
 
-        def connection_lost(self, exc: Exception | None) -> None:
-            self._received()
-            super().connection_lost(exc)
+    @property
+    def _long_head(self) -> str:
+        return f"the request's line and headers are larger than {self.limits.head_bytes} bytes"
 
-        def data_received(self, data: bytes) -> None:
-            self._expect()
-            self._completed = False
-            super().data_received(data)
-            if self._completed or self.transport.is_closing():
-                return
-            self._bytes += len(data)
-            if self._in_head and self._bytes > config.head_bytes:
-                self.send_400_response(long_head)
-            elif self._bytes > most_bytes:
-                self.transport.abort()
+    # --- transport ----------------------------------------------------------------------------------
 
-        def on_message_begin(self) -> None:
-            self._expect()
-            self._head_bytes = 0
-            super().on_message_begin()
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)  # type: ignore[arg-type]  # uvicorn narrows it
+        if len(self.connections) > self.limits.connections:
+            log.warning("more than %d connections: one is refused", self.limits.connections)
+            self.transport.abort()
+        else:
+            self._start_deadline()
 
-        def on_url(self, url: bytes) -> None:
-            self._grow(len(url))
-            super().on_url(url)
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._cancel_deadline()
+        super().connection_lost(exc)
 
-        def on_header(self, name: bytes, value: bytes) -> None:
-            self._grow(len(name) + len(value))
-            super().on_header(name, value)
+    def data_received(self, data: bytes) -> None:
+        self._start_deadline()
+        self._completed = False
+        super().data_received(data)
+        if self._completed or self.transport.is_closing():
+            return
+        self._bytes += len(data)
+        if self._in_head and self._bytes > self.limits.head_bytes:
+            self.send_400_response(self._long_head)
+        elif self._bytes > self.limits.head_bytes + _DISCARDED_BODIES * self.limits.body_bytes:
+            self.transport.abort()
 
-        def on_headers_complete(self) -> None:
-            self._in_head = False
-            super().on_headers_complete()
+    # --- parser callbacks ---------------------------------------------------------------------------
 
-        def on_message_complete(self) -> None:
-            self._received()
-            self._in_head = self._completed = True
-            self._bytes = 0
-            super().on_message_complete()
+    def on_message_begin(self) -> None:
+        self._start_deadline()
+        self._head_bytes = 0
+        super().on_message_begin()
 
-        def _grow(self, by: int) -> None:
-            self._head_bytes += by
-            if self._head_bytes > config.head_bytes:
-                # The parser makes a parser error of it, which is answered with 400 and the end.
-                raise ValueError(long_head)
+    def on_url(self, url: bytes) -> None:
+        self._count_head(len(url))
+        super().on_url(url)
 
-        def send_400_response(self, msg: str) -> None:
-            """As our own errors look, which uvicorn's words do not."""
-            said = long_head if msg == long_head or self._head_bytes > config.head_bytes else _NOT_HTTP
-            body = msgspec.json.encode(ErrorReply(ErrorBody(ProtocolError.code, said)))
-            head = (
-                "HTTP/1.1 400 Bad Request",
-                "content-type: application/json",
-                f"content-length: {len(body)}",
-                "connection: close",
-            )
-            self.transport.write("\r\n".join([*head, "", ""]).encode("ascii") + body)
-            self.transport.close()
+    def on_header(self, name: bytes, value: bytes) -> None:
+        self._count_head(len(name) + len(value))
+        super().on_header(name, value)
 
-        def _expect(self) -> None:
-            if self._deadline is None:
-                self._deadline = self.loop.call_later(config.receive_seconds, self._too_late)
+    def on_headers_complete(self) -> None:
+        self._in_head = False
+        super().on_headers_complete()
 
-        def _received(self) -> None:
-            if self._deadline is not None:
-                self._deadline.cancel()
-                self._deadline = None
+    def on_message_complete(self) -> None:
+        self._cancel_deadline()
+        self._in_head = self._completed = True
+        self._bytes = 0
+        super().on_message_complete()
 
-        def _too_late(self) -> None:
+    def _count_head(self, size: int) -> None:
+        self._head_bytes += size
+        if self._head_bytes > self.limits.head_bytes:
+            # The parser turns it into a parser error, which closes the connection with status 400.
+            raise ValueError(self._long_head)
+
+    # --- errors and deadlines -----------------------------------------------------------------------
+
+    def send_400_response(self, msg: str) -> None:
+        """Reply with a typed error instead of uvicorn's text, and close the connection."""
+        is_long = msg == self._long_head or self._head_bytes > self.limits.head_bytes
+        message = self._long_head if is_long else _NOT_HTTP
+        body = msgspec.json.encode(ErrorReply(ErrorBody(ProtocolError.code, message)))
+        head = (
+            "HTTP/1.1 400 Bad Request",
+            "content-type: application/json",
+            f"content-length: {len(body)}",
+            "connection: close",
+        )
+        self.transport.write("\r\n".join([*head, "", ""]).encode("ascii") + body)
+        self.transport.close()
+
+    def _start_deadline(self) -> None:
+        if self._deadline is None:
+            self._deadline = self.loop.call_later(self.limits.receive_seconds, self._on_deadline)
+
+    def _cancel_deadline(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
             self._deadline = None
-            self.transport.abort()  # whoever reads the body is told that the caller left
+
+    def _on_deadline(self) -> None:
+        self._deadline = None
+        self.transport.abort()  # the application sees that the caller has disconnected
+
+
+def _bounded_protocol(config: ServerConfig) -> type[_BoundedProtocol]:
+    """The protocol class with the limits of a configuration."""
+
+    class Bounded(_BoundedProtocol):
+        limits = config
 
     return Bounded
 
 
 @asynccontextmanager
 async def serving(app: ASGIApp, listener: socket.socket, config: ServerConfig) -> AsyncIterator[None]:
-    """Serve for the length of the block. The socket is its owner's to close."""
+    """Serve during the block. The caller closes the socket."""
     settings: dict[str, Any] = {
         "lifespan": "off",
         "log_config": None,
         "access_log": False,
         "server_header": False,
         "ws": "none",
-        "http": _bounded(config),
+        "http": _bounded_protocol(config),
         "timeout_keep_alive": config.keep_alive_seconds,
         "timeout_graceful_shutdown": config.shutdown_seconds,
     }

@@ -14,7 +14,8 @@ class LocalHost:
     """This machine.
 
     Args:
-        server: what its workers are together.
+        server: the settings of its workers together.
+        config: how workers are started and stopped.
     """
 
     id = "here"
@@ -27,37 +28,37 @@ class LocalHost:
 
     @property
     def shares(self) -> tuple[ServerConfig, ...]:
-        """As many as are asked for, or as there are processors for."""
+        """The settings of its workers: the configured number, or by the number of processors."""
         cores = usable_cores()
-        own = self._server.model_copy(
+        machine = self._server.model_copy(
             update={"host": self._config.worker_host, "ports": self._config.worker_ports}
         )
-        slots = split(own.slots, cores, self._config)
+        slots = split(machine.slots, cores, self._config)
         return tuple(
-            share_of(own, count, cores / len(slots), share=count / own.slots, of_cores=cores)
+            share_of(machine, count, cores / len(slots), share=count / machine.slots, of_cores=cores)
             for count in slots
         )
 
     async def start(self, config: ServerConfig) -> Started:
-        """A process."""
+        """Start a worker process."""
         child, started = await start_child(config, self._config.stop_seconds)
         self._children[config.name] = child
         return started
 
     async def stop(self, name: str) -> None:
-        """Told first, then killed."""
+        """Stop the process, and kill it if it does not end in time."""
         child = self._children.pop(name, None)
         if child is not None:
             await child.stop(self._config.stop_seconds)
 
 
 class LocalHosts:
-    """This machine alone."""
+    """This machine as the only host."""
 
     def __init__(self, server: ServerConfig, config: GatewayConfig) -> None:
         self._host = LocalHost(server, config)
 
     async def changes(self) -> AsyncIterator[Collection[Host]]:
-        """It is there, and stays."""
+        """Yields this machine once."""
         yield (self._host,)
         await asyncio.Event().wait()

@@ -13,28 +13,31 @@ SECRET_HEADER = "x-webgym-secret"  # noqa: S105
 GENERATION_HEADER = "x-webgym-generation"
 CLIENT_HEADER = "x-webgym-client"
 INSTANCE_HEADER = "x-webgym-instance"
-"""With every answer to ``/healthz``: which run of a server it is. No two runs share one."""
+"""Header of every answer to ``/healthz``: the id of this run of the server, which is unique."""
 
 
 class SessionOptions(PageOptions, frozen=True, omit_defaults=True):
     """Options of a session: its page and its lease.
 
     Attributes:
-        ttl_seconds: how long the lease lasts without a call or heartbeat; ``None`` takes the server's.
+        ttl_seconds: how long the lease lasts without a call or heartbeat; ``None`` for the server's default.
     """
 
     ttl_seconds: float | None = None
 
 
 class SessionGrant(msgspec.Struct, frozen=True):
-    """A lease. All three of id, secret and generation come back with every call.
+    """A lease. Every call must contain its id, secret and generation.
 
     Attributes:
-        generation: counts the leases of the server; a call of an earlier holder is refused by it.
-        endpoint: base URL of the server that holds the session, for callers who can reach it; empty if
-            it has none that would mean the same elsewhere. The address that was asked always serves too.
-        ttl_seconds: as granted.
-        instance: what ``/healthz`` at the endpoint says about itself (:data:`INSTANCE_HEADER`).
+        session_id: id of the session.
+        secret: proves that a caller holds the lease.
+        generation: number of the lease on its server, by which calls of earlier holders are refused.
+        endpoint: base URL of the worker that holds the session, for callers that can reach it; empty if it
+            has no address that is valid on other machines. The address that was called can always be used
+            too.
+        ttl_seconds: granted time to live.
+        instance: value of :data:`INSTANCE_HEADER` at the endpoint.
     """
 
     session_id: str
@@ -46,11 +49,11 @@ class SessionGrant(msgspec.Struct, frozen=True):
 
 
 class StepRequest(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Act, then look.
+    """Carry out an action, and observe the page.
 
     Attributes:
-        action: ``None`` only looks.
-        have: names of the pictures that the caller has: such a one is not sent again.
+        action: the action; ``None`` to only observe.
+        have: names of the screenshots that the caller has, which are not sent again.
     """
 
     action: AnyAction | None = None
@@ -58,10 +61,11 @@ class StepRequest(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class StepReply(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What the page shows.
+    """The observation after a step.
 
     Attributes:
-        image: PNG, or JPEG if the session wants that; ``None`` if the caller has it.
+        observation: the observation.
+        image: PNG, or JPEG if the session's options say so; ``None`` if the caller has it.
     """
 
     observation: Observation
@@ -92,11 +96,11 @@ class ExecuteRequest(msgspec.Struct, frozen=True):
 
 
 class PageMetadata(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Where the page is. See :class:`~webgym.core.observation.Observation` for the fields.
+    """The state of a page. See :class:`~webgym.core.observation.Observation` for the fields.
 
     Attributes:
         settled: why the wait for a quiet page ended, after the last action.
-        notices: what happened since the last action began; the next observation says it too.
+        notices: notices since the last action began, which the next observation contains too.
     """
 
     url: str
@@ -109,10 +113,11 @@ class PageMetadata(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Renewed(msgspec.Struct, frozen=True):
-    """A lease's new remaining time.
+    """The reply to a heartbeat.
 
     Attributes:
-        queued_seconds: how long the session's call, or its last one, has waited for its turns so far.
+        ttl_seconds: remaining time of the lease.
+        queued_seconds: how long the session's current or last call has waited in the server's queues.
     """
 
     ttl_seconds: float
@@ -130,14 +135,19 @@ UNHEALTHY_STATUS = 503
 
 
 class Health(msgspec.Struct, frozen=True):
-    """Whether sessions can be had: ``ok`` with HTTP 200, or why not with 503."""
+    """Whether sessions can be opened: ``ok`` with HTTP 200, or why not with 503."""
 
     status: str
 
 
 class QueueLoad(msgspec.Struct, frozen=True):
-    """One operation type's calls: how many run and wait now, and have run; how long those that came so far
-    have waited for a turn and been served, all in all, milliseconds."""
+    """The load of one type of operation.
+
+    Attributes:
+        running, waiting: number of calls at this moment.
+        done: number of finished calls.
+        waited_milliseconds, served_milliseconds: total waiting and service time so far.
+    """
 
     running: int
     waiting: int
@@ -147,8 +157,13 @@ class QueueLoad(msgspec.Struct, frozen=True):
 
 
 class PermitLoad(msgspec.Struct, frozen=True):
-    """Slots that may run at once, those that do, and the busy share of the processors (0 to 1, as last
-    measured, which happens while calls wait)."""
+    """The run permits.
+
+    Attributes:
+        limit: number of slots that may run at once.
+        running: number of slots that run.
+        busy: busy share of the processors, 0 to 1, at the last measurement, which happens while calls wait.
+    """
 
     limit: int
     running: int
@@ -156,7 +171,7 @@ class PermitLoad(msgspec.Struct, frozen=True):
 
 
 class SlotLoad(msgspec.Struct, frozen=True):
-    """The slots, by what they are doing, and how many callers wait for one."""
+    """Number of slots by state, and number of callers that wait for one."""
 
     total: int
     free: int
@@ -166,7 +181,7 @@ class SlotLoad(msgspec.Struct, frozen=True):
 
 
 class Pressure(msgspec.Struct, frozen=True):
-    """Load at this moment."""
+    """The load of a server at this moment."""
 
     operations: dict[str, QueueLoad]
     permits: PermitLoad
@@ -177,10 +192,11 @@ class Watched(msgspec.Struct, frozen=True):
     """A worker's state, reported to its gateway whenever it changes.
 
     Attributes:
-        asked: calls for a session that have arrived so far, answered or not.
+        asked: number of allocate calls received so far, answered or not.
         granted: generation of the newest lease.
-        sessions: ids of the living leases.
-        is_healthy: whether any browser comes up.
+        slots: the slots by state.
+        sessions: ids of the open leases.
+        is_healthy: whether at least one slot works.
     """
 
     asked: int
@@ -199,13 +215,17 @@ class WorkerInfo(msgspec.Struct, frozen=True):
 
 
 class ServerInfo(msgspec.Struct, frozen=True):
-    """Facts about a server.
+    """Information about a server.
 
     Attributes:
-        browser: product and version, as Chromium tells it.
+        version: version of WebGym.
+        slots: number of slots.
+        browser: product and version of Chromium.
+        executable: path of Chromium.
         sandboxed: whether Chromium's sandbox is on.
-        sandbox_reason: why not.
-        workers: of a gateway.
+        sandbox_reason: why it is off or incomplete.
+        viewport: default viewport, CSS pixels.
+        workers: a gateway's workers.
     """
 
     version: str
@@ -219,7 +239,7 @@ class ServerInfo(msgspec.Struct, frozen=True):
 
 
 class ErrorBody(msgspec.Struct, frozen=True):
-    """A typed error: its class (core/errors.py), what happened, what to do."""
+    """A typed error: the code of its class (core/errors.py), the message, the hint."""
 
     code: str
     message: str
@@ -227,13 +247,13 @@ class ErrorBody(msgspec.Struct, frozen=True):
 
 
 class ErrorReply(msgspec.Struct, frozen=True):
-    """Every reply that is not a 2xx."""
+    """The body of every reply whose status is not 2xx."""
 
     error: ErrorBody
 
 
 def error_of(body: bytes, status: int, host: str) -> WebGymError:
-    """The error that a reply is, as it was raised on the other side."""
+    """The error in an HTTP reply, as it was raised on the server."""
     try:
         error = msgspec.json.decode(body, type=ErrorReply).error
     except (msgspec.MsgspecError, ValueError):

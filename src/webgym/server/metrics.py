@@ -1,4 +1,4 @@
-"""What Prometheus sees."""
+"""Prometheus metrics of a server."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _BUCKETS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0,
 
 
 class _Load(Collector):
-    """Gauges that are read when they are asked for."""
+    """Gauges and counters that are read when the metrics are collected."""
 
     def __init__(self, gate: AdmissionController, pool: Pool, leases: Leases) -> None:
         self._gate, self._pool, self._leases = gate, pool, leases
@@ -35,13 +35,13 @@ class _Load(Collector):
         for name, load in self._gate.load.items():
             done.add_metric([name], load.done)
         yield done
-        spent = CounterMetricFamily(
+        seconds = CounterMetricFamily(
             "webgym_queue_seconds", "Spent waiting for a turn and being served", labels=["queue", "state"]
         )
         for name, load in self._gate.load.items():
-            spent.add_metric([name, "waiting"], load.waited_milliseconds / 1000)
-            spent.add_metric([name, "running"], load.served_milliseconds / 1000)
-        yield spent
+            seconds.add_metric([name, "waiting"], load.waited_milliseconds / 1000)
+            seconds.add_metric([name, "running"], load.served_milliseconds / 1000)
+        yield seconds
         permits = self._gate.permits
         yield GaugeMetricFamily("webgym_run_permits", "Slots that may run at once", value=permits.limit)
         yield GaugeMetricFamily("webgym_running_slots", "Slots that run", value=permits.running)
@@ -60,25 +60,26 @@ class _Load(Collector):
 
 def _egress_metrics(load: EgressLoad) -> Iterable[Metric]:
     yield GaugeMetricFamily("webgym_egress_open", "Connections that pages have", value=load.open)
-    asked = CounterMetricFamily(
+    connections = CounterMetricFamily(
         "webgym_egress_connections", "Connections that pages asked for, by how that ended", labels=["result"]
     )
     for result, count in load.results.items():
-        asked.add_metric([result], count)
-    yield asked
-    passed = CounterMetricFamily("webgym_egress_bytes", "Bytes of pages", labels=["direction"])
-    passed.add_metric(["sent"], load.sent)
-    passed.add_metric(["received"], load.received)
-    yield passed
+        connections.add_metric([result], count)
+    yield connections
+    transferred = CounterMetricFamily("webgym_egress_bytes", "Bytes of pages", labels=["direction"])
+    transferred.add_metric(["sent"], load.sent)
+    transferred.add_metric(["received"], load.received)
+    yield transferred
 
 
 class CallMetrics:
-    """Time and errors per operation, and what else a server counts.
+    """Times and errors per operation, and the metrics of a collector.
 
-    A registry of its own, so that several servers in one process do not mix.
+    Has a registry of its own, so that several servers in one process do not mix.
 
     Args:
-        prefix: of the names.
+        collector: the other metrics of the server.
+        prefix: prefix of the metrics' names.
     """
 
     def __init__(self, collector: Collector, prefix: str = "webgym") -> None:
@@ -96,12 +97,12 @@ class CallMetrics:
         )
 
     def exposition(self) -> bytes:
-        """In Prometheus's text format."""
+        """The metrics in Prometheus's text format."""
         return generate_latest(self._registry)
 
 
 class Metrics(CallMetrics):
-    """Of one worker."""
+    """The metrics of one worker."""
 
     def __init__(self, gate: AdmissionController, pool: Pool, leases: Leases) -> None:
         super().__init__(_Load(gate, pool, leases))

@@ -1,4 +1,4 @@
-"""The one table of operations. Routing, the OpenAPI document and the client all follow it."""
+"""The table of operations, from which routing, the OpenAPI document and the client are derived."""
 
 from __future__ import annotations
 
@@ -38,17 +38,18 @@ LINES = "application/x-ndjson"
 
 
 class Operation(msgspec.Struct, frozen=True):
-    """One thing that a server does.
+    """One operation of a server.
 
     Attributes:
-        name: also the method of the service that does it.
-        request, reply: shapes of the bodies; ``None`` for an empty body or one that is no struct.
-        queue: whose turn it waits for; ``None`` for what costs nothing. A step waits for two: that of
-            its action, then that of the screenshot.
-        media: of the reply.
-        is_open: needs no token.
-        has_lease: names a session and proves to hold it.
-        is_repeatable: does no harm if it is carried out twice.
+        name: its name, also of the service's method that implements it.
+        method, path: HTTP method and path.
+        summary: one line for the OpenAPI document.
+        request, reply: types of the bodies; ``None`` for an empty body or one that is not a struct.
+        queue: the queue in which it waits for a run permit; ``None`` if it needs none. A step waits twice: in
+            the queue of its action, then in that of screenshots.
+        media: media type of the reply.
+        is_open: whether it needs no token.
+        is_repeatable: whether it may be carried out twice without harm.
     """
 
     name: str
@@ -69,31 +70,31 @@ class Operation(msgspec.Struct, frozen=True):
 
 
 # fmt: off
-# A table: how to ask, then what goes in and what comes out.
+# A table: name, method and path, summary, then request and reply.
 ALLOCATE = Operation("allocate", "POST", "/v1/sessions",
     "Lease a browser with a fresh, blank page", request=SessionOptions, reply=SessionGrant, queue="allocate")
 STEP = Operation("step", "POST", "/v1/sessions/{id}/step",
-    "Act, wait until the page is quiet, and look, in one round trip",
+    "Carry out an action, wait until the page is quiet, and observe it",
     request=StepRequest, reply=StepReply, queue="execute", media=MSGPACK)
 NAVIGATE = Operation("navigate", "POST", "/v1/sessions/{id}/navigate",
     "Open a URL and wait until the page is quiet",
     request=NavigateRequest, reply=PageMetadata, queue="navigate")
 EXECUTE = Operation("execute", "POST", "/v1/sessions/{id}/execute",
-    "Carry an action out and wait until the page is quiet",
+    "Carry out an action and wait until the page is quiet",
     request=ExecuteRequest, reply=PageMetadata, queue="execute")
 SCREENSHOT = Operation("screenshot", "POST", "/v1/sessions/{id}/screenshot",
-    "The bare viewport as it is now", queue="screenshot", media=PNG, is_repeatable=True)
+    "A screenshot without marks and without waiting", queue="screenshot", media=PNG, is_repeatable=True)
 METADATA = Operation("metadata", "POST", "/v1/sessions/{id}/metadata",
-    "Address, title, status and scroll position", reply=PageMetadata, queue="metadata", is_repeatable=True)
+    "URL, title, status and scroll position", reply=PageMetadata, queue="metadata", is_repeatable=True)
 READ = Operation("read", "POST", "/v1/sessions/{id}/read",
-    "What the whole document holds: text, elements, metadata",
+    "Read the whole document: text, elements, metadata",
     request=ReadRequest, reply=Document, queue="metadata", is_repeatable=True)
 HEARTBEAT = Operation("heartbeat", "POST", "/v1/sessions/{id}/heartbeat",
     "Renew the lease", reply=Renewed, is_repeatable=True)
 RELEASE = Operation("release", "DELETE", "/v1/sessions/{id}",
-    "End the session; everything in it is thrown away", reply=Closed, queue="release", is_repeatable=True)
-HEALTH = Operation("health", "GET", "/healthz", "Whether sessions can be had", reply=Health, is_open=True)
-INFO = Operation("info", "GET", "/v1/info", "What this server is", reply=ServerInfo)
+    "End the session and discard its state", reply=Closed, queue="release", is_repeatable=True)
+HEALTH = Operation("health", "GET", "/healthz", "Whether sessions can be opened", reply=Health, is_open=True)
+INFO = Operation("info", "GET", "/v1/info", "Information about this server", reply=ServerInfo)
 PRESSURE = Operation("pressure", "GET", "/pressure", "Load per operation type, and the slots", reply=Pressure)
 METRICS = Operation("metrics", "GET", "/metrics", "The same and more, for Prometheus", media=TEXT)
 WATCH = Operation("watch", "GET", "/v1/watch",
@@ -134,7 +135,7 @@ def _ref(shape: type[msgspec.Struct]) -> dict[str, str]:
 
 def _describe(operation: Operation) -> dict[str, Any]:
     body = _ref(operation.reply) if operation.reply else {}
-    described: dict[str, Any] = {
+    description: dict[str, Any] = {
         "operationId": operation.name,
         "summary": operation.summary,
         "responses": {
@@ -144,15 +145,18 @@ def _describe(operation: Operation) -> dict[str, Any]:
         "security": [] if operation.is_open else [{"token": []}],
     }
     if operation.request is not None:
-        described["requestBody"] = {"required": True, "content": {JSON: {"schema": _ref(operation.request)}}}
+        description["requestBody"] = {
+            "required": True,
+            "content": {JSON: {"schema": _ref(operation.request)}},
+        }
     if operation is ALLOCATE:
-        described["parameters"] = [
+        description["parameters"] = [
             {"name": CLIENT_HEADER, "in": "header", "required": False, "schema": {"type": "string"}}
         ]
     if operation.has_lease:
-        described["parameters"] = [
+        description["parameters"] = [
             {"name": "id", "in": "path", "required": True, "schema": {"type": "string"}},
             {"name": SECRET_HEADER, "in": "header", "required": True, "schema": {"type": "string"}},
             {"name": GENERATION_HEADER, "in": "header", "required": True, "schema": {"type": "integer"}},
         ]
-    return described
+    return description

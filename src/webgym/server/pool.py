@@ -1,4 +1,4 @@
-"""Slots: brought up, lent, cleaned, replaced."""
+"""The pool of slots: starts, leases, cleans and replaces them."""
 
 from __future__ import annotations
 
@@ -23,10 +23,14 @@ log = logging.getLogger(__name__)
 
 
 class Pool:
-    """A fixed number of slots, kept warm.
+    """A fixed number of slots, each with a fresh page ready.
 
-    The first browser is launched at the start, so that a machine where none comes up says so at once.
-    The rest follow in the background, a few at a time.
+    The first browser is launched at the start, so that a machine on which none starts fails at once. The
+    others follow in the background, a few at a time.
+
+    Args:
+        config: the worker's settings.
+        executable: the Chromium to run.
     """
 
     def __init__(self, config: ServerConfig, executable: Path) -> None:
@@ -50,10 +54,10 @@ class Pool:
     # --- life ---------------------------------------------------------------------------------------
 
     async def start(self) -> None:
-        """Clear away what dead servers left, bring up the first slot, and the others in the background.
+        """Remove files of dead servers, start the first slot, and the others in the background.
 
         Raises:
-            BrowserLaunchFailed: no browser comes up.
+            BrowserLaunchFailed: no browser starts.
         """
         await self._sweep()
         await self.egress.start()
@@ -63,31 +67,31 @@ class Pool:
         assert first.sandbox is not None
         self.browser, self.sandbox = first.process.version, first.sandbox
         self._free.put_nowait(first)
-        self._keep(self.memory.run())
-        self._keep(self._go_on_sweeping())
+        self._spawn(self.memory.run())
+        self._spawn(self._sweep_periodically())
         for _ in range(self._config.slots - 1):
-            self._in_background(self._new_slot(self._config.browser))
+            self._start_in_background(self._new_slot(self._config.browser))
 
     async def _sweep(self) -> None:
         swept = await asyncio.to_thread(self._profiles.sweep)
         if swept:
-            log.warning("removed what %d dead server(s) left behind", len(swept))
+            log.warning("removed the files of %d dead server(s)", len(swept))
 
-    async def _go_on_sweeping(self) -> None:
+    async def _sweep_periodically(self) -> None:
         while True:
             await asyncio.sleep(self._config.sweep_seconds)
             try:
                 await self._sweep()
             except OSError as error:
-                log.error("what dead servers left cannot be removed: %s", error)
+                log.error("the files of dead servers cannot be removed: %s", error)
 
     def _browsers(self) -> list[BrowserProcess]:
         processes = (slot.process for slot in self._slots)
         return [process for process in processes if process is not None and process.is_alive]
 
     def _new_slot(self, config: BrowserConfig) -> Slot:
-        known = self._slots[0].sandbox if self._slots else None
-        slot = Slot(config, self.executable, self._profiles, self.egress, known)
+        sandbox = self._slots[0].sandbox if self._slots else None
+        slot = Slot(config, self.executable, self._profiles, self.egress, sandbox)
         self._slots.append(slot)
         return slot
 
@@ -102,15 +106,15 @@ class Pool:
                 log.error("a browser did not end: %s", error)
         await self.egress.stop()
 
-    # --- lending ------------------------------------------------------------------------------------
+    # --- leasing ------------------------------------------------------------------------------------
 
     async def acquire(self) -> Slot:
         """A free slot, first come, first served.
 
         Raises:
             NoCapacity: none became free within ``allocate_seconds``.
-            TooManyWaiting: there is none, and as many wait as may.
-            BrowserLaunchFailed: none can become free, because no browser comes up.
+            TooManyWaiting: none is free, and the queue is full.
+            BrowserLaunchFailed: none can become free, because no browser starts.
         """
         self._check_health()
         if self._free.empty() and self._waiting >= self._config.waiting:
@@ -123,7 +127,7 @@ class Pool:
         except TimeoutError:
             self._check_health()
             raise NoCapacity(
-                f"all {len(self._slots)} slots stayed taken for {self._config.allocate_seconds:g} s",
+                f"all {len(self._slots)} slots were in use for {self._config.allocate_seconds:g} s",
                 hint="close sessions, or start the server with more slots",
             ) from None
         finally:
@@ -137,7 +141,7 @@ class Pool:
             raise next(iter(self._failing.values()))
 
     async def clean(self, slot: Slot) -> None:
-        """Throw the slot's episode away, and have a fresh page ready for the next."""
+        """End the slot's episode, and create a fresh page for the next."""
         try:
             await slot.close()
             if not slot.needs_replacement:
@@ -147,15 +151,15 @@ class Pool:
             await slot.stop()
 
     def give_back(self, slot: Slot) -> None:
-        """Put the slot back in line; one that is not clean and warm gets a fresh browser first."""
+        """Make the slot available again; one without a fresh page gets a new browser first."""
         self._leased.discard(slot)
         if slot.is_warm and not slot.needs_replacement:
-            self._put_in_line(slot)
+            self._make_available(slot)
         else:
             self.on_change()
-            self._in_background(slot)
+            self._start_in_background(slot)
 
-    def _put_in_line(self, slot: Slot) -> None:
+    def _make_available(self, slot: Slot) -> None:
         self._free.put_nowait(slot)
         self.on_change()
 
@@ -164,16 +168,16 @@ class Pool:
         with slot.awake():
             await slot.warm()
 
-    def _in_background(self, slot: Slot) -> None:
-        self._keep(self._bring_up(slot))
+    def _start_in_background(self, slot: Slot) -> None:
+        self._spawn(self._start_slot(slot))
 
-    def _keep(self, work: Coroutine[Any, Any, None]) -> None:
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
 
-    async def _bring_up(self, slot: Slot) -> None:
-        """Give the slot a fresh browser, however many attempts that takes, and put it in line."""
+    async def _start_slot(self, slot: Slot) -> None:
+        """Start the slot's browser, with as many attempts as necessary, and make the slot available."""
         pause, longest = self._config.relaunch_seconds
         while True:
             try:
@@ -181,30 +185,30 @@ class Pool:
                     await self._make_ready(slot)
                 break
             except (BrowserError, OSError) as error:
-                known = error if isinstance(error, BrowserError) else BrowserError(str(error))
-                self._failing[slot] = known
+                failure = error if isinstance(error, BrowserError) else BrowserError(str(error))
+                self._failing[slot] = failure
                 self.on_change()
-                log.error("a browser did not come up, next try in %g s: %s", pause, error)
+                log.error("a browser did not start, next try in %g s: %s", pause, error)
             await asyncio.sleep(pause)
             pause = min(pause * 2, longest)
         self._failing.pop(slot, None)
-        self._put_in_line(slot)
+        self._make_available(slot)
 
-    # --- what is seen -------------------------------------------------------------------------------
+    # --- state --------------------------------------------------------------------------------------
 
     @property
     def slots(self) -> tuple[Slot, ...]:
-        """All of them."""
+        """All slots."""
         return tuple(self._slots)
 
     @property
     def is_healthy(self) -> bool:
-        """Whether any slot works."""
+        """Whether at least one slot works."""
         return len(self._failing) < len(self._slots)
 
     @property
     def load(self) -> SlotLoad:
-        """At this moment."""
+        """The slots by state at this moment."""
         free, leased = self._free.qsize(), len(self._leased)
         total = len(self._slots)
         return SlotLoad(total, free, leased, total - free - leased, self._waiting)

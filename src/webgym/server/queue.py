@@ -13,12 +13,12 @@ from webgym.server.fleet import Worker
 class SlotQueue:
     """Callers that wait for a worker with a free slot.
 
-    There is no polling: :meth:`serve` is called whenever a worker reports, and knows from the report and from
-    the calls sent since which workers have free slots.
+    Without polling: :meth:`serve` is called whenever a worker reports; the report and the calls sent since
+    say which workers have free slots.
 
     Args:
-        workers: those that are up.
-        longest: callers who may wait.
+        workers: the running workers, by name.
+        longest: largest number of waiting callers.
     """
 
     def __init__(self, workers: Mapping[str, Worker], longest: int) -> None:
@@ -30,14 +30,15 @@ class SlotQueue:
         return sum(not turn.done() for turn in self._waiting)
 
     async def turn(self, seconds: float, *, again: bool = False) -> Worker:
-        """Wait for a worker with a free slot; its ``sent`` counts the caller already.
+        """Wait for a worker with a free slot; its ``sent`` already counts the caller.
 
         Args:
-            again: for one whose worker went away: to the head of the line.
+            seconds: longest wait.
+            again: whether the caller's worker was lost, so that it goes to the head of the queue.
 
         Raises:
-            NoCapacity: none had one in time.
-            TooManyWaiting: there is none, and as many wait as may.
+            NoCapacity: no worker had a free slot in time.
+            TooManyWaiting: no slot is free, and the queue is full.
         """
         turn: asyncio.Future[Worker] = asyncio.get_running_loop().create_future()
         if again:
@@ -52,7 +53,7 @@ class SlotQueue:
             async with asyncio.timeout(seconds):
                 return await turn
         except TimeoutError:
-            if turn.done() and not turn.cancelled():  # it came in the same moment
+            if turn.done() and not turn.cancelled():  # it was granted at the same moment
                 return turn.result()
             raise self._no_capacity(seconds) from None
         except asyncio.CancelledError:
@@ -62,7 +63,7 @@ class SlotQueue:
             raise
 
     def serve(self) -> None:
-        """Send the first caller to the worker with most free slots, as long as there are free slots."""
+        """Send callers in order to the worker with the most free slots, while there are free slots."""
         while self._waiting:
             if self._waiting[0].done():  # it gave up
                 self._waiting.popleft()
@@ -76,8 +77,8 @@ class SlotQueue:
     def _no_capacity(self, seconds: float) -> NoCapacity:
         slots = sum(worker.info.slots for worker in self._workers.values())
         if not slots:
-            return NoCapacity(f"no worker came up for {seconds:g} s", hint="the server's log says why")
+            return NoCapacity(f"no worker started within {seconds:g} s", hint="the server's log says why")
         return NoCapacity(
-            f"all {slots} slots stayed taken for {seconds:g} s",
+            f"all {slots} slots were in use for {seconds:g} s",
             hint="close sessions, or start the server with more slots",
         )

@@ -1,8 +1,8 @@
 """Workers on the nodes of a Ray cluster.
 
-Every node gets one actor, bound to it, which holds the node's CPUs in Ray's books and starts our worker
-processes. The actors are the gateway's own: Ray ends them when it goes, however it goes, and with the actor
-its worker processes end.
+Every node gets one actor, which reserves the node's CPUs in Ray and starts the worker processes. The actors
+belong to the gateway: Ray ends them when the gateway ends, for any reason, and the worker processes end with
+their actor.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ T = TypeVar("T")
 
 _PACKAGE = "webgym-rl"
 
-_BE_A_NODE = "start the gateway on a node of the cluster: `ray start --address=HEAD:6379 --num-cpus=0`"
-_SAME_VERSIONS = "every node and the gateway need the same Ray and the same Python"
+_NOT_A_NODE_HINT = "start the gateway on a node of the cluster: `ray start --address=HEAD:6379 --num-cpus=0`"
+_VERSIONS_HINT = "every node and the gateway need the same Ray and the same Python"
 
 _CALLS_AT_ONCE = 64
-"""Of one actor: one start or stop for every worker of its node."""
+"""Concurrent calls of one actor: one start or stop for every worker of its node."""
 
 
 def _node_actor() -> type:
-    """What runs on a node, in a process of Ray's. Its calls come in threads.
+    """The class of the actor that runs on a node, in a process of Ray. Its methods are called in threads.
 
-    A function's class travels to the node as it is, and looks for our package when it is called. One that is
-    looked up there would end with its actor, loudly, where the package is missing.
+    A class defined in a function is sent to the node by value, and imports WebGym only when it is called. A
+    class imported from a module would make the actor crash on a node without WebGym.
     """
 
     class NodeActor:
@@ -55,13 +55,13 @@ def _node_actor() -> type:
             self._lock = threading.Lock()
 
         def version(self) -> str:
-            """Of our package on this node. That it is said at all says that the actor is up."""
+            """Version of WebGym on this node. An answer also shows that the actor is running."""
             from importlib.metadata import version
 
             return version("webgym-rl")
 
         def start(self, name: str, config: str, stop_seconds: float) -> bytes:
-            """Start a worker, and return what it says when it is up."""
+            """Start a worker, and return its report."""
             from webgym.server.subprocess_worker import DetachedChild
 
             child = DetachedChild(config, stop_seconds)
@@ -80,11 +80,14 @@ def _node_actor() -> type:
 
 
 class RayHost:
-    """One node.
+    """One node of a cluster.
 
     Args:
-        node: what Ray says of it.
-        server: what a worker is to be, made for this machine.
+        ray: the module ``ray``, connected to the cluster.
+        node: Ray's description of the node.
+        server: the settings of a worker, for this machine.
+        config: how workers are started and stopped.
+        cluster: how much of a node to use.
     """
 
     def __init__(
@@ -101,39 +104,41 @@ class RayHost:
         self._config = config
         self._cluster = cluster
         self._actor: Any = None
-        self._making = asyncio.Lock()
-        self._asked_for: set[str] = set()
+        self._actor_lock = asyncio.Lock()
+        self._started: set[str] = set()
 
     @property
     def id(self) -> str:
-        """Ray's."""
+        """Ray's id of the node."""
         return str(self._node["NodeID"])
 
     @property
     def shares(self) -> tuple[ServerConfig, ...]:
-        """As many workers as its CPUs are worth."""
+        """The settings of its workers, by the number of its CPUs."""
         cpus = _cpus(self._node)
         slots = self._cluster.slots_per_node or max(1, int(cpus * self._cluster.slots_per_cpu))
         counts = split(slots, cpus, self._config)
-        where = {"host": self.place, "ports": self._config.worker_ports}
-        own = self._server.model_copy(update=where)
+        address = {"host": self.place, "ports": self._config.worker_ports}
+        node_config = self._server.model_copy(update=address)
         return tuple(
-            share_of(own, count, cpus / len(counts), share=count / slots, of_cores=usable_cores())
+            share_of(node_config, count, cpus / len(counts), share=count / slots, of_cores=usable_cores())
             for count in counts
         )
 
     @property
     def place(self) -> str:
-        """Its address."""
+        """The node's address."""
         return str(self._node["NodeManagerAddress"])
 
     async def start(self, config: ServerConfig) -> Started:
-        """By the node's actor, as soon as it is up."""
+        """Start a worker by the node's actor."""
         try:
-            # Not before it is up: a call that is given up here would still be carried out there.
-            actor = await self._actor_that_is_up()
-            self._asked_for.add(config.name)
-            said = await actor.start.remote(config.name, config.model_dump_json(), self._config.stop_seconds)
+            # Only once the actor is running: a call cancelled here would still be carried out there.
+            actor = await self._running_actor()
+            self._started.add(config.name)
+            report = await actor.start.remote(
+                config.name, config.model_dump_json(), self._config.stop_seconds
+            )
         except self._ray.exceptions.RayTaskError as error:
             raise ServerError(
                 f"the actor at {self.place} cannot start a worker: {_last_line(error)}",
@@ -144,13 +149,13 @@ class RayHost:
             raise ServerError(f"the actor at {self.place} is gone: {_last_line(error)}") from None
         except self._ray.exceptions.RayError as error:
             raise ServerError(f"the actor at {self.place} does not answer: {_last_line(error)}") from None
-        return read_report(said)
+        return read_report(report)
 
     async def stop(self, name: str) -> None:
-        """By the node's actor; if that is gone, the worker is."""
-        if name not in self._asked_for:
+        """Stop a worker by the node's actor; if the actor is gone, so is the worker."""
+        if name not in self._started:
             return
-        self._asked_for.remove(name)
+        self._started.remove(name)
         if self._actor is None:
             return
         try:
@@ -159,29 +164,29 @@ class RayHost:
         except self._ray.exceptions.RayError as error:
             log.warning("worker %s at %s ended with its actor: %s", name, self.place, _last_line(error))
         except TimeoutError:
-            log.warning("worker %s: the actor at %s does not say that it ended", name, self.place)
+            log.warning("worker %s: the actor at %s does not confirm that it ended", name, self.place)
 
-    async def _actor_that_is_up(self) -> Any:
-        """The node's one actor.
+    async def _running_actor(self) -> Any:
+        """The node's actor, started if necessary.
 
         Raises:
-            ServerError: Ray does not place it, or it is none of ours.
+            ServerError: Ray does not start it, or the node has another version of WebGym.
         """
-        async with self._making:
+        async with self._actor_lock:
             if self._actor is None:
                 self._actor = await _in_thread(self._new_actor)
         try:
             async with asyncio.timeout(self._cluster.place_seconds):
-                theirs = await self._actor.version.remote()
+                node_version = await self._actor.version.remote()
         except TimeoutError:
             raise ServerError(
-                f"Ray has not placed our actor at {self.place} within {self._cluster.place_seconds:g} s",
-                hint="others hold its CPUs, see `ray status`; --ray-cpus reserves fewer",
+                f"Ray did not start WebGym's actor at {self.place} within {self._cluster.place_seconds:g} s",
+                hint="its CPUs are in use, see `ray status`; --ray-cpus reserves fewer",
             ) from None
-        if theirs != (ours := version(_PACKAGE)):
+        if node_version != (own_version := version(_PACKAGE)):
             raise ServerError(
-                f"{self.place} has {_PACKAGE} {theirs} installed, and we are {ours}",
-                hint="install the same on every node",
+                f"{self.place} has {_PACKAGE} {node_version} installed, but the gateway has {own_version}",
+                hint="install the same version on every node",
             )
         return self._actor
 
@@ -202,7 +207,7 @@ class RayHost:
 
 
 class RayHosts:
-    """The nodes of a cluster. Get them from :func:`ray_hosts`."""
+    """The nodes of a cluster. Created by :func:`ray_hosts`."""
 
     def __init__(
         self, ray: ModuleType, server: ServerConfig, config: GatewayConfig, cluster: RayConfig
@@ -214,10 +219,10 @@ class RayHosts:
         self._known: dict[str, RayHost] = {}
 
     async def changes(self) -> AsyncIterator[Collection[Host]]:
-        """Looks again and again."""
+        """Lists the nodes at intervals, and yields them when they have changed."""
         is_first = True
         while True:
-            nodes = {node["NodeID"]: node for node in await self._look()}
+            nodes = {node["NodeID"]: node for node in await self._usable_nodes()}
             if is_first or nodes.keys() != self._known.keys():
                 self._known = {
                     name: self._known.get(name)
@@ -228,13 +233,13 @@ class RayHosts:
             is_first = False
             await asyncio.sleep(self._cluster.discover_seconds)
 
-    async def _look(self) -> list[dict[str, Any]]:
-        """The nodes that are alive and for us."""
-        wanted = self._cluster.node_resource
+    async def _usable_nodes(self) -> list[dict[str, Any]]:
+        """The nodes that are alive and may be used."""
+        required = self._cluster.node_resource
         return [
             node
             for node in await _in_thread(self._ray.nodes)
-            if node["Alive"] and _cpus(node) and (wanted is None or node["Resources"].get(wanted))
+            if node["Alive"] and _cpus(node) and (required is None or node["Resources"].get(required))
         ]
 
 
@@ -243,23 +248,23 @@ def _cpus(node: Mapping[str, Any]) -> float:
 
 
 def _last_line(error: BaseException) -> str:
-    """Of what Ray says of an error: the first lines say where, the last says what."""
+    """The last line of an error of Ray, which contains the message; the lines before say where."""
     return (str(error).strip().splitlines() or [type(error).__name__])[-1].strip()
 
 
 async def _in_thread(work: Callable[[], T]) -> T:
-    """Do blocking work that cannot be cut short, in a thread that keeps no process from ending.
+    """Do blocking work in a daemon thread, which does not keep the process from ending.
 
-    Whatever asks the cluster's head blocks for as long as the head does not answer.
+    Calls to the cluster's head node cannot be interrupted while it does not answer.
     """
     loop = asyncio.get_running_loop()
     done: asyncio.Future[T] = loop.create_future()
 
-    def tell(result: T | None, error: BaseException | None) -> None:
+    def set_result(result: T | None, error: BaseException | None) -> None:
         if done.cancelled():
             return
         if error is None:
-            done.set_result(result)  # type: ignore[arg-type]  # there is one where there is no error
+            done.set_result(result)  # type: ignore[arg-type]  # without an error there is a result
         else:
             done.set_exception(error)
 
@@ -269,31 +274,31 @@ async def _in_thread(work: Callable[[], T]) -> T:
             result = work()
         except BaseException as raised:
             error = raised
-        with contextlib.suppress(RuntimeError):  # the loop has ended without us
-            loop.call_soon_threadsafe(tell, result, error)
+        with contextlib.suppress(RuntimeError):  # the event loop has ended
+            loop.call_soon_threadsafe(set_result, result, error)
 
-    threading.Thread(target=run, name="asks-ray", daemon=True).start()
+    threading.Thread(target=run, name="ray-call", daemon=True).start()
     return await done
 
 
-async def _knock(address: str) -> None:
-    """See whether anybody listens there. Ray itself would try for long, and complain meanwhile.
+async def _check_reachable(address: str) -> None:
+    """Check that something listens at an address. Ray itself would try for long, and print warnings.
 
     Raises:
-        OSError: nobody does.
+        OSError: nothing listens there.
     """
     try:
         parts = urlsplit(f"//{address}")
         host, port = parts.hostname, parts.port
     except ValueError:
-        return  # Ray knows what to say
+        return  # Ray reports the invalid address
     if host and port:
         _, writer = await asyncio.open_connection(host, port)
         writer.close()
 
 
-def _take_back_sigterm() -> None:
-    """Put the handler in place again that was there before Ray's own, which prints what nobody asked for."""
+def _restore_sigterm_handler() -> None:
+    """Restore the handler that was set before Ray's own, which prints messages."""
     handler = signal.getsignal(signal.SIGTERM)
     if handler is not None and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, handler)
@@ -303,10 +308,12 @@ def _take_back_sigterm() -> None:
 async def ray_hosts(
     server: ServerConfig, config: GatewayConfig, cluster: RayConfig
 ) -> AsyncIterator[RayHosts]:
-    """Be a driver of a Ray cluster for the length of the block.
+    """Connect to a Ray cluster as a driver during the block.
 
     Args:
-        server: what a worker is to be, made for this machine.
+        server: the settings of a worker, for this machine.
+        config: how workers are started and stopped.
+        cluster: the cluster, and how much of its nodes to use.
 
     Raises:
         ConfigError: Ray is not installed, or the address is not one of a cluster.
@@ -315,7 +322,7 @@ async def ray_hosts(
     if "://" in cluster.address:
         raise ConfigError(
             f"{cluster.address} is not the address of a cluster's head",
-            hint="say `auto` or HOST:PORT; the gateway runs on a node of the cluster",
+            hint="use `auto` or HOST:PORT; the gateway runs on a node of the cluster",
         )
     try:
         import ray
@@ -325,20 +332,20 @@ async def ray_hosts(
         ) from None
 
     def connect() -> None:
-        # Not in the main thread, so that Ray leaves our signal handlers alone.
+        # Not in the main thread, so that Ray does not replace signal handlers.
         ray.init(address=cluster.address, namespace=cluster.namespace, logging_level=logging.ERROR)
 
     try:
         async with asyncio.timeout(cluster.connect_seconds):
-            await _knock(cluster.address)
+            await _check_reachable(cluster.address)
             await _in_thread(connect)
     except (OSError, RuntimeError, ValueError, TimeoutError) as error:
         why = " ".join(str(error).split()) or f"nothing within {cluster.connect_seconds:g} s"
         raise ServerUnreachable(
-            f"no Ray cluster takes us in at {cluster.address}: {why}",
-            hint=_SAME_VERSIONS if "Version mismatch" in why else _BE_A_NODE,
+            f"cannot connect to a Ray cluster at {cluster.address}: {why}",
+            hint=_VERSIONS_HINT if "Version mismatch" in why else _NOT_A_NODE_HINT,
         ) from None
-    _take_back_sigterm()
+    _restore_sigterm_handler()
     try:
         yield RayHosts(ray, server, config, cluster)
     finally:
@@ -346,4 +353,4 @@ async def ray_hosts(
             async with asyncio.timeout(config.stop_seconds):
                 await _in_thread(ray.shutdown)
         except TimeoutError:
-            log.warning("the Ray cluster does not answer; it will notice that we are gone")
+            log.warning("the Ray cluster does not answer; it will notice that the gateway has ended")

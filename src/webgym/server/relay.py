@@ -1,8 +1,8 @@
-"""Passes calls on to one worker as bytes: no body is decoded, and a screenshot is forwarded while it is still
+"""Forwards calls to one worker as bytes: no body is decoded, and a screenshot is forwarded while it is still
 arriving.
 
-This is a small HTTP/1.1 client of our own because every relayed call passes through it: a general client
-costs about as much processor time per call as all the rest of the gateway.
+This is a small HTTP/1.1 client of WebGym's own because a general-purpose client costs about as much processor
+time per forwarded call as the rest of the gateway.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from webgym.server.listening import keep_alive_options
 Header = tuple[bytes, bytes]
 
 _HIGH_WATER_BYTES = 256 * 1024
-"""A body that nobody takes is read no further than this."""
+"""Reading pauses when this much of a body is buffered."""
 
 
 class NotSent(Exception):
@@ -34,37 +34,38 @@ class Interrupted(Exception):
 
 
 class Answer:
-    """An answer whose body may still arrive.
+    """An answer whose body may still be arriving.
 
     Attributes:
-        status: HTTP status.
-        headers: names in lower case.
+        status: HTTP status; 0 until the head has arrived.
+        headers: header names in lower case, and values.
+        is_complete: whether the whole body has arrived.
     """
 
     def __init__(self, transport: asyncio.Transport) -> None:
         self.status = 0
         self.headers: list[Header] = []
-        self.is_whole = False
+        self.is_complete = False
         self._transport = transport
         self._chunks: deque[bytes] = deque()
-        self._held = 0
+        self._buffered_bytes = 0
         self._error: Interrupted | None = None
         self._changed = asyncio.Event()
 
-    def take(self, chunk: bytes) -> None:
-        """More of the body arrived."""
+    def feed(self, chunk: bytes) -> None:
+        """Add a received part of the body."""
         self._chunks.append(chunk)
-        self._held += len(chunk)
-        if self._held > _HIGH_WATER_BYTES:
+        self._buffered_bytes += len(chunk)
+        if self._buffered_bytes > _HIGH_WATER_BYTES:
             self._transport.pause_reading()
         self._changed.set()
 
-    def tell(self, error: Interrupted | None = None) -> None:
+    def wake(self, error: Interrupted | None = None) -> None:
         """Wake the reader: the head has arrived, the body is complete, or neither will come."""
         self._error = error
         self._changed.set()
 
-    async def begun(self) -> None:
+    async def wait_for_head(self) -> None:
         """Wait for the head.
 
         Raises:
@@ -82,17 +83,17 @@ class Answer:
         while True:
             while self._chunks:
                 chunk = self._chunks.popleft()
-                self._held -= len(chunk)
-                crossed = self._held <= _HIGH_WATER_BYTES < self._held + len(chunk)
+                self._buffered_bytes -= len(chunk)
+                crossed = self._buffered_bytes <= _HIGH_WATER_BYTES < self._buffered_bytes + len(chunk)
                 if crossed and not self._transport.is_closing():
                     self._transport.resume_reading()
                 yield chunk
-            if self.is_whole:
+            if self.is_complete:
                 return
             await self._change()
 
     async def body(self) -> bytes:
-        """The whole body.
+        """The complete body.
 
         Raises:
             Interrupted: it ends too soon.
@@ -116,13 +117,13 @@ class _Connection(asyncio.Protocol):
         self._answer: Answer | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast(asyncio.Transport, transport)  # uvloop's is one by behaviour alone
+        self._transport = cast(asyncio.Transport, transport)  # uvloop's is not a subclass
         self.is_open = True
 
     def connection_lost(self, exc: Exception | None) -> None:
         self.is_open = False
         if self._answer is not None:
-            self._answer.tell(Interrupted(str(exc or "the other end closed it")))
+            self._answer.wake(Interrupted(str(exc or "the other end closed it")))
 
     def data_received(self, data: bytes) -> None:
         try:
@@ -131,13 +132,13 @@ class _Connection(asyncio.Protocol):
             self.abort()
 
     def send(self, request: bytes) -> Answer:
-        """Start a call."""
+        """Send a request; returns its answer, which has not arrived yet."""
         self._answer = Answer(self._transport)
         self._transport.write(request)
         return self._answer
 
     def abort(self) -> None:
-        """Close it now."""
+        """Close the connection at once."""
         self.is_open = False
         self._transport.abort()
 
@@ -148,18 +149,18 @@ class _Connection(asyncio.Protocol):
     def on_headers_complete(self) -> None:
         assert self._answer is not None
         self._answer.status = self._parser.get_status_code()
-        self._answer.tell()
+        self._answer.wake()
 
     def on_body(self, body: bytes) -> None:
         assert self._answer is not None
-        self._answer.take(body)
+        self._answer.feed(body)
 
     def on_message_complete(self) -> None:
         assert self._answer is not None
         if not self._parser.should_keep_alive():
             self.is_open = False
-        self._answer.is_whole = True
-        self._answer.tell()
+        self._answer.is_complete = True
+        self._answer.wake()
         self._answer = None
 
 
@@ -167,7 +168,8 @@ class Relay:
     """The connections to one worker.
 
     Args:
-        base_url: the worker's.
+        base_url: the worker's base URL.
+        config: deadlines.
     """
 
     def __init__(self, base_url: str, config: GatewayConfig) -> None:
@@ -185,31 +187,33 @@ class Relay:
     async def call(
         self, method: str, path: str, headers: Iterable[Header] = (), body: bytes = b""
     ) -> AsyncIterator[Answer]:
-        """Make a call; its head has arrived when the block begins. A call is never made twice.
+        """Make a call; the answer's head has arrived when the block begins. Calls are never repeated.
 
         Args:
+            method: HTTP method.
             path: plain ASCII without white space.
-            headers: as they came from a parser, so without line breaks.
+            headers: headers from an HTTP parser, so without line breaks.
+            body: body of a POST request.
 
         Raises:
-            NotSent: there is no connection.
-            Interrupted: here or in the block: it broke.
+            NotSent: no connection could be opened.
+            Interrupted: here or in the block: the connection failed.
         """
         connection = await self._connection()
         self._busy.add(connection)
         answer = connection.send(self._request(method, path, headers, body))
         try:
-            await answer.begun()
+            await answer.wait_for_head()
             yield answer
         finally:
             self._busy.discard(connection)
-            if not answer.is_whole or not connection.is_open or self._is_closed:
+            if not answer.is_complete or not connection.is_open or self._is_closed:
                 connection.abort()
             else:
                 self._idle.append((asyncio.get_running_loop().time(), connection))
 
     def close(self) -> None:
-        """End all connections; calls that run are interrupted."""
+        """Close all connections; running calls are interrupted."""
         self._is_closed = True
         for connection in [*self._busy, *(connection for _, connection in self._idle)]:
             connection.abort()

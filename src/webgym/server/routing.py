@@ -18,65 +18,67 @@ from webgym.server.operations import HEALTH
 
 
 class SessionRoute:
-    """Where one session's calls are sent at present.
+    """Where one session's calls are currently sent.
 
     Attributes:
-        base_url: a server's.
-        is_straight: whether that is the worker's own address; then the gateway is the alternative.
+        base_url: base URL of a worker or gateway.
+        is_direct: whether that is the worker's; then the gateway is the alternative.
     """
 
-    def __init__(self, base_url: str, is_straight: bool) -> None:
+    def __init__(self, base_url: str, is_direct: bool) -> None:
         self.base_url = base_url
-        self.is_straight = is_straight
+        self.is_direct = is_direct
 
 
 class SessionRouter:
     """Chooses the route of every session of a client.
 
     Args:
-        base_url: the address that the client knows.
+        http: the client's connections.
+        base_url: the client's base URL.
+        limits: the client's limits.
     """
 
     def __init__(self, http: aiohttp.ClientSession, base_url: str, limits: ClientLimits) -> None:
         self._http = http
         self._base_url = base_url
         self._limits = limits
-        self._known: dict[tuple[str, str], asyncio.Task[bool]] = {}
+        self._checks: dict[tuple[str, str], asyncio.Task[bool]] = {}
 
     async def find(self, grant: SessionGrant) -> SessionRoute:
         """The better route to a session."""
         endpoint = grant.endpoint
-        if not self._limits.direct or not may_go_straight(self._base_url, endpoint):
+        if not self._limits.direct or not may_connect_directly(self._base_url, endpoint):
             return SessionRoute(self._base_url, False)
         key = endpoint, grant.instance
-        if key not in self._known:  # sessions that open at the same time ask once
-            self._known[key] = asyncio.create_task(self._is_there(endpoint, grant.instance))
-        if await asyncio.shield(self._known[key]):
+        if key not in self._checks:  # sessions that open at the same time share one check
+            self._checks[key] = asyncio.create_task(self._is_reachable(endpoint, grant.instance))
+        if await asyncio.shield(self._checks[key]):
             return SessionRoute(endpoint, True)
         return SessionRoute(self._base_url, False)
 
-    async def _is_there(self, endpoint: str, instance: str) -> bool:
+    async def _is_reachable(self, endpoint: str, instance: str) -> bool:
         """Whether this worker, and not some other server, answers there. No token is sent."""
         try:
             async with asyncio.timeout(self._limits.direct_seconds):
-                asked = self._http.request(HEALTH.method, endpoint + HEALTH.path, allow_redirects=False)
-                async with asked as response:
+                request = self._http.request(HEALTH.method, endpoint + HEALTH.path, allow_redirects=False)
+                async with request as response:
                     return response.headers.get(INSTANCE_HEADER) == instance
         except (aiohttp.ClientError, OSError, ValueError):
             return False
 
     async def close(self) -> None:
         """Cancel checks that are still running."""
-        for task in self._known.values():
+        for task in self._checks.values():
             task.cancel()
-        await asyncio.gather(*self._known.values(), return_exceptions=True)
+        await asyncio.gather(*self._checks.values(), return_exceptions=True)
 
 
-def may_go_straight(base_url: str, endpoint: str) -> bool:
+def may_connect_directly(base_url: str, endpoint: str) -> bool:
     """Whether an endpoint may be contacted directly.
 
-    A loopback address means something else on every machine; and who speaks TLS to the known address must
-    not send the token in the clear to another.
+    A loopback address means something else on every machine; and a client that uses TLS for its base URL must
+    not send the token unencrypted to another.
     """
     if not endpoint or endpoint == base_url:
         return False

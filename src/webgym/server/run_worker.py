@@ -1,4 +1,4 @@
-"""Running one worker in this process: for tests, for the demo, and inside ``webgym serve``."""
+"""Runs one worker in this process: for tests, for the demo, and inside ``webgym serve``."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _INSTANCE_BYTES = 8
 
 
 class RunningServer:
-    """A server that takes calls.
+    """A running worker.
 
     Attributes:
         url: its base URL.
         token: the bearer token.
-        service: what is behind it.
-        instance: which run of a server this is.
+        service: its service.
+        instance: id of this run of the server.
     """
 
     def __init__(self, url: str, token: str, service: Service, instance: str) -> None:
@@ -41,19 +41,19 @@ async def _find_executable(explicit: Path | None) -> Path:
 
 
 def new_instance() -> str:
-    """A name for a run of a server that no other run has."""
+    """A unique id for a run of a server."""
     return secrets.token_hex(_INSTANCE_BYTES)
 
 
 @asynccontextmanager
 async def running_server(config: ServerConfig | None = None) -> AsyncIterator[RunningServer]:
-    """Serve for the length of the block; afterwards no browser is left.
+    """Serve during the block; afterwards no browser is left.
 
     Args:
-        config: the defaults if not given: loopback, a free port, a random token.
+        config: the settings; by default loopback, a free port, a random token.
 
     Raises:
-        BrowserNotFound, BrowserLaunchFailed: there is no browser to serve.
+        BrowserNotFound, BrowserLaunchFailed: no browser can be started.
         ConfigError: the address cannot be listened on.
     """
     config = config or ServerConfig()
@@ -66,8 +66,8 @@ async def running_server(config: ServerConfig | None = None) -> AsyncIterator[Ru
         async with Service(config, executable) as service:
             endpoint = "" if is_wildcard(config.host) else url
             app = create_app(service, tokens, instance=instance, endpoint=endpoint)
-            async with tokens.kept_fresh(), serving(app, listener, config):
+            async with tokens.watching_file(), serving(app, listener, config):
                 try:
                     yield RunningServer(url, token, service, instance)
                 finally:
-                    service.feed.close()  # watchers never end by themselves
+                    service.feed.close()  # the streams of subscribers never end by themselves

@@ -1,4 +1,4 @@
-"""How busy the processors are that this process may use, from the kernel's counters."""
+"""Measures the load of the processors that this process may use, from the kernel's counters."""
 
 from __future__ import annotations
 
@@ -11,26 +11,30 @@ _CGROUP = Path("/sys/fs/cgroup")
 
 
 class Processors:
-    """The busy share of our processors between one look and the next.
+    """The busy share of the processors between two calls of :meth:`busy`.
 
-    Two limits count, and the tighter one decides: the processors that we are bound to (which others may
-    use as well), and the quota of our control group, where a container has one.
+    The larger of two shares counts: that of the processors in this process's affinity mask (which other
+    processes may use as well), and that of its control group's CPU quota, if it has one.
     """
 
     def __init__(self) -> None:
-        self.ours = os.sched_getaffinity(0)
+        self.affinity = os.sched_getaffinity(0)
         self._group = _own_group()
-        self._at, self._ticks, self._used = time.monotonic(), _ticks(self.ours), _group_seconds(self._group)
+        self._measured_at, self._ticks, self._used = (
+            time.monotonic(),
+            _ticks(self.affinity),
+            _group_seconds(self._group),
+        )
 
     def busy(self) -> float:
         """Share in use since the last call, 0 to 1. Meaningful over 0.1 s and more."""
-        now, ticks, used = time.monotonic(), _ticks(self.ours), _group_seconds(self._group)
+        now, ticks, used = time.monotonic(), _ticks(self.affinity), _group_seconds(self._group)
         all_ticks = ticks[1] - self._ticks[1]
         shares = [(ticks[0] - self._ticks[0]) / all_ticks if all_ticks else 0.0]
         quota = _quota(self._group)
-        if quota is not None and now > self._at:
-            shares.append((used - self._used) / (quota * (now - self._at)))
-        self._at, self._ticks, self._used = now, ticks, used
+        if quota is not None and now > self._measured_at:
+            shares.append((used - self._used) / (quota * (now - self._measured_at)))
+        self._measured_at, self._ticks, self._used = now, ticks, used
         return min(1.0, max(shares))
 
 
@@ -47,7 +51,7 @@ def _ticks(processors: set[int]) -> tuple[int, int]:
 
 
 def _own_group() -> Path | None:
-    """Our control group, version 2, if there is one."""
+    """The cgroup v2 of this process, if its CPU controller is available."""
     try:
         lines = Path("/proc/self/cgroup").read_text().splitlines()
     except OSError:
@@ -58,7 +62,7 @@ def _own_group() -> Path | None:
 
 
 def _quota(group: Path | None) -> float | None:
-    """Processors that the group may use; ``None`` if it is not limited."""
+    """Number of processors that the group may use; ``None`` if it is not limited."""
     if group is None:
         return None
     allowed, period = (group / "cpu.max").read_text().split()

@@ -1,4 +1,4 @@
-"""What each operation does. Knows nothing of HTTP."""
+"""Implements each operation of a worker, without HTTP."""
 
 from __future__ import annotations
 
@@ -47,21 +47,26 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 _OPEN_ATTEMPTS = 2
-"""A browser that died while it stood idle costs one attempt; the second gets a fresh one."""
+"""If a browser has died while it was idle, the second attempt gets a fresh one."""
 
 
 class Service:
-    """One worker: slots, leases and queues. An async context manager; browsers live inside it."""
+    """One worker: slots, leases and queues. An async context manager; its browsers run while it is entered.
+
+    Args:
+        config: the worker's settings.
+        executable: the Chromium to run.
+    """
 
     def __init__(self, config: ServerConfig, executable: Path) -> None:
         self.config = config
         self.pool = Pool(config, executable)
-        self.leases = Leases(self._take_back, config.name, look_seconds=config.lease_look_seconds)
+        self.leases = Leases(self._take_back, config.name, check_seconds=config.lease_look_seconds)
         self.feed = Feed(self._watched, config.beat_seconds)
         self.pool.on_change = self.feed.changed
         self.leases.on_end = self._ended
         self.on_end: Callable[[str], None] = lambda _: None
-        """Called with the id of every session that ends, when it does."""
+        """Called with the id of every session that ends."""
         self._asked = 0
         self.gate = AdmissionController(config.admission)
         self._metrics = Metrics(self.gate, self.pool, self.leases)
@@ -84,13 +89,13 @@ class Service:
     async def _running(
         self, slot: Slot, queue: QueueName, on_queue: Callable[[Permit], None] = lambda _: None
     ) -> AsyncIterator[Permit]:
-        """Wait for a run permit, and let the slot's processes run for the block."""
+        """Wait for a run permit, and let the slot's processes run during the block."""
         async with self.gate.permit(queue, on_queue) as permit:
             with slot.awake():
                 yield permit
 
     def _serving(self, lease: Lease, queue: QueueName) -> AbstractAsyncContextManager[Permit]:
-        """The same for a call of a session, whose holder can ask how long it has waited."""
+        """The same for a call of a session; its heartbeat reports how long the call has waited."""
 
         def note(permit: Permit) -> None:
             lease.permit = permit
@@ -106,7 +111,7 @@ class Service:
 
     @property
     def observed(self) -> Metrics:
-        """Where the front counts time and errors."""
+        """The metrics, where the HTTP layer records times and errors."""
         return self._metrics
 
     # --- sessions -----------------------------------------------------------------------------------
@@ -164,7 +169,8 @@ class Service:
     # --- calls of a session -------------------------------------------------------------------------
 
     async def step(self, lease: Lease, request: StepRequest) -> StepReply:
-        """Act, then look: a turn in each queue. The picture is left out where the caller has it."""
+        """Carry out an action and observe the page, with a run permit for each. The screenshot is left out if
+        the caller has it."""
         slot, action = lease.slot, request.action
 
         async def work() -> StepReply:
@@ -182,24 +188,24 @@ class Service:
 
     async def navigate(self, lease: Lease, request: NavigateRequest) -> PageMetadata:
         """Open a URL."""
-        return await self._act_and_tell(lease, Navigate(request.url))
+        return await self._act(lease, Navigate(request.url))
 
     async def execute(self, lease: Lease, request: ExecuteRequest) -> PageMetadata:
-        """Carry an action out."""
-        return await self._act_and_tell(lease, request.action)
+        """Carry out an action."""
+        return await self._act(lease, request.action)
 
     async def metadata(self, lease: Lease) -> PageMetadata:
-        """Where the page is."""
+        """The page's URL, title, status and scroll position."""
         slot = lease.slot
 
         async def work() -> PageMetadata:
             async with self._serving(lease, "metadata"):
-                return _told(await slot.metadata())
+                return _page_metadata(await slot.metadata())
 
         return await self._run(lease, work)
 
     async def read(self, lease: Lease, request: ReadRequest) -> Document:
-        """What the whole document holds."""
+        """Read the whole document."""
         slot = lease.slot
 
         async def work() -> Document:
@@ -209,7 +215,7 @@ class Service:
         return await self._run(lease, work)
 
     async def screenshot(self, lease: Lease) -> bytes:
-        """The bare picture."""
+        """A screenshot without marks."""
         slot = lease.slot
 
         async def work() -> bytes:
@@ -218,41 +224,42 @@ class Service:
 
         return await self._run(lease, work)
 
-    async def _act_and_tell(self, lease: Lease, action: AnyAction) -> PageMetadata:
+    async def _act(self, lease: Lease, action: AnyAction) -> PageMetadata:
         slot = lease.slot
 
         async def work() -> PageMetadata:
             async with self._serving(lease, _queue_of(action)):
                 await slot.act(action)
-                return _told(await slot.metadata())
+                return _page_metadata(await slot.metadata())
 
         return await self._run(lease, work)
 
     async def _run(self, lease: Lease, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-        """One call in its turn. A browser that failed ends the lease: its slot gets a fresh one."""
+        """Run one call of a session. If its browser fails, the lease ends, and the slot gets a fresh
+        browser."""
 
-        async def in_turn() -> T:
+        async def stop_on_failure() -> T:
             try:
                 return await work()
             except BrowserError:
-                await lease.slot.stop()  # while the slot is the holder's and nobody else's
+                await lease.slot.stop()  # while the lease still owns the slot
                 raise
 
         try:
-            return await lease.run(in_turn)
+            return await lease.run(stop_on_failure)
         except BrowserError as error:
             log.warning("session %s ended: %s", lease.id, error)
             await self.leases.end(lease)
             raise
 
-    # --- what is seen -------------------------------------------------------------------------------
+    # --- state and statistics -----------------------------------------------------------------------
 
     async def health(self) -> Health:
-        """Whether sessions can be had."""
-        return Health(HEALTHY if self.pool.is_healthy else "no browser comes up")
+        """Whether sessions can be opened."""
+        return Health(HEALTHY if self.pool.is_healthy else "no browser starts")
 
     async def info(self) -> ServerInfo:
-        """What this server is."""
+        """Information about this server."""
         return ServerInfo(
             version=version("webgym-rl"),
             slots=self.config.slots,
@@ -267,11 +274,11 @@ class Service:
         return Pressure(self.gate.load, self.gate.permits, self.pool.load)
 
     async def metrics(self) -> bytes:
-        """For Prometheus."""
+        """The metrics in Prometheus's text format."""
         return self._metrics.exposition()
 
     async def watch(self) -> AsyncIterator[bytes]:
-        """For a gateway."""
+        """The stream of the worker's state, for a gateway."""
         return self.feed.lines()
 
     def _watched(self) -> Watched:
@@ -288,11 +295,11 @@ class Service:
 
 
 def _queue_of(action: AnyAction | None) -> QueueName:
-    """Whose turn a call waits for; one that only looks is a screenshot."""
+    """The queue of a call with this action; without an action, that of screenshots."""
     if action is None:
         return "screenshot"
     return "navigate" if isinstance(action, Navigate) else "execute"
 
 
-def _told(seen: Metadata) -> PageMetadata:
-    return msgspec.convert(seen, PageMetadata, from_attributes=True)
+def _page_metadata(metadata: Metadata) -> PageMetadata:
+    return msgspec.convert(metadata, PageMetadata, from_attributes=True)

@@ -1,8 +1,8 @@
-"""A worker as a process of its own, which lives no longer than whoever started it.
+"""A worker in a separate process, which ends with its parent.
 
-The parent writes one line of settings (never on the command line, which everybody on the machine can read:
-the token is in them), reads one line that says that the worker is up or why not, and keeps the pipe open.
-The pipe's end is the worker's end: it comes when the parent closes it, and when the parent is killed.
+The parent writes one line of settings (which contain the token, so they are not passed on the command line,
+where other users could read them), reads one line that says that the worker has started or why not, and keeps
+the pipe open. The worker ends when the pipe is closed: by the parent, or because the parent was killed.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from webgym.browser.profiles import ProfileRoot
 from webgym.core.errors import ServerError, WebGymError, error_from_code
 from webgym.server.config import ServerConfig
 from webgym.server.fleet import Started
-from webgym.server.listening import open_as_many_files_as_may_be
+from webgym.server.listening import raise_open_files_limit
 from webgym.server.messages import ErrorBody
 from webgym.server.run_worker import running_server
 
@@ -34,10 +34,12 @@ log = logging.getLogger(__name__)
 
 
 class _Settings(msgspec.Struct, frozen=True):
-    """Attributes:
-    config: a :class:`ServerConfig`, as JSON.
-    stop_seconds: how long the end may take.
-    is_detached: whether to become nobody's child.
+    """The line of settings that the parent writes.
+
+    Attributes:
+        config: a :class:`ServerConfig`, as JSON.
+        stop_seconds: time limit for stopping.
+        is_detached: whether to detach from the parent process by a fork.
     """
 
     config: str
@@ -58,7 +60,7 @@ _Report: TypeAlias = _Up | _Down
 
 _COMMAND = (
     sys.executable,
-    "-P",  # the current folder is no place to import from
+    "-P",  # do not import from the current folder
     "-c",
     f"from {__name__} import main; main()",
 )
@@ -67,7 +69,7 @@ _COMMAND = (
 
 
 class Child:
-    """A worker process, seen by its parent. Get one from :func:`start_child`."""
+    """The parent's handle of a worker process. Create one with :func:`start_child`."""
 
     def __init__(self, process: Process, config: ServerConfig) -> None:
         self._process = process
@@ -79,7 +81,7 @@ class Child:
         return self._process.pid
 
     async def stop(self, seconds: float) -> None:
-        """End it: told first, killed if it has not ended in time. Its browsers and profiles go with it."""
+        """Stop it, and kill it if it has not ended in time. Its browsers and profiles are removed."""
         process = self._process
         assert process.stdin is not None
         process.stdin.close()
@@ -91,69 +93,70 @@ class Child:
             await process.wait()
         if process.returncode:
             log.warning("worker %s ended with exit status %d", self._config.name, process.returncode)
-            # Its browsers end when their pipe closes, but what they leave behind is nobody's.
+            # Its browsers end when their pipe closes, but nobody has removed their files.
             root = ProfileRoot(self._config.browser.temporary_root)
             await asyncio.to_thread(root.sweep)
 
 
 async def start_child(config: ServerConfig, stop_seconds: float) -> tuple[Child, Started]:
-    """Start a worker process and wait until it is up. Cancelled or failed, it leaves none.
+    """Start a worker process and wait until it is ready. If that fails or is cancelled, none is left.
 
     Args:
-        stop_seconds: how long its end may take.
+        config: the worker's settings.
+        stop_seconds: time limit for stopping it.
 
     Raises:
-        WebGymError: what the worker itself says.
-        ServerError: it ended without a word.
+        WebGymError: the error that the worker reported.
+        ServerError: it ended without a report.
     """
     process = await asyncio.create_subprocess_exec(
         *_COMMAND,
         stdin=PIPE,
         stdout=PIPE,
-        stderr=None,  # its log goes where ours goes
-        start_new_session=True,  # Ctrl-C is for us to hear, and to pass on in order
+        stderr=None,  # its log goes to the parent's stderr
+        start_new_session=True,  # Ctrl-C reaches only the parent, which stops the workers in order
     )
     child = Child(process, config)
     try:
-        return child, await _introduce(process, _Settings(config.model_dump_json(), stop_seconds))
+        return child, await _send_settings(process, _Settings(config.model_dump_json(), stop_seconds))
     except BaseException:
         await asyncio.shield(child.stop(stop_seconds))
         raise
 
 
-async def _introduce(process: Process, settings: _Settings) -> Started:
+async def _send_settings(process: Process, settings: _Settings) -> Started:
     assert process.stdin is not None
     assert process.stdout is not None
     try:
         process.stdin.write(msgspec.json.encode(settings) + b"\n")
         await process.stdin.drain()
-        said = await process.stdout.readline()
+        line = await process.stdout.readline()
     except (ConnectionError, ValueError) as error:
-        raise ServerError(f"a worker process was not heard: {error}", hint="its log says why") from error
-    return read_report(said)
+        raise ServerError(f"a worker process sent no report: {error}", hint="its log says why") from error
+    return read_report(line)
 
 
-def read_report(said: bytes) -> Started:
-    """What a worker said of itself.
+def read_report(line: bytes) -> Started:
+    """Parse the report of a worker process.
 
     Raises:
-        WebGymError: that it did not come up, and why.
-        ServerError: nothing.
+        WebGymError: the worker reported that it failed to start.
+        ServerError: there is no report.
     """
     try:
-        report: _Report = msgspec.json.decode(said, type=_Report)
+        report: _Report = msgspec.json.decode(line, type=_Report)
     except (msgspec.MsgspecError, ValueError):
-        raise ServerError("a worker process ended before it was up", hint="its log says why") from None
+        raise ServerError("a worker process ended before it was ready", hint="its log says why") from None
     if isinstance(report, _Down):
         raise error_from_code(report.error.code, report.error.message, report.error.hint)
     return report.started
 
 
 class DetachedChild:
-    """A worker process that is not our child, and lives no longer than us all the same.
+    """A worker process that is not a child of this process, but still ends with it.
 
-    For parents whose own parent kills all their children at their end, with no time to clear up: Ray does.
-    The pipe's end still reaches this one. For threads: every method blocks.
+    For processes whose children are killed at their end without time to clean up, as Ray does. The detached
+    worker notices the closed pipe instead. Every method blocks, for use in threads.
     """
 
     def __init__(self, config: str, stop_seconds: float) -> None:
@@ -167,20 +170,20 @@ class DetachedChild:
         self._process.stdin.flush()
 
     def report(self) -> bytes:
-        """What it says when it is up or will not be; see :func:`read_report`."""
+        """Wait for its report; see :func:`read_report`."""
         assert self._process.stdout is not None
         return self._process.stdout.readline()
 
     def stop(self) -> None:
-        """End it: told first, killed if it has not ended in time."""
+        """Stop it, and kill it if it has not ended in time."""
         process = self._process
         assert process.stdin is not None
         assert process.stdout is not None
         process.stdin.close()
         if not select.select([process.stdout], [], [], self._stop_seconds)[0]:
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)  # it left us, but not the group
-        process.wait()  # what was our child, until it split
+                os.killpg(process.pid, signal.SIGKILL)  # it is not our child, but still in the group
+        process.wait()  # for the child that forked it
         process.stdout.close()
 
 
@@ -188,12 +191,12 @@ class DetachedChild:
 
 
 def main() -> None:
-    """Be a worker."""
+    """Run a worker in this process."""
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     settings = msgspec.json.decode(sys.stdin.buffer.readline(), type=_Settings)
     if settings.is_detached and os.fork():
         os._exit(0)
-    open_as_many_files_as_may_be()
+    raise_open_files_limit()
     config = ServerConfig.model_validate_json(settings.config)
     uvloop.run(_serve(config, settings.stop_seconds))
 
@@ -213,7 +216,7 @@ async def _serve(config: ServerConfig, stop_seconds: float) -> None:
         _report(_Down(ErrorBody(error.code, error.message, error.hint)))
     except asyncio.CancelledError:
         if not end.is_set():
-            raise  # the parent left while we were coming up
+            raise  # the parent ended while the worker was starting
 
 
 async def _cancel_at(end: asyncio.Event, task: asyncio.Task[None]) -> None:
@@ -222,7 +225,8 @@ async def _cancel_at(end: asyncio.Event, task: asyncio.Task[None]) -> None:
 
 
 def _end_with_parent(loop: asyncio.AbstractEventLoop, end: asyncio.Event, stop_seconds: float) -> None:
-    """Set ``end`` when the parent is gone or says so. A loop that hangs is no excuse to stay."""
+    """Set ``end`` when the parent closes the pipe or ends. If the event loop hangs, exit after the
+    deadline."""
 
     def wait() -> None:
         while os.read(sys.stdin.fileno(), 1024):

@@ -24,7 +24,7 @@ from msgspec.structs import replace
 from webgym.core.errors import TaskFileError
 from webgym.core.task import WHOLE_TASK, Rubric, Task
 from webgym.core.text import plain
-from webgym.core.websites import why_no_start
+from webgym.core.websites import start_url_problem
 from webgym.tasks.missing_values import is_no_fact
 
 BYTE_ORDER_MARK: Final = b"\xef\xbb\xbf"
@@ -262,8 +262,8 @@ def unfit(task: Task) -> str:
         why.append(
             f"instruction: it has {length:,} characters, and at most {_LONGEST_INSTRUCTION:,} are taken"
         )
-    if told := why_no_start(task.website):
-        why.append(f"website: {told}")
+    if problem := start_url_problem(task.website):
+        why.append(f"website: {problem}")
     return "; ".join(why)
 
 

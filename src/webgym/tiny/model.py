@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import Field
 
-from webgym.inference.model import Loaded, quicken_vision
+from webgym.inference.model import Loaded, speed_up_vision
 from webgym.inference.rendering import Renderer
 from webgym.settings import Settings
 from webgym.tiny.tokenizer import CELL, make_tokenizer
@@ -60,7 +60,7 @@ def make_model(words: Iterable[str], config: TinyConfig | None = None, *, seed: 
     model = Qwen3VLForConditionalGeneration(architecture(config, tokenizer)).eval()
     model.generation_config.eos_token_id = tokenizer.eos_token_id
     model.generation_config.pad_token_id = tokenizer.pad_token_id
-    return Loaded(quicken_vision(model), Renderer(tokenizer, processor))
+    return Loaded(speed_up_vision(model), Renderer(tokenizer, processor))
 
 
 def architecture(config: TinyConfig, tokenizer: Any) -> Any:

@@ -22,7 +22,7 @@ import numpy as np
 import torch
 from pydantic import Field
 
-from webgym.inference.model import Loaded, quick_attention
+from webgym.inference.model import Loaded, fast_backward_attention
 from webgym.inference.rendering import Renderer
 from webgym.settings import Settings
 from webgym.tiny.model import PATCH, TinyConfig, save_model
@@ -206,7 +206,7 @@ def pretrain(sequences: TrainingSet, loaded: Loaded, out: Path, config: Pretrain
                 group["lr"] = top * rate(config, step)
         kind, chosen = sequences.batch(config, step)
         tensors = sequences.tensors(chosen, config.device)
-        with torch.autocast(device.type, torch.bfloat16, enabled=halves), quick_attention(device):
+        with torch.autocast(device.type, torch.bfloat16, enabled=halves), fast_backward_attention(device):
             loss = model(**tensors, use_cache=False).loss
         loss.backward()
         torch.nn.utils.clip_grad_norm_(model.parameters(), 1.0)

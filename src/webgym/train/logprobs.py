@@ -14,7 +14,7 @@ import torch
 from torch import nn
 from torch.utils.checkpoint import checkpoint
 
-from webgym.inference.model import quick_attention
+from webgym.inference.model import fast_backward_attention
 from webgym.inference.rendering import Renderer
 from webgym.train.samples import Sample
 
@@ -125,7 +125,7 @@ class ReplyLogProbs(nn.Module):
                 their log-probabilities and their ids.
         """
         device = batch.input_ids.device
-        with torch.autocast(device.type, torch.bfloat16, enabled=self._bf16), quick_attention(device):
+        with torch.autocast(device.type, torch.bfloat16, enabled=self._bf16), fast_backward_attention(device):
             return self._forward(batch, ranked=ranked)
 
     def _forward(self, batch: Batch, *, ranked: bool) -> torch.Tensor:

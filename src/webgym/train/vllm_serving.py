@@ -28,7 +28,7 @@ from webgym.agent.profiles import choose_profile
 from webgym.core.errors import ConfigError, LLMError, PolicyError, PublishError, TrainingError
 from webgym.core.trajectory import Reply
 from webgym.inference.managed import ManagedServer, free_port
-from webgym.inference.vllm import EXPLICIT, Served, VllmApi, VllmConfig, VllmPolicy, Way
+from webgym.inference.vllm import EXPLICIT, PublishMethod, Served, VllmApi, VllmConfig, VllmPolicy
 from webgym.train.config import LoraConfig
 from webgym.train.selftest import GREEDY, check, read_selftest
 
@@ -317,19 +317,19 @@ class VllmServing:
         check(test, reply, is_exact=False, earlier=self._earlier)
 
 
-_NEEDED: Final[dict[Way, tuple[str, ...]]] = {
+_NEEDED: Final[dict[PublishMethod, tuple[str, ...]]] = {
     "lora": ("/v1/load_lora_adapter", "/v1/unload_lora_adapter"),
     "in_place": ("/pause", "/resume", "/collective_rpc"),
     "restart": (),
 }
-_FLAGS: Final[dict[Way, str]] = {
+_FLAGS: Final[dict[PublishMethod, str]] = {
     "lora": "VLLM_ALLOW_RUNTIME_LORA_UPDATING=True and --enable-lora --max-loras 2",
     "in_place": "VLLM_SERVER_DEV_MODE=1",
     "restart": "",
 }
 
 
-def _way(config: VllmConfig, *, has_adapters: bool) -> Way:
+def _way(config: VllmConfig, *, has_adapters: bool) -> PublishMethod:
     """How weights are published.
 
     Raises:

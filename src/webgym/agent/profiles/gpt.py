@@ -1,7 +1,7 @@
-"""GPT-class models, which point badly and read well: Set-of-Marks (paper §5).
+"""GPT-class models, which point badly and read well, so that they use Set-of-Marks (paper §5).
 
-Sizes and costs of pictures after OpenAI's guide to images at ``detail: high``. Models that think take no
-sampling parameters and call the longest reply, thinking included, ``max_completion_tokens``.
+Sizes and costs of pictures after OpenAI's guide to images at ``detail: high``. Reasoning models accept no
+sampling parameters, and limit the reply, reasoning included, with ``max_completion_tokens``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from webgym.llm.config import Sampling
 _START = r"(^|[/:])"
 
 
-def _talks(name: str, pattern: str, pictures: PictureRule) -> Profile:
+def _chat_model(name: str, pattern: str, pictures: PictureRule) -> Profile:
     return Profile(
         name=name,
         models=(_START + pattern,),
@@ -25,7 +25,7 @@ def _talks(name: str, pattern: str, pictures: PictureRule) -> Profile:
     )
 
 
-def _thinks(name: str, pattern: str, pictures: PictureRule) -> Profile:
+def _reasoning_model(name: str, pattern: str, pictures: PictureRule) -> Profile:
     return Profile(
         name=name,
         models=(_START + pattern,),
@@ -39,15 +39,15 @@ def _thinks(name: str, pattern: str, pictures: PictureRule) -> Profile:
 
 
 PROFILES = (
-    _talks(
+    _chat_model(
         "gpt-4",
         r"(chatgpt-4o|gpt-4o(?!-mini)|gpt-4\.1(?!-mini|-nano)|gpt-4-turbo)",
         TiledScaling(base_tokens=85, tile_tokens=170),
     ),
-    _talks("gpt-4o-mini", r"gpt-4o-mini", TiledScaling(base_tokens=2833, tile_tokens=5667)),
-    _talks("gpt-4.1-mini", r"gpt-4\.1-(mini|nano)", Patches(patch_tokens=2.46)),
-    _thinks(
+    _chat_model("gpt-4o-mini", r"gpt-4o-mini", TiledScaling(base_tokens=2833, tile_tokens=5667)),
+    _chat_model("gpt-4.1-mini", r"gpt-4\.1-(mini|nano)", Patches(patch_tokens=2.46)),
+    _reasoning_model(
         "gpt-5", r"(gpt-5(?!.*-(mini|nano))|o[13](?!-mini))", TiledScaling(base_tokens=75, tile_tokens=150)
     ),
-    _thinks("gpt-5-mini", r"(gpt-5.*-(mini|nano)|o4-mini)", Patches(patch_tokens=2.46)),
+    _reasoning_model("gpt-5-mini", r"(gpt-5.*-(mini|nano)|o4-mini)", Patches(patch_tokens=2.46)),
 )

@@ -1,8 +1,8 @@
-"""What kind of address this is.
+"""Classifies IP addresses.
 
-After the IANA registries of special-purpose IPv4 and IPv6 addresses (RFC 6890 and its successors), and the
-documented metadata services of cloud providers. Written out here, as :mod:`ipaddress` judges differently
-from one Python release to the next.
+According to the IANA registries of special-purpose IPv4 and IPv6 addresses (RFC 6890 and its successors), and
+the documented metadata services of cloud providers. Defined here because the classification of
+:mod:`ipaddress` differs between Python releases.
 """
 
 from __future__ import annotations
@@ -44,29 +44,29 @@ _IPV6: dict[Kind, str] = {
     "private": "fc00::/7 fec0::/10 64:ff9b:1::/48",
     "link-local": "fe80::/10",
     "multicast": "ff00::/8",
-    # Protocol assignments with Teredo and ORCHID, documentation, 6to4: no website lives there, and the
-    # tunnels among them end at an IPv4 address of the writer's choice.
+    # Protocol assignments with Teredo and ORCHID, documentation, 6to4: no website has such an address, and
+    # the tunnels among them end at an arbitrary IPv4 address.
     "reserved": "2001::/23 2001:db8::/32 3fff::/20 2002::/16",
 }
 _TABLE = _table(_METADATA) + _table(_IPV4) + _table(_IPV6)
 _UNICAST = IPv6Network("2000::/3")
-"""All that IANA gives out for the internet. Whatever lies outside is reserved."""
+"""The range that IANA assigns for the internet. All other addresses are reserved."""
 
 _NAT64 = IPv6Network("64:ff9b::/96")
 _LOW_32 = 0xFFFF_FFFF
 
 
 def plain(address: Address) -> Address:
-    """The IPv4 address behind an IPv4-mapped one; any other address as it is."""
+    """The IPv4 address of an IPv4-mapped one; any other address unchanged."""
     if isinstance(address, IPv6Address) and address.ipv4_mapped is not None:
         return address.ipv4_mapped
     return address
 
 
 def kind_of(address: Address) -> Kind:
-    """What lives at such an address; ``public`` is the only kind that may be connected to unasked.
+    """The kind of an address; ``public`` is the only kind that may be connected to without a rule.
 
-    An address that stands for an IPv4 address (mapped, NAT64) is of that one's kind.
+    An address that contains an IPv4 address (mapped, NAT64) has the kind of that address.
     """
     address = plain(address)
     for network, kind in _TABLE:

@@ -8,15 +8,18 @@ from contextlib import contextmanager
 from webgym.browser.egress.config import EgressConfig
 
 
-class Spent(Exception):
-    """The session has used all that it may; the message says of what."""
+class BudgetExceeded(Exception):
+    """The session has reached a limit; the message says which."""
 
 
 class Budget:
-    """One session's use, from its beginning to its end.
+    """One session's use of the proxy.
+
+    Args:
+        config: the limits.
 
     Attributes:
-        bytes: passed on so far, in both directions.
+        bytes: bytes forwarded so far, in both directions.
     """
 
     def __init__(self, config: EgressConfig) -> None:
@@ -27,32 +30,32 @@ class Budget:
         self.bytes = 0
 
     def enter(self) -> None:
-        """A connection is asked for; it counts until :meth:`leave`.
+        """Count a new connection, until :meth:`leave`.
 
         Raises:
-            Spent: there are as many as may be, or no byte may pass any more.
+            BudgetExceeded: the limit of connections or of bytes is reached.
         """
         if self._connections >= self._config.session_connections:
-            raise Spent(f"the session has {self._connections} connections at once")
+            raise BudgetExceeded(f"the session has {self._connections} connections at once")
         if self.bytes >= self._config.session_bytes:
-            raise Spent(f"the session has passed {self.bytes / 2**30:.1f} GiB")
+            raise BudgetExceeded(f"the session has transferred {self.bytes / 2**30:.1f} GiB")
         self._connections += 1
 
     def leave(self) -> None:
-        """A connection is gone, or was not to be had."""
+        """A connection was closed, or could not be opened."""
         self._connections -= 1
 
     @contextmanager
     def lookup(self, name: str) -> Iterator[None]:
-        """For as long as a name is looked up.
+        """Count a lookup during the block.
 
         Raises:
-            Spent: as many are looked up as may be at once, or the session has asked for too many names.
+            BudgetExceeded: the limit of concurrent lookups or of different names is reached.
         """
         if self._lookups >= self._config.session_lookups:
-            raise Spent(f"the session looks up {self._lookups} names at once")
+            raise BudgetExceeded(f"the session looks up {self._lookups} names at once")
         if name not in self._names and len(self._names) >= self._config.session_names:
-            raise Spent(f"the session has asked for {len(self._names)} names")
+            raise BudgetExceeded(f"the session has asked for {len(self._names)} names")
         self._names.add(name)
         self._lookups += 1
         try:
@@ -61,6 +64,6 @@ class Budget:
             self._lookups -= 1
 
     def take(self, size: int) -> bool:
-        """Count bytes that pass; whether more may."""
+        """Count forwarded bytes; returns whether more may be forwarded."""
         self.bytes += size
         return self.bytes < self._config.session_bytes

@@ -1,4 +1,4 @@
-"""From what a browser asks for to a connection, or to the reason why there is none."""
+"""Opens the connection that a browser requests, or says why that is not possible."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Literal, TypeAlias, TypeVar
 
 from webgym.browser.egress.addresses import plain
-from webgym.browser.egress.budget import Budget, Spent
+from webgym.browser.egress.budget import Budget, BudgetExceeded
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address, Host, read_host
 from webgym.browser.egress.machine import Machine
@@ -34,7 +34,7 @@ Reason: TypeAlias = Literal[
     "too_many",
 ]
 
-_WORDS: dict[Reason, str] = {
+_CHROMIUM_ERRORS: dict[Reason, str] = {
     "no_such_name": "net::ERR_NAME_NOT_RESOLVED",
     "dns_failed": "net::ERR_NAME_RESOLUTION_FAILED",
     "dns_timed_out": "net::ERR_DNS_TIMED_OUT",
@@ -45,9 +45,9 @@ _WORDS: dict[Reason, str] = {
     "offline": "net::ERR_INTERNET_DISCONNECTED",
     "no_resources": "net::ERR_INSUFFICIENT_RESOURCES",
 }
-"""What Chromium itself says when it connects by itself."""
+"""Chromium's errors for these reasons when it connects directly."""
 
-_OF_ERRNO: dict[int, Reason] = {
+_REASON_BY_ERRNO: dict[int, Reason] = {
     errno.ECONNREFUSED: "refused",
     errno.ETIMEDOUT: "timed_out",
     errno.ECONNRESET: "reset",
@@ -56,25 +56,25 @@ _OF_ERRNO: dict[int, Reason] = {
     errno.ENOBUFS: "no_resources",
     errno.ENOMEM: "no_resources",
 }
-_NO_WAY = frozenset({errno.ENETUNREACH, errno.ENETDOWN, errno.EADDRNOTAVAIL})
+_NO_ROUTE = frozenset({errno.ENETUNREACH, errno.ENETDOWN, errno.EADDRNOTAVAIL})
 
 
 class NotConnected(NavigationFailed):
-    """There is no connection, and why.
+    """No connection could be opened.
 
     Attributes:
-        reason: in one word.
+        reason: the reason, as a code.
     """
 
     code = "not_connected"
 
     def __init__(self, reason: Reason, why: str = "") -> None:
-        super().__init__(_WORDS.get(reason) or why)
+        super().__init__(_CHROMIUM_ERRORS.get(reason) or why)
         self.reason = reason
 
     @property
     def is_refusal(self) -> bool:
-        """Whether it was not even tried."""
+        """Whether the connection was refused without being tried."""
         return self.reason in ("forbidden", "too_many", "malformed")
 
 
@@ -87,25 +87,26 @@ class Dialer:
         self._policy = Policy(config)
         self._resolver = Resolver(config, machine)
         self._politeness = Politeness(config.rate, config.burst, config.wait_seconds)
-        self._own: frozenset[Address] = frozenset()
+        self._own_addresses_cache: frozenset[Address] = frozenset()
         self._own_until = 0.0
         self.own_ports: set[int] = set()
-        """The proxy's, which must not be led to itself."""
+        """The proxy's ports, to which it must not connect itself."""
 
     async def close(self) -> None:
-        """Stop looking up names."""
+        """Cancel lookups."""
         await self._resolver.close()
 
     async def dial(self, text: str, port: int, budget: Budget, protocol: Callable[[], P]) -> P:
-        """Connect to a host, to an address that was checked.
+        """Connect to a host, at an address that was checked.
 
         Args:
             text: the host, in any spelling.
-            budget: of the session that asks.
-            protocol: makes what is connected.
+            port: the port.
+            budget: budget of the requesting session.
+            protocol: creates the protocol of the connection.
 
         Raises:
-            NotConnected: and why.
+            NotConnected: with the reason.
         """
         try:
             host = read_host(text)
@@ -119,11 +120,11 @@ class Dialer:
             raise NotConnected("no_such_name") from None
         except Forbidden as error:
             raise NotConnected("forbidden", f"refused by the egress policy: {error}") from None
-        except Spent as error:
+        except BudgetExceeded as error:
             raise NotConnected("too_many", f"refused: {error}") from None
-        self._keep_from_itself(admitted, route)
+        self._refuse_own_ports(admitted, route)
         if not admitted.is_allowed:
-            await self._take_turn(str(host))
+            await self._wait_for_rate(str(host))
         return await self._connect(admitted.addresses, route.place.port, protocol)
 
     # --- names --------------------------------------------------------------------------------------
@@ -142,21 +143,22 @@ class Dialer:
     def _own_addresses(self) -> frozenset[Address]:
         now = asyncio.get_running_loop().time()
         if now >= self._own_until:
-            self._own = self._machine.own_addresses()
+            self._own_addresses_cache = self._machine.own_addresses()
             self._own_until = now + self._config.cache_seconds
-        return self._own
+        return self._own_addresses_cache
 
-    def _keep_from_itself(self, admitted: Admitted, route: Route) -> None:
+    def _refuse_own_ports(self, admitted: Admitted, route: Route) -> None:
         if route.place.port not in self.own_ports:
             return
         for address in admitted.addresses:
-            here = plain(address)
-            if here.is_loopback or here.is_unspecified or here in self._own:
+            plain_address = plain(address)
+            is_local = plain_address.is_loopback or plain_address.is_unspecified
+            if is_local or plain_address in self._own_addresses_cache:
                 raise NotConnected("forbidden", "refused by the egress policy: this is the proxy itself")
 
     # --- connections --------------------------------------------------------------------------------
 
-    async def _take_turn(self, host: str) -> None:
+    async def _wait_for_rate(self, host: str) -> None:
         delay = self._politeness.delay(host, asyncio.get_running_loop().time())
         if delay is None:
             raise NotConnected("too_many", f"too many new connections to {host} at the moment; try later")
@@ -164,7 +166,8 @@ class Dialer:
             await asyncio.sleep(delay)
 
     async def _connect(self, addresses: tuple[Address, ...], port: int, protocol: Callable[[], P]) -> P:
-        """The first address that takes the connection. A silent one holds up the next only for a while."""
+        """Connect to the first address that accepts. One that does not answer delays the next only
+        briefly."""
         failures: list[NotConnected] = []
         deadline = asyncio.get_running_loop().time() + self._config.connect_seconds
         for nth, address in enumerate(addresses, 1):
@@ -175,8 +178,8 @@ class Dialer:
                 return await self._attempt(address, port, protocol, until)
             except NotConnected as failure:
                 failures.append(failure)
-        # A machine without IPv6 says so of every such address; another's answer says more.
-        raise next((one for one in failures if one.reason != "unreachable"), failures[-1])
+        # On a machine without IPv6, IPv6 addresses are unreachable; other reasons say more.
+        raise next((failure for failure in failures if failure.reason != "unreachable"), failures[-1])
 
     async def _attempt(self, address: Address, port: int, protocol: Callable[[], P], until: float) -> P:
         loop = asyncio.get_running_loop()
@@ -187,6 +190,6 @@ class Dialer:
             raise NotConnected("timed_out") from None
         except OSError as error:
             number = error.errno or 0
-            if number in _NO_WAY and not self._machine.is_online():
+            if number in _NO_ROUTE and not self._machine.is_online():
                 raise NotConnected("offline") from None
-            raise NotConnected(_OF_ERRNO.get(number, "unreachable")) from None
+            raise NotConnected(_REASON_BY_ERRNO.get(number, "unreachable")) from None

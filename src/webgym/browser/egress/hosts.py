@@ -1,7 +1,7 @@
-"""Every spelling of a host, read as a URL parser reads it (WHATWG URL, "host parsing").
+"""Parses hosts in any spelling, as a URL parser does (WHATWG URL, "host parsing").
 
-Chromium has done this before it asks the proxy. It is done again here because the check must not rest on
-what was asked for being well written, and because the operator's rules are written by hand.
+Chromium has parsed a host before it asks the proxy. It is parsed again because the check must not rely on
+well-formed requests, and because the operator's rules are written by hand.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _DOTS = str.maketrans("。｡", "..")
 
 
 def read_host(text: str) -> Host:
-    """The host that a text means.
+    """Parse a host.
 
     Raises:
-        ValueError: it means none.
+        ValueError: the text is not a valid host.
     """
     if text.startswith("[") and text.endswith("]"):
         return _ipv6(text[1:-1])
@@ -48,7 +48,7 @@ def _ipv6(text: str) -> IPv6Address:
 
 
 def _ipv4(labels: list[str]) -> IPv4Address:
-    """One to four numbers, each decimal, octal or hexadecimal; the last one fills what is left."""
+    """One to four numbers, each decimal, octal or hexadecimal; the last one fills the remaining bytes."""
     if len(labels) > 4:
         raise ValueError("not an address")
     numbers = [_number(label) for label in labels]

@@ -1,4 +1,4 @@
-"""What may be connected to: the operator's rules first, then the kinds of addresses. Pure: no I/O."""
+"""Decides what may be connected to: by the operator's rules, then by the kinds of addresses. Without I/O."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from webgym.browser.egress.rules import Place, read_rule
 
 
 class Forbidden(Exception):
-    """The policy says no; the message says why."""
+    """The policy refuses the connection; the message says why."""
 
 
 class Nowhere(Exception):
-    """A rule says that there is no such name."""
+    """A rule says that the name does not exist."""
 
 
 @dataclass(frozen=True)
 class Route:
-    """Where a host that was asked for leads.
+    """Where to connect for a requested host.
 
     Attributes:
-        place: what is to be resolved and connected to.
-        is_allowed: a rule says so, whatever its addresses are.
+        place: the host and port to resolve and connect to.
+        is_allowed: whether a rule allows it, whatever its addresses are.
     """
 
     place: Place
@@ -34,11 +34,11 @@ class Route:
 
 @dataclass(frozen=True)
 class Admitted:
-    """What is left to be connected to.
+    """The addresses that may be connected to.
 
     Attributes:
-        addresses: in order.
-        is_allowed: all of them by a rule: no limit of politeness is meant for them.
+        addresses: in order of preference.
+        is_allowed: whether a rule allows them, so that the rate limit does not apply.
     """
 
     addresses: tuple[Address, ...]
@@ -53,10 +53,10 @@ class Policy:
         self._ports = frozenset(config.ports)
 
     def route(self, host: Host, port: int) -> Route:
-        """What the rules say of a host.
+        """Apply the rules to a requested host.
 
         Raises:
-            Nowhere: that it does not exist.
+            Nowhere: a rule says that it does not exist.
         """
         for rule in self._rules:
             if rule.matches(host, port):
@@ -69,20 +69,22 @@ class Policy:
         """The addresses that may be connected to.
 
         Args:
-            own: the public addresses of this machine, which are as good as loopback.
+            route: the result of :meth:`route`.
+            addresses: the addresses of its host.
+            own: the addresses of this machine, of which public ones are refused like loopback.
 
         Raises:
-            Forbidden: none may.
+            Forbidden: none of them may be connected to.
         """
-        found = tuple(dict.fromkeys(plain(address) for address in addresses))
+        unique = tuple(dict.fromkeys(plain(address) for address in addresses))
         if route.is_allowed:
-            return Admitted(found, is_allowed=True)
+            return Admitted(unique, is_allowed=True)
         port = route.place.port
-        by_rule = tuple(one for one in found if any(rule.holds(one, port) for rule in self._rules))
+        by_rule = tuple(it for it in unique if any(rule.contains(it, port) for rule in self._rules))
         if by_rule:
             return Admitted(by_rule, is_allowed=True)
-        refusals = {one: self._refusal(one, own) for one in found}
-        public = tuple(one for one, why in refusals.items() if why is None)
+        refusals = {address: self._refusal(address, own) for address in unique}
+        public = tuple(address for address, why in refusals.items() if why is None)
         if not public:
             raise Forbidden(next(why for why in refusals.values() if why))
         if self._ports and port not in self._ports:

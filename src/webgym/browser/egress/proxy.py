@@ -1,8 +1,8 @@
 """The proxy: SOCKS5 on loopback, one per worker process, with a listener of its own for every browser.
 
-A browser asks for a name; whether and where that may be connected to is decided here, and the connection
-is made to the very address that was checked. What another lookup would say a moment later never matters.
-After that bytes are passed on as they are.
+A browser requests a connection by name; the proxy decides whether it is allowed, and connects to exactly the
+address that was checked, so that a second lookup with another result has no effect. Then bytes are forwarded
+unchanged.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from webgym.browser.egress.budget import Budget, Spent
+from webgym.browser.egress.budget import Budget, BudgetExceeded
 from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.dial import Dialer, NotConnected, Reason
 from webgym.browser.egress.hosts import read_host
@@ -46,13 +46,13 @@ _REPLIES: dict[Reason, int] = {"forbidden": FORBIDDEN, "too_many": FORBIDDEN, "n
 
 
 class EgressLoad(msgspec.Struct, frozen=True):
-    """What goes through, and has gone through so far.
+    """Statistics of the proxy.
 
     Attributes:
         open: connections at this moment.
-        results: connections asked for, by how that ended: ``connected``, ``abandoned`` by the browser,
+        results: number of requested connections by result: ``connected``, ``abandoned`` by the browser,
             ``not_socks``, or a :data:`Reason`.
-        sent, received: bytes, as the browsers see it.
+        sent, received: bytes, from the browsers' point of view.
     """
 
     open: int
@@ -62,13 +62,13 @@ class EgressLoad(msgspec.Struct, frozen=True):
 
 
 class Egress:
-    """The proxy through which all connections of one process's browsers go.
+    """The proxy for all connections of one process's browsers.
 
     An async context manager, bound to the event loop in which it is entered.
 
     Args:
         config: what pages may connect to, and the limits.
-        machine: what is asked for addresses; another one in tests.
+        machine: resolves names; replaced in tests.
     """
 
     def __init__(self, config: EgressConfig | None = None, machine: Machine | None = None) -> None:
@@ -89,11 +89,11 @@ class Egress:
         await self.stop()
 
     async def start(self) -> None:
-        """Start listening on the main listener, for browsers without one of their own."""
+        """Open the main listener, for browsers without one of their own."""
         self._main = await self.open_listener()
 
     async def stop(self) -> None:
-        """End every connection. Safe to call twice, and before :meth:`start`."""
+        """Close every connection. Safe to call twice, and before :meth:`start`."""
         main, self._main = self._main, None
         if main is None:
             return
@@ -117,47 +117,47 @@ class Egress:
 
     @property
     def port(self) -> int:
-        """Where it listens, on 127.0.0.1."""
+        """Port of the main listener, on 127.0.0.1."""
         return self.main.port
 
-    # --- what is seen -------------------------------------------------------------------------------
+    # --- statistics ---------------------------------------------------------------------------------
 
     @property
     def load(self) -> EgressLoad:
-        """At this moment."""
+        """The statistics at this moment."""
         connections = self._connections
         return EgressLoad(connections.open, dict(connections.results), connections.sent, connections.received)
 
     @property
     def waiting(self) -> int:
-        """Connections that are being made."""
+        """Number of connections that are being opened."""
         return sum(len(listener._tasks) for listener in self._listeners)
 
     def failure(self, url: str) -> NotConnected | None:
-        """Why the last connection to a URL's host and port that failed did so, if it is still known."""
+        """The last failure to connect to a URL's host and port, if there was one and it is still stored."""
         try:
             parts = urlsplit(url)
             port = parts.port or _DEFAULT_PORTS.get(parts.scheme, 0)
         except ValueError:
             return None
-        return self._failures.get((_spelt(parts.hostname or ""), port))
+        return self._failures.get((_normalised(parts.hostname or ""), port))
 
     # --- connections --------------------------------------------------------------------------------
 
     async def connect(self, host: str, port: int, budget: Budget) -> ServerEnd:
-        """A connection to a host, if it may and can be had. The totals record how it went.
+        """Connect to a host, if that is allowed. The statistics record the result.
 
-        It counts in the budget from here on, and whoever has it must end that.
+        The connection counts in the budget; the caller must call :meth:`Budget.leave` when it is closed.
 
         Raises:
-            NotConnected: and why.
+            NotConnected: with the reason.
         """
         result = "abandoned"
         is_counted = False
         try:
             try:
                 budget.enter()
-            except Spent as error:
+            except BudgetExceeded as error:
                 raise NotConnected("too_many", f"refused: {error}") from None
             is_counted = True
             server = await self._dialer.dial(host, port, budget, lambda: ServerEnd(self._connections, budget))
@@ -165,7 +165,7 @@ class Egress:
             return server
         except NotConnected as failure:
             result = failure.reason
-            key = (_spelt(host), port)
+            key = (_normalised(host), port)
             self._failures[key] = failure
             self._failures.move_to_end(key)
             if len(self._failures) > self.config.cache_names:
@@ -180,7 +180,7 @@ class Egress:
 class ProxyListener:
     """The proxy's listening socket for one browser, with the budget of the session that the browser serves.
 
-    Made by :meth:`Egress.open_listener`.
+    Created by :meth:`Egress.open_listener`.
     """
 
     def __init__(self, egress: Egress) -> None:
@@ -195,7 +195,7 @@ class ProxyListener:
         self._port = cast(int, self._server.sockets[0].getsockname()[1])
 
     async def close(self) -> None:
-        """Take no more connections; what is being connected is given up. Safe to call twice."""
+        """Accept no more connections, and cancel those being opened. Safe to call twice."""
         server, self._server = self._server, None
         if server is None:
             return
@@ -206,14 +206,15 @@ class ProxyListener:
         self._egress._listeners.discard(self)
 
     def renew(self) -> None:
-        """Another session begins, with a whole budget. What the last one still waits for is given up."""
+        """Start a new session, with a fresh budget. Connections that the last one is opening are
+        cancelled."""
         for task in self._tasks:
             task.cancel()
         self.budget = Budget(self._egress.config)
 
     @property
     def port(self) -> int:
-        """Where it is, on 127.0.0.1."""
+        """Its port, on 127.0.0.1."""
         return self._port
 
     @property
@@ -222,15 +223,15 @@ class ProxyListener:
         return (
             f"--proxy-server=socks5://{_LOOPBACK}:{self.port}",
             "--proxy-bypass-list=<-loopback>",  # which Chromium would otherwise connect to by itself
-            # Names are sent to the proxy. Nothing else is to be looked up, such as for dns-prefetch.
+            # The proxy resolves names. Chromium itself must look up none, such as for dns-prefetch.
             f"--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE {_LOOPBACK}",
             "--disable-quic",
-            # WebRTC: no packet but through the proxy, which takes none.
+            # WebRTC: only through the proxy, which does not support UDP.
             "--force-webrtc-ip-handling-policy=disable_non_proxied_udp",
         )
 
     def failure(self, url: str) -> NotConnected | None:
-        """As :meth:`Egress.failure`."""
+        """See :meth:`Egress.failure`."""
         return self._egress.failure(url)
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
@@ -240,8 +241,8 @@ class ProxyListener:
         return task
 
 
-def _spelt(host: str) -> str:
-    """One spelling for all that mean the same host."""
+def _normalised(host: str) -> str:
+    """One spelling for all spellings of the same host."""
     try:
         return str(read_host(host))
     except ValueError:
@@ -249,7 +250,7 @@ def _spelt(host: str) -> str:
 
 
 class _Handshake(asyncio.Protocol):
-    """A browser that is not yet connected to where it wants to go."""
+    """A browser's connection during the SOCKS handshake."""
 
     _transport: asyncio.Transport
     _deadline: asyncio.TimerHandle
@@ -258,32 +259,32 @@ class _Handshake(asyncio.Protocol):
         self._listener = listener
         self._egress = listener._egress
         self._connections = self._egress._connections
-        self._held = b""
+        self._buffer = b""
         self._is_greeted = False
         self._task: asyncio.Task[None] | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """A browser has come."""
-        self._transport = cast(asyncio.Transport, transport)  # uvloop's is none by name
+        """A browser has connected."""
+        self._transport = cast(asyncio.Transport, transport)  # uvloop's is not a subclass
         self._connections.enter(self._transport)
         seconds = self._egress.config.handshake_seconds
         self._deadline = asyncio.get_running_loop().call_later(seconds, self._transport.abort)
 
     def connection_lost(self, _: Exception | None) -> None:
-        """It has gone before it was connected."""
+        """The browser has closed the connection before the handshake ended."""
         self._deadline.cancel()
         self._connections.leave(self._transport)
         if self._task is not None:
             self._task.cancel()
 
     def data_received(self, data: bytes) -> None:
-        """A part of the handshake, or what follows it too soon."""
-        self._held += data
-        if len(self._held) > LONGEST_HANDSHAKE:
+        """Handle a part of the handshake, or data that was sent before its end."""
+        self._buffer += data
+        if len(self._buffer) > LONGEST_HANDSHAKE:
             self._give_up()
         elif self._task is None and not self._transport.is_closing():
             try:
-                self._go_on()
+                self._continue()
             except NotSocks:
                 self._give_up()
 
@@ -291,28 +292,28 @@ class _Handshake(asyncio.Protocol):
         self._connections.results["not_socks"] += 1
         self._transport.abort()
 
-    def _go_on(self) -> None:
+    def _continue(self) -> None:
         if not self._is_greeted:
-            greeting = read_greeting(self._held)
+            greeting = read_greeting(self._buffer)
             if greeting is None:
                 return
-            self._held = self._held[greeting.size :]
+            self._buffer = self._buffer[greeting.size :]
             if NO_AUTHENTICATION not in greeting.methods:
                 self._answer(NO_METHOD)
                 return
             self._is_greeted = True
             self._transport.write(WELCOME)
-        request = read_request(self._held)
+        request = read_request(self._buffer)
         if request is None:
             return
-        self._held = self._held[request.size :]
-        if request.command != CONNECT:  # UDP and listening are not for web pages
+        self._buffer = self._buffer[request.size :]
+        if request.command != CONNECT:  # UDP and listening are not supported
             self._answer(reply(NO_COMMAND))
             return
         self._task = self._listener._spawn(self._connect(request))
 
-    def _answer(self, last_words: bytes) -> None:
-        self._transport.write(last_words)
+    def _answer(self, message: bytes) -> None:
+        self._transport.write(message)
         self._transport.close()
 
     async def _connect(self, request: Request) -> None:
@@ -332,5 +333,5 @@ class _Handshake(asyncio.Protocol):
         self._transport.set_protocol(browser)
         self._transport.write(reply(SUCCEEDED))
         server.join(browser)
-        if self._held:
-            browser.data_received(self._held)
+        if self._buffer:
+            browser.data_received(self._buffer)

@@ -1,7 +1,7 @@
-"""Names to addresses, so that a slow name holds up no other.
+"""Resolves names to addresses, so that a slow name does not delay others.
 
-Nothing waits in a thread: a name whose servers never answer costs a question that is still open, and nothing
-at all once nobody waits for it. How many a session may ask at once is its budget's (``budget.py``).
+Nothing waits in a thread: a name whose servers never answer costs one pending query, which is cancelled once
+nobody waits for it. The number of concurrent lookups of a session is limited by its budget (``budget.py``).
 """
 
 from __future__ import annotations
@@ -16,93 +16,94 @@ from webgym.browser.egress.config import EgressConfig
 from webgym.browser.egress.hosts import Address
 from webgym.browser.egress.machine import Machine
 
-Trouble: TypeAlias = Literal["no_such_name", "dns_failed", "dns_timed_out"]
-Answer: TypeAlias = tuple[Address, ...] | Trouble
+LookupFailure: TypeAlias = Literal["no_such_name", "dns_failed", "dns_timed_out"]
+Answer: TypeAlias = tuple[Address, ...] | LookupFailure
 
 _UNKNOWN = frozenset({ARES_ENODATA, ARES_ENOTFOUND})
-_NEVER_ASKED = ("invalid", "local", "onion")
-"""Top-level names that mean nothing to the system's resolver, or that it would shout across the local
-network (RFC 6761, 6762, 7686)."""
+_NOT_RESOLVED = ("invalid", "local", "onion")
+"""Top-level domains that are not resolved by DNS, or that would be broadcast in the local network (RFC 6761,
+6762, 7686)."""
 
 _LOOPBACK = "localhost"
 
 
 class Resolver:
-    """Asks the machine's name servers. A name that is asked for twice at once is looked up once."""
+    """Queries the machine's name servers. Concurrent requests for the same name share one lookup."""
 
     def __init__(self, config: EgressConfig, machine: Machine) -> None:
         self._config = config
         self._machine = machine
-        self._flights: dict[str, asyncio.Task[Answer]] = {}
+        self._lookups: dict[str, asyncio.Task[Answer]] = {}
         self._waiting: dict[str, int] = {}
         self._cache: OrderedDict[str, tuple[float, Answer]] = OrderedDict()
 
     async def close(self) -> None:
-        """Stop asking."""
-        flights = tuple(self._flights.values())
-        for flight in flights:
-            flight.cancel()
-        await asyncio.gather(*flights, return_exceptions=True)
+        """Cancel all lookups."""
+        lookups = tuple(self._lookups.values())
+        for lookup in lookups:
+            lookup.cancel()
+        await asyncio.gather(*lookups, return_exceptions=True)
         await self._machine.close()
 
     async def resolve(self, name: str) -> Answer:
         """The addresses of a name, at least one, or why there are none.
 
-        Cancelled, as when the browser has hung up, it no longer asks, unless somebody else waits.
+        If it is cancelled, such as when the browser has closed its connection, the lookup is cancelled too,
+        unless another caller waits for it.
         """
         last = name.rpartition(".")[2]
-        if last in _NEVER_ASKED:
+        if last in _NOT_RESOLVED:
             return "no_such_name"
         # RFC 6761: every name below it is loopback, whatever a resolver may say.
-        asked = _LOOPBACK if last == _LOOPBACK else name
+        target = _LOOPBACK if last == _LOOPBACK else name
         now = asyncio.get_running_loop().time()
-        known = self._cache.get(asked)
-        if known is not None and known[0] > now:
-            return known[1]
-        flight = self._flight(asked)
-        self._waiting[asked] = self._waiting.get(asked, 0) + 1
+        cached = self._cache.get(target)
+        if cached is not None and cached[0] > now:
+            return cached[1]
+        lookup = self._shared_lookup(target)
+        self._waiting[target] = self._waiting.get(target, 0) + 1
         try:
             async with asyncio.timeout(self._config.resolve_seconds):
-                return await asyncio.shield(flight)
+                return await asyncio.shield(lookup)
         except TimeoutError:
             return "dns_timed_out"
         finally:
-            self._waiting[asked] -= 1
-            if not self._waiting[asked]:
-                del self._waiting[asked]
-                flight.cancel()
+            self._waiting[target] -= 1
+            if not self._waiting[target]:
+                del self._waiting[target]
+                lookup.cancel()
 
-    def _flight(self, name: str) -> asyncio.Task[Answer]:
-        flight = self._flights.get(name)
-        if flight is None or flight.cancelling():
-            flight = asyncio.get_running_loop().create_task(self._look_up(name))
-            self._flights[name] = flight
-            flight.add_done_callback(lambda done: self._land(name, done))
-        return flight
+    def _shared_lookup(self, name: str) -> asyncio.Task[Answer]:
+        lookup = self._lookups.get(name)
+        if lookup is None or lookup.cancelling():
+            lookup = asyncio.get_running_loop().create_task(self._lookup(name))
+            self._lookups[name] = lookup
+            lookup.add_done_callback(lambda done: self._on_done(name, done))
+        return lookup
 
-    def _land(self, name: str, flight: asyncio.Task[Answer]) -> None:
-        if self._flights.get(name) is flight:
-            del self._flights[name]
+    def _on_done(self, name: str, lookup: asyncio.Task[Answer]) -> None:
+        if self._lookups.get(name) is lookup:
+            del self._lookups[name]
 
-    async def _look_up(self, name: str) -> Answer:
-        answer = await self._ask(name)
-        if answer not in ("dns_failed", "dns_timed_out"):  # which may be over the next moment
-            self._keep(name, answer)
+    async def _lookup(self, name: str) -> Answer:
+        answer = await self._query(name)
+        if answer not in ("dns_failed", "dns_timed_out"):  # these may be temporary
+            self._store(name, answer)
         return answer
 
-    async def _ask(self, name: str) -> Answer:
+    async def _query(self, name: str) -> Answer:
         try:
-            found = await self._machine.lookup(name)
+            addresses = await self._machine.lookup(name)
         except DNSError as error:
             number = error.args[0] if error.args else None
             if number == ARES_ETIMEOUT:
                 return "dns_timed_out"
             return "no_such_name" if number in _UNKNOWN else "dns_failed"
-        except (OSError, ValueError):  # of a name that no resolver takes
+        except (OSError, ValueError):  # the resolver rejects the name
             return "dns_failed"
-        return tuple(found) or "no_such_name"
+        return tuple(addresses) or "no_such_name"
 
-    def _keep(self, name: str, answer: Answer) -> None:
+    def _store(self, name: str, answer: Answer) -> None:
         until = asyncio.get_running_loop().time() + self._config.cache_seconds
         self._cache[name] = (until, answer)
         self._cache.move_to_end(name)

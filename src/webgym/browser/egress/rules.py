@@ -1,4 +1,4 @@
-"""The operator's rules, as they are written: ``PATTERN[:PORT][=TARGET]``."""
+"""Parses the operator's rules: ``PATTERN[:PORT][=TARGET]``."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Rule:
     """One rule.
 
     Attributes:
-        name: that it is for; with a leading dot, the names below it; empty for a network.
-        network: of addresses that it is for.
-        port: that it is for; ``None`` is any.
-        target: where it leads instead; ``None`` is where the name itself leads.
-        is_nowhere: whether it says that there is no such name.
+        name: the name that it applies to; with a leading dot, the names below it; empty for a network.
+        network: the network of addresses that it applies to; ``None`` for a name.
+        port: the port that it applies to; ``None`` for any.
+        target: where to connect instead; ``None`` for the host itself.
+        is_nowhere: whether it says that the name does not exist.
     """
 
     name: str = ""
@@ -40,17 +40,17 @@ class Rule:
     is_nowhere: bool = False
 
     def matches(self, host: Host, port: int) -> bool:
-        """Whether it decides about this host, as it was asked for."""
+        """Whether it applies to this host, as requested."""
         if self.port not in (None, port):
             return False
         if self.name == _ANY:
             return True
         if not isinstance(host, str):
-            return self.holds(host, port)
+            return self.contains(host, port)
         return host.endswith(self.name) if self.name.startswith(".") else host == self.name
 
-    def holds(self, address: Address, port: int) -> bool:
-        """Whether it is for a network, and this address is in it."""
+    def contains(self, address: Address, port: int) -> bool:
+        """Whether it applies to a network that contains this address."""
         if self.network is None or self.port not in (None, port):
             return False
         address = plain(address)
@@ -58,10 +58,10 @@ class Rule:
 
 
 def read_rule(text: str) -> Rule:
-    """The rule that a text means.
+    """Parse a rule.
 
     Raises:
-        ValueError: it means none.
+        ValueError: the text is not a valid rule.
     """
     pattern, equals, target = text.strip().partition("=")
     try:
@@ -69,12 +69,12 @@ def read_rule(text: str) -> Rule:
         if not equals:
             return rule
         if rule.network is not None:
-            raise ValueError("an address cannot be led elsewhere")
+            raise ValueError("an address cannot be redirected")
         if target == NOWHERE:
             return Rule(rule.name, port=rule.port, is_nowhere=True)
         host, port = _split_port(target)
         if port is None:
-            raise ValueError("a target has a port")
+            raise ValueError("a target needs a port")
         return Rule(rule.name, port=rule.port, target=Place(read_host(host), port))
     except ValueError as error:
         raise ValueError(f"{text!r} is not a rule PATTERN[:PORT][=HOST:PORT]: {error}") from None
@@ -89,7 +89,7 @@ def _pattern(text: str) -> Rule:
     if name.startswith("*."):
         below = read_host(name[2:])
         if not isinstance(below, str):
-            raise ValueError("there is nothing below an address")
+            raise ValueError("an address has no subdomains")
         return Rule(f".{below}", port=port)
     host = read_host(name)
     return (

@@ -1,4 +1,4 @@
-"""SOCKS5 (RFC 1928), as much of it as a browser speaks. Pure: bytes in, what they mean out."""
+"""Parses the part of SOCKS5 (RFC 1928) that browsers use. Without I/O."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ NO_METHOD = bytes((_VERSION, 255))
 
 
 class NotSocks(ValueError):
-    """Whoever has connected speaks something else."""
+    """The client does not speak SOCKS5."""
 
 
 @dataclass(frozen=True)
 class Greeting:
-    """The first message: how the client could authenticate. ``size`` in bytes."""
+    """The first message: the authentication methods that the client offers. ``size`` in bytes."""
 
     methods: bytes
     size: int
@@ -34,7 +34,7 @@ class Greeting:
 
 @dataclass(frozen=True)
 class Request:
-    """The second message: what the client wants. ``size`` in bytes."""
+    """The second message: the requested command and address. ``size`` in bytes."""
 
     command: int
     host: str
@@ -42,51 +42,51 @@ class Request:
     size: int
 
 
-def read_greeting(held: bytes) -> Greeting | None:
-    """The greeting; ``None`` while a part of it is missing.
+def read_greeting(data: bytes) -> Greeting | None:
+    """Parse a greeting; ``None`` while a part of it is missing.
 
     Raises:
-        NotSocks: it is none.
+        NotSocks: it is not a SOCKS5 greeting.
     """
-    if held and held[0] != _VERSION:
+    if data and data[0] != _VERSION:
         raise NotSocks
-    if len(held) < 2 or len(held) < 2 + held[1]:
+    if len(data) < 2 or len(data) < 2 + data[1]:
         return None
-    return Greeting(held[2 : 2 + held[1]], 2 + held[1])
+    return Greeting(data[2 : 2 + data[1]], 2 + data[1])
 
 
-def read_request(held: bytes) -> Request | None:
-    """The request; ``None`` while a part of it is missing.
+def read_request(data: bytes) -> Request | None:
+    """Parse a request; ``None`` while a part of it is missing.
 
     Raises:
-        NotSocks: it is none.
+        NotSocks: it is not a SOCKS5 request.
     """
-    if held and held[0] != _VERSION:
+    if data and data[0] != _VERSION:
         raise NotSocks
-    if len(held) < 5:
+    if len(data) < 5:
         return None
-    kind = held[3]
+    kind = data[3]
     if kind not in (_IPV4, _NAME, _IPV6):
         raise NotSocks
     start = 5 if kind == _NAME else 4
-    end = start + (held[4] if kind == _NAME else _WIDTHS[kind])
-    if len(held) < end + 2:
+    end = start + (data[4] if kind == _NAME else _WIDTHS[kind])
+    if len(data) < end + 2:
         return None
-    port = int.from_bytes(held[end : end + 2], "big")
-    return Request(held[1], _host(kind, held[start:end]), port, end + 2)
+    port = int.from_bytes(data[end : end + 2], "big")
+    return Request(data[1], _host(kind, data[start:end]), port, end + 2)
 
 
-def _host(kind: int, raw: bytes) -> str:
+def _host(kind: int, encoded: bytes) -> str:
     if kind == _IPV4:
-        return str(IPv4Address(raw))
+        return str(IPv4Address(encoded))
     if kind == _IPV6:
-        return str(IPv6Address(raw))
+        return str(IPv6Address(encoded))
     try:
-        return raw.decode()
+        return encoded.decode()
     except UnicodeDecodeError:
         raise NotSocks from None
 
 
 def reply(code: int) -> bytes:
-    """The answer to a request. The address in it means nothing to a browser."""
+    """The reply to a request. Browsers ignore the address in it, which is zero."""
     return bytes((_VERSION, code, 0, _IPV4)) + bytes(6)

@@ -1,7 +1,7 @@
-"""Joins two connections: what is read from one is written to the other.
+"""Joins two connections: data read from one is written to the other.
 
-While one end cannot be written to, the other is not read from, so the data held for a frozen browser never
-exceeds the limit of the write buffer and what the kernel holds.
+While one end cannot be written to, reading from the other is paused, so the data buffered for a frozen
+browser never exceeds the limit of the write buffer plus the kernel's buffers.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Connections:
 
 class _End(asyncio.Protocol):
     transport: asyncio.Transport
-    """There from :meth:`connection_made` on."""
+    """Set by :meth:`connection_made`."""
 
     def __init__(self, connections: Connections, budget: Budget) -> None:
         self._connections = connections
@@ -60,17 +60,17 @@ class _End(asyncio.Protocol):
         self.other: _End | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The transport is up."""
-        self.transport = cast(asyncio.Transport, transport)  # uvloop's is none by name
+        """The connection is open."""
+        self.transport = cast(asyncio.Transport, transport)  # uvloop's is not a subclass
         self.transport.set_write_buffer_limits(high=self._connections.config.buffer_bytes)
         self._connections.enter(self.transport)
 
     def connection_lost(self, _: Exception | None) -> None:
-        """It is gone."""
+        """The connection is closed."""
         self._connections.leave(self.transport)
 
-    def _pass_on(self, data: bytes, other: _End) -> None:
-        """Write at the other end. A session that has passed all that it may loses both."""
+    def _forward(self, data: bytes, other: _End) -> None:
+        """Write to the other end. If the session exceeds its budget, both connections are aborted."""
         if self._budget.take(len(data)):
             other.transport.write(data)
         else:
@@ -78,12 +78,12 @@ class _End(asyncio.Protocol):
             self.transport.abort()
 
     def pause_writing(self) -> None:
-        """This end takes no more: stop reading at the other."""
+        """This end's buffer is full: stop reading from the other."""
         if self.other is not None and not self.other.transport.is_closing():
             self.other.transport.pause_reading()
 
     def resume_writing(self) -> None:
-        """This end takes more."""
+        """This end's buffer has space: continue reading from the other."""
         if self.other is not None and not self.other.transport.is_closing():
             self.other.transport.resume_reading()
 
@@ -94,19 +94,19 @@ class BrowserEnd(_End):
     other: ServerEnd
 
     def data_received(self, data: bytes) -> None:
-        """To the server."""
+        """Forward to the server."""
         self._connections.sent += len(data)
-        self._pass_on(data, self.other)
+        self._forward(data, self.other)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The browser is done, in both directions, as it never closes but one: so is the server."""
+        """The browser has closed the connection, always in both directions: close the server's too."""
         super().connection_lost(exc)
         self._connections.open -= 1
         self._budget.leave()
         self.other.transport.close()
 
     def end(self, error: Exception | None) -> None:
-        """The server is gone. A reset is passed on as one, unless something is still to be delivered."""
+        """The server's connection is closed. A reset is forwarded as one, unless data is still to be sent."""
         if self.transport.is_closing():
             return
         if isinstance(error, ConnectionResetError) and not self.transport.get_write_buffer_size():
@@ -116,7 +116,7 @@ class BrowserEnd(_End):
 
 
 class ServerEnd(_End):
-    """The server's end. It is connected first, and may speak before it is joined."""
+    """The server's end. It is connected first, and may send data before it is joined."""
 
     other: BrowserEnd | None
 
@@ -127,7 +127,7 @@ class ServerEnd(_End):
         self._error: Exception | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The transport is up. A server that vanishes must be noticed."""
+        """The connection is open: enable keepalive, so that a server that disappears is noticed."""
         super().connection_made(transport)
         config, raw = self._connections.config, transport.get_extra_info("socket")
         interval = max(1, (config.dead_seconds - config.keepalive_seconds) // _KEEPALIVE_PROBES)
@@ -138,7 +138,7 @@ class ServerEnd(_End):
         raw.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, config.dead_seconds * 1000)
 
     def join(self, browser: BrowserEnd) -> None:
-        """From here on both ends pass on what they read."""
+        """Start forwarding between both ends."""
         self.other, browser.other = browser, self
         self._connections.open += 1
         for data in self._early:
@@ -148,22 +148,22 @@ class ServerEnd(_End):
             browser.end(self._error)
 
     def data_received(self, data: bytes) -> None:
-        """To the browser."""
+        """Forward to the browser."""
         if self.other is None:
             self._early.append(data)
             return
         self._connections.received += len(data)
-        self._pass_on(data, self.other)
+        self._forward(data, self.other)
 
     def eof_received(self) -> bool:
-        """The server says no more, but may still listen."""
+        """The server has finished sending, but may still receive."""
         if self.other is None or self.other.transport.is_closing():
             return False
         self.other.transport.write_eof()
         return True
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The server is gone."""
+        """The server's connection is closed."""
         super().connection_lost(exc)
         self._is_over, self._error = True, exc
         if self.other is not None:

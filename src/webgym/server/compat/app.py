@@ -1,4 +1,4 @@
-"""The paths of the authors' master server, its key, and what an error looks like there."""
+"""The HTTP application with the paths, the API key and the error format of the authors' master server."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from webgym.core.errors import (
     WebGymError,
 )
 from webgym.server.client import BrowserClient
-from webgym.server.compat.commands import MARKS, BadCommand, picture, understand
+from webgym.server.compat.commands import MARKS, BadCommand, parse_command, picture
 from webgym.server.compat.config import CompatConfig
 from webgym.server.compat.instances import VIEWPORT, Instance, Instances, NoInstance
 from webgym.server.compat.regions import Json
@@ -48,7 +48,7 @@ class BadRequest(WebGymError):
 
 
 class NoNode(WebGymError):
-    """A node that is not behind this layer."""
+    """A request names a node that is not behind this layer."""
 
     code = "compat_no_node"
 
@@ -64,15 +64,16 @@ _STATUS_OF: dict[type[WebGymError], int] = {
     ServerUnreachable: 503,
     WebGymError: 500,
 }
-"""The first class of an error's ancestry that stands here decides. Their server answers most with 500."""
+"""HTTP status by error class; the first class of an error's MRO that is in the table decides. The authors'
+server answers most errors with 500."""
 
 
 def create_compat_app(instances: Instances, key: str, *, body_bytes: int) -> Starlette:
     """The ASGI application.
 
     Args:
-        instances: entered by the caller.
-        key: what ``x-api-key`` must be.
+        instances: the instances, entered by the caller.
+        key: the API key, required as ``x-api-key``.
         body_bytes: largest request body.
     """
     layer = _Layer(instances, key, body_bytes)
@@ -98,7 +99,7 @@ async def _http_error(_: Request, error: Exception) -> Response:
 
 
 def _error(message: str, status: int) -> Response:
-    """Their clients read the text; some read ``detail``, some ``message``."""
+    """An error reply. The authors' clients read the text; some read ``detail``, some ``message``."""
     return _json({"status": "error", "message": message, "detail": message}, status)
 
 
@@ -117,7 +118,7 @@ class _Layer:
     def endpoint(
         self, work: Callable[[Request], Awaitable[Response]]
     ) -> Callable[[Request], Awaitable[Response]]:
-        """What serves one path: ``work``, with everything around it."""
+        """The request handler of one path: ``work`` with authentication and error handling."""
 
         async def serve(request: Request) -> Response:
             try:
@@ -144,7 +145,7 @@ class _Layer:
     # --- instances ----------------------------------------------------------------------------------
 
     async def get(self, request: Request) -> Response:
-        """A new instance."""
+        """Create an instance."""
         config = self._instances.config
         text = request.query_params.get("lifetime_mins", "")
         try:
@@ -163,14 +164,14 @@ class _Layer:
         return _json({"instance_id": instance.id, "node": self._node})
 
     async def reset(self, request: Request) -> Response:
-        """Give an instance's browser back; the id is good for a fresh one."""
+        """Release an instance's browser; the id can be used again, with a fresh one."""
         await self._instances.reset(self._instance_id(request.query_params))
         return _json({"status": "success"})
 
     async def probe(self, request: Request) -> Response:
         """Whether an instance lives."""
         instance = self._instances.find(self._instance_id(request.query_params))
-        if instance.session is not None:  # beside a call that runs: a probe does not stand in line
+        if instance.session is not None:  # a probe does not wait for a running call
             await instance.session.heartbeat()
         elif instance.failure:
             return _error(f"the instance's browser is gone: {instance.failure}", 500)
@@ -190,25 +191,25 @@ class _Layer:
             return Response(await picture(instance, session, mode), media_type=PNG)
 
     async def execute(self, request: Request) -> Response:
-        """One command."""
-        asked = await self._body(request)
-        instance_id = self._instance_id(asked)
-        commands = {name: value for name, value in asked.items() if name not in {"instance_id", "node"}}
-        command = understand(commands, self._instances.config)
+        """Carry out one command."""
+        body = await self._body(request)
+        instance_id = self._instance_id(body)
+        commands = {name: value for name, value in body.items() if name not in {"instance_id", "node"}}
+        command = parse_command(commands, self._instances.config)
         try:
             async with self._instances.using(instance_id) as (instance, session):
                 return _json(await command.run(instance, session))
         except PageError as error:
             return _error(f"{command.name} was not carried out: {error.message}", 500)
 
-    def _instance_id(self, given: Any) -> str:
-        """The instance that a request names, at the node that it names."""
+    def _instance_id(self, parameters: Any) -> str:
+        """The instance id in a request, whose node must be this one."""
         for name in ("instance_id", "node"):
-            if not isinstance(given.get(name), str):
+            if not isinstance(parameters.get(name), str):
                 raise BadRequest(f"{name} is missing")
-        if given["node"].rstrip("/") != self._node:
-            raise NoNode(f"node {given['node'][:80]} is not found", hint="take it from /get or /info")
-        return str(given["instance_id"])
+        if parameters["node"].rstrip("/") != self._node:
+            raise NoNode(f"node {parameters['node'][:80]} is not found", hint="take it from /get or /info")
+        return str(parameters["instance_id"])
 
     async def _body(self, request: Request) -> dict[str, Any]:
         body = bytearray()
@@ -221,7 +222,7 @@ class _Layer:
         except (msgspec.MsgspecError, ValueError, RecursionError) as error:
             raise BadRequest(f"the body is not a JSON object: {error}") from None
 
-    # --- what is seen -------------------------------------------------------------------------------
+    # --- state --------------------------------------------------------------------------------------
 
     async def info(self, _: Request) -> Response:
         """The server behind this layer, as one node."""
@@ -232,7 +233,7 @@ class _Layer:
         try:
             health, pressure = await self._client.health(), await self._client.pressure()
         except ServerUnreachable as error:
-            log.warning("the server behind the compatibility layer is away: %s", error)
+            log.warning("the server behind the compatibility layer cannot be reached: %s", error)
             return node | {"instances": []}
         slots = pressure.slots
         return node | {
@@ -245,11 +246,12 @@ class _Layer:
 
 @dataclass(frozen=True)
 class RunningCompat:
-    """A layer that takes calls.
+    """A running compatibility layer.
 
     Attributes:
         url: its base URL.
-        key: what ``x-api-key`` must be.
+        key: the API key.
+        instances: its instances.
     """
 
     url: str
@@ -266,12 +268,13 @@ async def running_compat(
     key: str | None = None,
     config: CompatConfig | None = None,
 ) -> AsyncIterator[RunningCompat]:
-    """Speak their API for the length of the block, in front of a server of ours.
+    """Serve the authors' API during the block, in front of a WebGym server.
 
     Args:
-        server_url, token: of the worker or gateway behind.
-        listening: where the layer listens, and the limits of its HTTP.
-        key: what ``x-api-key`` must be; the token if there is none.
+        server_url, token: URL and token of the worker or gateway behind the layer.
+        listening: where the layer listens, and the limits of its HTTP server.
+        key: the API key; by default the token.
+        config: limits of the layer.
 
     Raises:
         ConfigError: the address cannot be listened on.

@@ -1,7 +1,7 @@
-"""From a command of their clients to actions, gestures and readings of ours.
+"""Translates commands of the authors' clients into actions, gestures and readings.
 
-Points are pixels of the viewport. Ids are the numbers of marks, as strings or integers. What a page refuses
-is an error where it keeps the command from being carried out, and none where it only happened meanwhile.
+Points are pixels of the viewport. Ids are the numbers of marks, as strings or integers. A notice of the page
+is an error if it means that the command was not carried out, and is ignored otherwise.
 """
 
 from __future__ import annotations
@@ -42,23 +42,23 @@ from webgym.server.compat.instances import VIEWPORT, Instance
 from webgym.server.compat.regions import Json, regions_of, screenshot_info
 
 MARKS = "set_of_marks"
-"""The ``interaction_mode`` with marks; any other is without."""
+"""The ``interaction_mode`` with marks; any other mode has none."""
 
 _PAGE_MARGIN = 50
 """Pixels of the viewport that stay in view when a whole page is scrolled."""
 
 _UNTITLED = "Unknown Page"
-"""What their clients take for a page that has not loaded yet."""
+"""The title by which the authors' clients recognise a page that has not loaded yet."""
 
 
 class BadCommand(ProtocolError):
-    """A command that is none, or whose arguments make no sense."""
+    """A command is unknown, or its arguments are invalid."""
 
     code = "compat_bad_command"
 
 
 class CommandRefused(PageError):
-    """A page kept a command from being carried out."""
+    """A command could not be carried out on the page."""
 
     code = "compat_command_refused"
 
@@ -153,13 +153,13 @@ class _Picture(msgspec.Struct, frozen=True):
 Actions: TypeAlias = AnyAction | Iterable[AnyAction]
 
 
-class _Deed(msgspec.Struct, frozen=True):
-    """A command that acts.
+class _ActionCommand(msgspec.Struct, frozen=True):
+    """A command that acts on the page.
 
     Attributes:
-        shape: of its arguments.
-        actions: what is carried out, one after the other.
-        fails_on: notices that mean that it was not.
+        shape: type of its arguments.
+        actions: returns the action, or several to carry out one after the other.
+        fails_on: kinds of notices that mean that it was not carried out.
     """
 
     shape: type[msgspec.Struct]
@@ -167,11 +167,11 @@ class _Deed(msgspec.Struct, frozen=True):
     fails_on: frozenset[NoticeKind] = frozenset()
 
 
-_REFUSED: frozenset[NoticeKind] = frozenset({"action_failed"})
-_UNOPENED: frozenset[NoticeKind] = frozenset({"navigation_failed", "download_refused"})
+_ON_ACTION_FAILED: frozenset[NoticeKind] = frozenset({"action_failed"})
+_ON_NOT_OPENED: frozenset[NoticeKind] = frozenset({"navigation_failed", "download_refused"})
 
 
-def _upright(direction: str) -> Direction:
+def _vertical(direction: str) -> Direction:
     match direction.lower():
         case "up":
             return "up"
@@ -186,15 +186,15 @@ def _side(direction: str) -> Side:
             return "left"
         case "right":
             return "right"
-    return _upright(direction)
+    return _vertical(direction)
 
 
-def _fill(given: _FillPoint | _FillId, _: CompatConfig) -> Fill:
-    return Fill(given.target, given.value, given.press_enter, given.delete_existing)
+def _fill(arguments: _FillPoint | _FillId, _: CompatConfig) -> Fill:
+    return Fill(arguments.target, arguments.value, arguments.press_enter, arguments.delete_existing)
 
 
-def _press(given: _Keys, _: CompatConfig) -> Press:
-    names = (given.keys,) if isinstance(given.keys, str) else tuple(given.keys)
+def _press(arguments: _Keys, _: CompatConfig) -> Press:
+    names = (arguments.keys,) if isinstance(arguments.keys, str) else tuple(arguments.keys)
     try:
         keys_of(names)
         return Press(names)
@@ -202,49 +202,51 @@ def _press(given: _Keys, _: CompatConfig) -> Press:
         raise BadCommand(str(error)) from None
 
 
-def _sleep(given: _Duration, config: CompatConfig) -> Iterable[AnyAction]:
-    if not given.duration >= 0:
+def _sleep(arguments: _Duration, config: CompatConfig) -> Iterable[AnyAction]:
+    if not arguments.duration >= 0:
         raise BadCommand("duration is a number of seconds")
-    left = min(given.duration, config.sleep_seconds)
+    remaining = min(arguments.duration, config.sleep_seconds)
     return [
-        Wait(min(MAX_WAIT_SECONDS, left - n * MAX_WAIT_SECONDS))
-        for n in range(math.ceil(left / MAX_WAIT_SECONDS))
+        Wait(min(MAX_WAIT_SECONDS, remaining - n * MAX_WAIT_SECONDS))
+        for n in range(math.ceil(remaining / MAX_WAIT_SECONDS))
     ]
 
 
-def _hover_and_scroll(given: _ScrollPoint, _: CompatConfig) -> HoverAndScroll:
-    return HoverAndScroll(given.target, _upright(given.direction))
+def _hover_and_scroll(arguments: _ScrollPoint, _: CompatConfig) -> HoverAndScroll:
+    return HoverAndScroll(arguments.target, _vertical(arguments.direction))
 
 
-_DEEDS = {
-    "visit_page": _Deed(_Url, lambda given, _: Navigate(given.url), _UNOPENED),
-    "back": _Deed(_None, lambda *_: GoBack(), frozenset({"navigation_failed"})),
-    "click_coords": _Deed(_Point, lambda given, _: Click(given.target)),
-    "click_id": _Deed(_Id, lambda given, _: Click(given.target), _REFUSED),
-    "fill_coords": _Deed(_FillPoint, _fill, _REFUSED),
-    "fill_id": _Deed(_FillId, _fill, _REFUSED),
-    "select_option": _Deed(_Id, lambda given, _: Choose(given.number), _REFUSED),
-    "hover_id": _Deed(_Id, lambda given, _: Hover(given.target), _REFUSED),
-    "hover_coords": _Deed(_Point, lambda given, _: Hover(given.target)),
-    "hover_and_scroll_coords": _Deed(_ScrollPoint, _hover_and_scroll),
-    "scroll_coords": _Deed(_ScrollPoint, _hover_and_scroll),
-    "scroll_id": _Deed(
-        _ScrollId, lambda given, _: ScrollElement(given.number, _side(given.direction)), _REFUSED
+_ACTION_COMMANDS = {
+    "visit_page": _ActionCommand(_Url, lambda args, _: Navigate(args.url), _ON_NOT_OPENED),
+    "back": _ActionCommand(_None, lambda *_: GoBack(), frozenset({"navigation_failed"})),
+    "click_coords": _ActionCommand(_Point, lambda args, _: Click(args.target)),
+    "click_id": _ActionCommand(_Id, lambda args, _: Click(args.target), _ON_ACTION_FAILED),
+    "fill_coords": _ActionCommand(_FillPoint, _fill, _ON_ACTION_FAILED),
+    "fill_id": _ActionCommand(_FillId, _fill, _ON_ACTION_FAILED),
+    "select_option": _ActionCommand(_Id, lambda args, _: Choose(args.number), _ON_ACTION_FAILED),
+    "hover_id": _ActionCommand(_Id, lambda args, _: Hover(args.target), _ON_ACTION_FAILED),
+    "hover_coords": _ActionCommand(_Point, lambda args, _: Hover(args.target)),
+    "hover_and_scroll_coords": _ActionCommand(_ScrollPoint, _hover_and_scroll),
+    "scroll_coords": _ActionCommand(_ScrollPoint, _hover_and_scroll),
+    "scroll_id": _ActionCommand(
+        _ScrollId, lambda args, _: ScrollElement(args.number, _side(args.direction)), _ON_ACTION_FAILED
     ),
-    "page_down": _Deed(_Amount, lambda given, _: Wheel(given.distance)),
-    "page_up": _Deed(_Amount, lambda given, _: Wheel(-given.distance)),
-    "keypress": _Deed(_Keys, _press),
-    "sleep": _Deed(_Duration, _sleep),
-    "tab_and_enter": _Deed(_None, lambda *_: (Press(("Tab",)), Press(("Enter",)))),
+    "page_down": _ActionCommand(_Amount, lambda args, _: Wheel(args.distance)),
+    "page_up": _ActionCommand(_Amount, lambda args, _: Wheel(-args.distance)),
+    "keypress": _ActionCommand(_Keys, _press),
+    "sleep": _ActionCommand(_Duration, _sleep),
+    "tab_and_enter": _ActionCommand(_None, lambda *_: (Press(("Tab",)), Press(("Enter",)))),
 }
-"""``scroll_coords`` is sent by their client for a scroll at a point, and known to none of their servers."""
+"""``scroll_coords`` is sent by the authors' client for a scroll at a point, but supported by none of their
+servers."""
 
 
 # --- commands that read -------------------------------------------------------------------------------
 
 
 async def picture(instance: Instance, session: Session, interaction_mode: str) -> bytes:
-    """The viewport as PNG, with marks or without. What marks show is kept for ``get_screenshot_info``."""
+    """The viewport as PNG, with or without marks. The marked elements are stored for
+    ``get_screenshot_info``."""
     if interaction_mode != MARKS:
         return await session.screenshot()
     document = await session.read(ReadRequest(elements=True))
@@ -253,27 +255,27 @@ async def picture(instance: Instance, session: Session, interaction_mode: str) -
     return view.image
 
 
-async def _text(_: Instance, session: Session, given: _Lines) -> Json:
-    return {"text": (await session.read(ReadRequest(lines=max(0, given.n_lines)))).text}
+async def _text(_: Instance, session: Session, arguments: _Lines) -> Json:
+    return {"text": (await session.read(ReadRequest(lines=max(0, arguments.n_lines)))).text}
 
 
 async def _metadata(_: Instance, session: Session, __: _None) -> Json:
     document = await session.read(ReadRequest(meta=True))
-    told: Json = {"title": document.title.strip() or _UNTITLED, "url": document.url}
+    result: Json = {"title": document.title.strip() or _UNTITLED, "url": document.url}
     if document.linked:
         parsed = [_parsed(text) for text in document.linked]
-        told["jsonld"] = parsed[0] if len(parsed) == 1 else parsed
+        result["jsonld"] = parsed[0] if len(parsed) == 1 else parsed
     if document.meta:
-        told["meta_tags"] = document.meta
+        result["meta_tags"] = document.meta
     if document.items:
-        told["microdata"] = document.items
-    return told
+        result["microdata"] = document.items
+    return result
 
 
 def _parsed(text: str) -> Any:
     try:
         return msgspec.json.decode(text)
-    except (msgspec.DecodeError, RecursionError):  # not JSON, cut, or nested beyond reason
+    except (msgspec.DecodeError, RecursionError):  # not JSON, truncated, or nested too deeply
         return text
 
 
@@ -285,27 +287,32 @@ async def _info(instance: Instance, _: Session, __: _None) -> Json:
     return instance.shown or {"error": "no picture with marks was taken yet"}
 
 
-async def _screenshot(instance: Instance, session: Session, given: _Picture) -> Json:
-    await picture(instance, session, given.interaction_mode)
+async def _screenshot(instance: Instance, session: Session, arguments: _Picture) -> Json:
+    await picture(instance, session, arguments.interaction_mode)
     return {"status": "screenshot_taken"}
 
 
-class _Reading(msgspec.Struct, frozen=True):
-    """A command that reads."""
+class _ReadCommand(msgspec.Struct, frozen=True):
+    """A command that reads the page.
+
+    Attributes:
+        shape: type of its arguments.
+        read: returns the reply.
+    """
 
     shape: type[msgspec.Struct]
     read: Callable[[Instance, Session, Any], Awaitable[Json]]
 
 
-_READINGS = {
-    "get_webpage_text": _Reading(_Lines, _text),
-    "get_page_metadata": _Reading(_None, _metadata),
-    "get_interactive_rects": _Reading(_None, _rects),
-    "get_screenshot_info": _Reading(_None, _info),
-    "screenshot": _Reading(_Picture, _screenshot),
+_READ_COMMANDS = {
+    "get_webpage_text": _ReadCommand(_Lines, _text),
+    "get_page_metadata": _ReadCommand(_None, _metadata),
+    "get_interactive_rects": _ReadCommand(_None, _rects),
+    "get_screenshot_info": _ReadCommand(_None, _info),
+    "screenshot": _ReadCommand(_Picture, _screenshot),
 }
 
-COMMANDS = (*_DEEDS, *_READINGS)
+COMMANDS = (*_ACTION_COMMANDS, *_READ_COMMANDS)
 """Every command by name."""
 
 
@@ -313,49 +320,55 @@ COMMANDS = (*_DEEDS, *_READINGS)
 
 
 class Command(msgspec.Struct, frozen=True):
-    """A command that was understood, its actions or reading at hand."""
+    """A parsed command.
+
+    Attributes:
+        name: its name.
+        arguments: its arguments.
+        actions: the actions to carry out; empty for a command that reads.
+    """
 
     name: str
-    given: msgspec.Struct
+    arguments: msgspec.Struct
     actions: tuple[AnyAction, ...] = ()
 
     async def run(self, instance: Instance, session: Session) -> Json:
-        """Carry it out. Gives the reply.
+        """Carry it out, and return the reply.
 
         Raises:
-            CommandRefused: the page kept it from being carried out.
+            CommandRefused: it could not be carried out on the page.
         """
-        if self.name in _READINGS:
-            return await _READINGS[self.name].read(instance, session, self.given)
+        if self.name in _READ_COMMANDS:
+            return await _READ_COMMANDS[self.name].read(instance, session, self.arguments)
         for action in self.actions:
             if isinstance(action, Navigate):
-                told = await session.navigate(action.url)
+                metadata = await session.navigate(action.url)
             else:
-                told = await session.execute(action)
-            for notice in told.notices:
-                if notice.kind in _DEEDS[self.name].fails_on:
+                metadata = await session.execute(action)
+            for notice in metadata.notices:
+                if notice.kind in _ACTION_COMMANDS[self.name].fails_on:
                     raise CommandRefused(notice.text)
         return {"status": "success"}
 
 
-def understand(asked: dict[str, Any], config: CompatConfig) -> Command:
-    """The one command of a request.
+def parse_command(commands: dict[str, Any], config: CompatConfig) -> Command:
+    """Parse the command of a request.
 
     Raises:
-        BadCommand: there is none or more than one, nobody knows it, or its arguments make no sense.
+        BadCommand: there is not exactly one command, it is unknown, or its arguments are invalid.
     """
-    if len(asked) != 1:
-        names = ", ".join(sorted(asked)[:8]) or "none"
-        raise BadCommand(f"a request holds exactly one command, not {len(asked)} ({names})")
-    [(name, arguments)] = asked.items()
-    known: _Deed | _Reading | None = _DEEDS.get(name) or _READINGS.get(name)
-    if known is None:
-        raise BadCommand(f'unsupported command "{name[:40]}"', hint=f"there are {', '.join(COMMANDS)}")
+    if len(commands) != 1:
+        names = ", ".join(sorted(commands)[:8]) or "none"
+        raise BadCommand(f"a request contains exactly one command, not {len(commands)} ({names})")
+    [(name, values)] = commands.items()
+    command: _ActionCommand | _ReadCommand | None = _ACTION_COMMANDS.get(name) or _READ_COMMANDS.get(name)
+    if command is None:
+        raise BadCommand(f'unsupported command "{name[:40]}"', hint=f"supported are {', '.join(COMMANDS)}")
     try:
-        given = msgspec.convert(arguments or {}, known.shape, strict=False)
+        arguments = msgspec.convert(values or {}, command.shape, strict=False)
     except msgspec.ValidationError as error:
         raise BadCommand(f"{name}: {error}") from None
-    if isinstance(known, _Reading):
-        return Command(name, given)
-    actions = known.actions(given, config)
-    return Command(name, given, tuple(actions) if isinstance(actions, Iterable) else (actions,))
+    if isinstance(command, _ReadCommand):
+        return Command(name, arguments)
+    actions = command.actions(arguments, config)
+    return Command(name, arguments, tuple(actions) if isinstance(actions, Iterable) else (actions,))

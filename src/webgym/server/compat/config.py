@@ -1,4 +1,4 @@
-"""Every limit of the compatibility layer, with its unit and its reason."""
+"""Settings of the compatibility layer: its limits, with their units and reasons."""
 
 from __future__ import annotations
 
@@ -8,25 +8,25 @@ from webgym.settings import Settings
 
 
 class CompatConfig(Settings):
-    """How long instances live, and how many are remembered."""
+    """Lifetimes and limits of instances."""
 
     lifetime_minutes: float = Field(default=60.0, gt=0)
-    """Of an instance whose ``lifetime_mins`` is left out or 0."""
+    """Lifetime of an instance whose ``lifetime_mins`` is missing or 0."""
 
     longest_minutes: float = Field(default=240.0, gt=0)
-    """The most that a client may ask for. A session does not live longer either."""
+    """Longest lifetime that a client may request. A session does not last longer either."""
 
     reset_idle_seconds: float = Field(default=600.0, gt=0)
-    """An instance that is used again after its reset, and then for so long no more, is taken back: their
-    clients let go of an instance with ``/reset``, and a straggler's call must not hold a browser for the
-    rest of its lifetime. Longer than a model thinks."""
+    """Idle time after which an instance ends that was used again after its reset: the authors' clients
+    release an instance with ``/reset``, and a late call must not keep a browser for the rest of its
+    lifetime. Longer than a model thinks."""
 
     instances: int = Field(default=10_000, gt=0)
-    """Instances that are remembered at once, those without a browser included; the oldest of those are
-    forgotten first."""
+    """Largest number of instances, including those without a browser, of which the oldest are dropped
+    first."""
 
     waiting: int = Field(default=1024, gt=0)
-    """Callers of ``/get`` that stand in the server's line at once."""
+    """Most callers of ``/get`` that wait for a slot at once."""
 
     sleep_seconds: float = Field(default=60.0, gt=0)
-    """The longest ``sleep`` that is carried out; longer ones are cut to it."""
+    """The longest ``sleep`` that is carried out; longer ones are shortened to it."""

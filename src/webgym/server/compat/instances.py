@@ -1,8 +1,8 @@
-"""Which instance holds which session, and until when.
+"""Instances: the names by which clients of the compatibility layer refer to browsers.
 
-An instance is a client's name for a browser. It ends when its lifetime does. ``reset`` gives its session
-back at once; the name stays good, and the next call with it gets a fresh session. An instance whose
-browser failed says so until it is reset.
+An instance has at most one session, and ends with its lifetime. ``reset`` releases its session at once; the
+name stays valid, and the next call with it gets a fresh session. An instance whose browser failed reports
+that until it is reset.
 """
 
 from __future__ import annotations
@@ -23,28 +23,31 @@ from webgym.server.messages import SessionOptions
 log = logging.getLogger(__name__)
 
 _OPTIONS = SessionOptions(mode="marks")
-"""A picture without marks can be had in this mode too."""
+"""Screenshots without marks are available in this mode too."""
 
 VIEWPORT = _OPTIONS.viewport
 
 
 class NoInstance(LeaseLost):
-    """No living instance has this id."""
+    """There is no instance with this id, or it has ended."""
 
     code = "compat_no_instance"
 
 
 @dataclass(eq=False)
 class Instance:
-    """A browser under the name that a client knows.
+    """A client's name for a browser.
 
     Attributes:
-        ends: when its lifetime is over, on the loop's clock.
+        ends: end of its lifetime, event loop time.
+        id: the name.
         session: ``None`` between a reset and the next call, and after a failure.
-        shown: what the last picture with marks showed.
-        resets: so far; a call that was in line before one is refused.
-        failure: why its browser is gone.
-        used: when its last call ended.
+        shown: the elements in the last screenshot with marks.
+        resets: number of resets; a call that waited during one is refused.
+        failure: why its browser is gone; empty if it is not.
+        used: when its last call ended, event loop time.
+        is_over: whether it has ended.
+        turn: held by the running call.
     """
 
     ends: float
@@ -59,7 +62,12 @@ class Instance:
 
 
 class Instances:
-    """All instances of one layer. An async context manager; afterwards every session is given back."""
+    """All instances of one layer. An async context manager, which releases all sessions at its end.
+
+    Args:
+        client: the client of the server behind the layer.
+        config: limits of the layer.
+    """
 
     def __init__(self, client: BrowserClient, config: CompatConfig) -> None:
         self.client = client
@@ -83,16 +91,16 @@ class Instances:
 
     @property
     def held(self) -> list[str]:
-        """Ids of the instances that hold a browser now."""
+        """Ids of the instances that have a browser at this moment."""
         return [instance.id for instance in self._instances.values() if instance.session is not None]
 
     # --- life ---------------------------------------------------------------------------------------
 
     async def create(self, lifetime_minutes: float) -> Instance:
-        """A new instance with a fresh, blank page.
+        """Create an instance with a fresh, blank page.
 
         Raises:
-            NoCapacity: all browsers stayed taken.
+            NoCapacity: no browser became free in time.
         """
         session = await self.client.open(_OPTIONS)
         now = asyncio.get_running_loop().time()
@@ -104,13 +112,13 @@ class Instances:
 
     def _forget_oldest(self) -> None:
         while len(self._instances) > self.config.instances:
-            idle = next((one for one in self._instances.values() if one.session is None), None)
+            idle = next((it for it in self._instances.values() if it.session is None), None)
             if idle is None:
                 return
             self.end(idle)
 
     def find(self, instance_id: str) -> Instance:
-        """The living instance that has this id.
+        """The instance with this id.
 
         Raises:
             NoInstance: there is none.
@@ -119,12 +127,12 @@ class Instances:
         if instance is None:
             raise NoInstance(
                 f"instance not found: {instance_id[:80]} does not exist, or its lifetime is over",
-                hint="ask for another with /get",
+                hint="create another with /get",
             )
         return instance
 
     async def reset(self, instance_id: str) -> None:
-        """Give the instance's browser back, with everything in it. Calls in line for it are refused."""
+        """Release the instance's browser with all its state. Calls that wait for it are refused."""
         instance = self.find(instance_id)
         session, instance.session = instance.session, None
         instance.resets += 1
@@ -133,7 +141,7 @@ class Instances:
             await asyncio.shield(self._in_background(session.close()))
 
     def end(self, instance: Instance) -> None:
-        """The instance is over: its browser is given back in the background."""
+        """End an instance; its browser is released in the background."""
         if self._instances.pop(instance.id, None) is None:
             return
         instance.is_over = True
@@ -151,10 +159,10 @@ class Instances:
 
     @asynccontextmanager
     async def using(self, instance_id: str) -> AsyncIterator[tuple[Instance, Session]]:
-        """Hold an instance for one call: calls of one instance never overlap.
+        """Use an instance for one call: calls of one instance never overlap.
 
         Raises:
-            NoInstance: there is none, or it ended or was reset while this call stood in line.
+            NoInstance: there is none, or it ended or was reset while this call waited.
             BrowserError: its browser failed earlier.
         """
         instance = self.find(instance_id)
@@ -165,7 +173,7 @@ class Instances:
             try:
                 yield instance, session
             except (BrowserError, LeaseLost) as error:
-                if instance.session is not session:  # it was taken from under this call
+                if instance.session is not session:  # it was released during this call
                     self._check(instance, resets)
                     raise
                 instance.failure, instance.session = error.message, None
@@ -176,7 +184,7 @@ class Instances:
 
     def _check(self, instance: Instance, resets: int) -> None:
         if instance.is_over or instance.resets != resets:
-            raise NoInstance(f"instance not found: {instance.id} ended or was reset meanwhile")
+            raise NoInstance(f"instance not found: {instance.id} ended or was reset during the call")
         if instance.failure:
             raise BrowserError(
                 f"the instance's browser is gone: {instance.failure}", hint="/reset gives it a fresh one"
@@ -196,22 +204,22 @@ class Instances:
     # --- the reaper ---------------------------------------------------------------------------------
 
     def _deadline(self, instance: Instance) -> float:
-        """When an instance is to be looked at next."""
-        is_again = instance.resets > 0 and instance.session is not None
-        if not is_again:
+        """When an instance ends unless it is used again, event loop time."""
+        is_reused = instance.resets > 0 and instance.session is not None
+        if not is_reused:
             return instance.ends
         now = asyncio.get_running_loop().time()
         used = now if instance.turn.locked() else instance.used
         return min(instance.ends, used + self.config.reset_idle_seconds)
 
     async def _reap(self) -> None:
-        """End what is over. Sleeps until the next one can be."""
+        """End instances at their deadlines. Sleeps until the next deadline."""
         loop = asyncio.get_running_loop()
         while True:
             self._changed.clear()
             for instance in tuple(self._instances.values()):
                 if self._deadline(instance) <= loop.time():
-                    log.warning("instance %s was not given back and is taken back", instance.id)
+                    log.warning("instance %s was not released and has expired", instance.id)
                     self.end(instance)
             soonest = min(map(self._deadline, self._instances.values()), default=None)
             try:

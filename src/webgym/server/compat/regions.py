@@ -1,7 +1,7 @@
-"""Interactive elements in the shape that their clients read.
+"""Interactive elements in the format of the authors' clients.
 
-An element's id is its mark's number, as a string. What is drawn on a picture is named by the same ids, so
-that their mapping from drawn ids to element ids changes nothing here.
+An element's id is its mark's number, as a string. The marks on a screenshot have the same ids, so that the
+clients' mapping from drawn ids to element ids is the identity.
 """
 
 from __future__ import annotations
@@ -15,25 +15,25 @@ from webgym.core.observation import Element
 Json = dict[str, Any]
 
 _TAG_OF_ROLE = {"link": "a", "textbox": "input, type=text", "combobox": "select", "option": "option"}
-"""Of an element that the reading of the document did not reach: it lies in a frame of another origin."""
+"""Tag by role, for elements in frames of another origin, which are missing when the document is read."""
 
 
 def regions_of(elements: Iterable[DocumentElement]) -> dict[str, Json]:
     """Elements by id."""
-    return {
-        str(one.number): _region(
-            f"{one.tag}, type={one.type}" if one.type else one.tag, one.role, one.name, one.scrolls, one.boxes
-        )
-        for one in elements
-    }
+    regions: dict[str, Json] = {}
+    for element in elements:
+        tag = f"{element.tag}, type={element.type}" if element.type else element.tag
+        region = _region(tag, element.role, element.name, element.scrolls, element.boxes)
+        regions[str(element.number)] = region
+    return regions
 
 
 def screenshot_info(
     marked: Iterable[Element], elements: Iterable[DocumentElement], viewport: tuple[int, int]
 ) -> Json:
-    """What a picture with marks shows, and what lies above and below of it.
+    """The elements on a screenshot with marks, and those above and below the viewport.
 
-    Options of dropdowns always count as visible: no picture shows them, but they can be chosen.
+    Options of dropdowns always count as visible: no screenshot shows them, but they can be chosen.
     """
     elements = tuple(elements)
     regions = regions_of(elements)
@@ -44,18 +44,18 @@ def screenshot_info(
             tag = _TAG_OF_ROLE.get(mark.role, mark.role)
             regions[str(mark.number)] = _region(tag, mark.role, mark.name, False, (mark.box,))
     shown = set(visible)
-    visible += [str(one.number) for one in elements if one.tag == "option" and str(one.number) not in shown]
+    visible += [str(it.number) for it in elements if it.tag == "option" and str(it.number) not in shown]
     above, below = [], []
     width, height = viewport
-    for one in elements:
-        if str(one.number) in shown or not one.boxes:
+    for element in elements:
+        if str(element.number) in shown or not element.boxes:
             continue
-        x, y, wide, tall = one.boxes[0]
+        x, y, wide, tall = element.boxes[0]
         if 0 <= x + wide / 2 < width:
             if y + tall / 2 < 0:
-                above.append(str(one.number))
+                above.append(str(element.number))
             elif y + tall / 2 >= height:
-                below.append(str(one.number))
+                below.append(str(element.number))
     return {
         "visible_rects": visible,
         "rects_above": above,

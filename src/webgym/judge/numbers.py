@@ -1,4 +1,4 @@
-"""The numbers in a text, so that an invented one is noticed."""
+"""The numbers in a text, for finding those in an answer that no screenshot shows."""
 
 from __future__ import annotations
 

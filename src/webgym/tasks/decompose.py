@@ -23,7 +23,7 @@ SYNTHETIC: Final = ("pae-webvoyager", "agentsynth-web")
 """Sources that a model wrote. Deriving more from them fills the set with what looks alike (paper §3)."""
 
 
-class Decomposing(Settings):
+class DecompositionLimits(Settings):
     """How many tasks may come out of one."""
 
     per_parent: int = Field(default=1_024, ge=0)
@@ -71,7 +71,7 @@ def possible(rubric: Rubric) -> int:
     return 0 if groups < 2 or small == groups else (1 << groups) - (1 << small) - 1
 
 
-def derive(task: Task, limits: Decomposing | None = None) -> list[Task]:
+def derive(task: Task, limits: DecompositionLimits | None = None) -> list[Task]:
     """The tasks that can be derived from this one, fewest groups first. None from a derived one.
 
     A derived task's id is ``<parent>+<group ids>``, ascending, so it is the same in whatever order the groups
@@ -93,7 +93,7 @@ def derive(task: Task, limits: Decomposing | None = None) -> list[Task]:
     return [_derived(task, Rubric(chosen)) for chosen in _some(groups, at_most, task.id)]
 
 
-def decompose(tasks: Iterable[Task], limits: Decomposing | None = None) -> Decomposition:
+def decompose(tasks: Iterable[Task], limits: DecompositionLimits | None = None) -> Decomposition:
     """:func:`derive` over many tasks, with a note of every parent that a limit held back."""
     limits = limits or _USUAL
     derived: list[Task] = []
@@ -108,7 +108,7 @@ def decompose(tasks: Iterable[Task], limits: Decomposing | None = None) -> Decom
     return Decomposition(derived, capped)
 
 
-_USUAL: Final = Decomposing()
+_USUAL: Final = DecompositionLimits()
 
 
 def _derived(task: Task, rubric: Rubric) -> Task:

@@ -28,7 +28,7 @@ from webgym.settings import Settings
 from webgym.tasks.balance import balanced
 from webgym.tasks.brands import brand_of
 from webgym.tasks.families import roots_of
-from webgym.tasks.files import collector_paused
+from webgym.tasks.files import gc_paused
 
 WhyLeftOut: TypeAlias = Literal["test website", "test family", "no website"]
 
@@ -85,7 +85,7 @@ class Split:
         return sum(count for pair, count in self.test.items() if pair[1] == domain)
 
 
-@collector_paused()
+@gc_paused()
 def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
     """Choose the test tasks, and drop from training what would give them away.
 

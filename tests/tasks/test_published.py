@@ -19,8 +19,8 @@ from webgym.tasks import read_tasks, write_tasks
 from webgym.tasks.files import NO_FACTS, NONE_FACT
 from webgym.tasks.published import (
     DIFFICULTY_DIFFERS,
-    ORIGINAL_LINE,
     OLD_RUBRIC,
+    ORIGINAL_LINE,
     line_of,
     task_of,
 )
@@ -364,7 +364,9 @@ def test_what_was_changed_since_is_written_anew_and_nothing_else() -> None:
     assert changed(told, id="deepshop/6") == told | {"task_id": "deepshop/6"}
     assert changed(told, flags=("dated",)) == told | {"webgym": {"flags": ["dated"]}}
     without = {name: value for name, value in told.items() if name != "attempt_level"}
-    assert changed(told, extra={ORIGINAL_LINE: json.dumps(told), "attempt_level": 3}) == told | {"attempt_level": 3}
+    assert changed(told, extra={ORIGINAL_LINE: json.dumps(told), "attempt_level": 3}) == told | {
+        "attempt_level": 3
+    }
     assert changed(told, extra={ORIGINAL_LINE: json.dumps(told)}) == without
 
 
@@ -379,7 +381,9 @@ def test_a_changed_task_is_read_back_as_it_was_changed(
     write_tasks(path, tasks, format="published")
 
     def bare(some: list[Task]) -> list[Task]:
-        return [replace(task, extra={k: v for k, v in task.extra.items() if k != ORIGINAL_LINE}) for task in some]
+        return [
+            replace(task, extra={k: v for k, v in task.extra.items() if k != ORIGINAL_LINE}) for task in some
+        ]
 
     assert bare(read_tasks(path).tasks) == bare(tasks)
 
@@ -397,7 +401,9 @@ def test_our_own_rows_have_the_columns_of_the_published_set(tmp_path: Path) -> N
 
 
 def test_a_task_that_no_row_can_tell_is_said(tmp_path: Path) -> None:
-    with pytest.raises(TaskFileError, match=r"'deepshop/Shop--1' cannot be written as a published row: website is empty"):
+    with pytest.raises(
+        TaskFileError, match=r"'deepshop/Shop--1' cannot be written as a published row: website is empty"
+    ):
         write_tasks(tmp_path / "out.jsonl", [replace(task_of(ROW), website=" ")], format="published")
 
 

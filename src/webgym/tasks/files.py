@@ -218,7 +218,7 @@ def _compressed(path: Path, file: BinaryIO, stack: ExitStack) -> BinaryIO:
     return file
 
 
-def read_lines(lines: Iterable[bytes], file: Path, collector: Findings) -> None:
+def read_lines(lines: Iterable[bytes], file: Path, collector: TaskCollector) -> None:
     """Read tasks in WebGym's own JSON lines format.
 
     Accepts a byte-order mark, carriage returns, empty lines and a last line without a line end.

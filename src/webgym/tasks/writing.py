@@ -16,7 +16,7 @@ from webgym.core.task import FactGroup, Rubric, Task
 from webgym.core.websites import host_of
 from webgym.llm import Completes, Completion, ask_for
 from webgym.tasks import prompts
-from webgym.tasks.rewriting import USUAL, WritingLimits, refused_rewriting
+from webgym.tasks.rewriting import DEFAULT_LIMITS, WritingLimits, refused_rewriting
 from webgym.tasks.rules import Asked, Draft, DraftGroup, Finding, check_rubric
 from webgym.tasks.rules.wording import with_capital_or
 from webgym.tasks.sources.base import SourceTask
@@ -39,7 +39,9 @@ class Inferred(msgspec.Struct, frozen=True):
     subdomain: str
 
 
-async def infer_website(model: Completes, task: SourceTask, *, limits: WritingLimits = USUAL) -> Inferred:
+async def infer_website(
+    model: Completes, task: SourceTask, *, limits: WritingLimits = DEFAULT_LIMITS
+) -> Inferred:
     """The website of a task that has none, and its domain and subdomain. A website that is given stays.
 
     Raises:
@@ -90,7 +92,9 @@ class Written(msgspec.Struct, frozen=True):
     findings: tuple[Finding, ...]
 
 
-async def write_rubric(model: Completes, task: SourceTask, *, limits: WritingLimits = USUAL) -> Written:
+async def write_rubric(
+    model: Completes, task: SourceTask, *, limits: WritingLimits = DEFAULT_LIMITS
+) -> Written:
     """A task's rubric. What breaks a rule of severity ``error`` (:mod:`webgym.tasks.rules`) is not taken.
 
     Raises:
@@ -149,7 +153,7 @@ async def rewrite(
     task: Task,
     groups: Sequence[FactGroup],
     *,
-    limits: WritingLimits = USUAL,
+    limits: WritingLimits = DEFAULT_LIMITS,
 ) -> str:
     """The text of the task that asks for these of a task's groups alone.
 

@@ -1,6 +1,6 @@
-"""Mind2Web-Live: tasks with key nodes, which say what a trajectory passes through.
+"""Mind2Web-Live: tasks with key nodes, states that a correct trajectory passes through.
 
-There is no website: the host of the first key node's URL is where the task starts.
+The records have no website: the task starts on the host of the first key node's URL.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def _origin(url: object) -> str | None:
 
 
 def _hints(contents: list[tuple[object, dict[str, object]]]) -> list[str]:
-    """Key nodes in words; those that are paths of elements say nothing about the task."""
+    """Key nodes as text, without element paths, which say nothing about the task."""
     found = []
     for match, content in contents:
         if isinstance(match, str) and not match.startswith("element_path"):

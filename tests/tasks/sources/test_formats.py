@@ -187,7 +187,7 @@ def test_half_a_character_counts_only_where_it_stands(tmp_path: Path) -> None:
     assert len(read("agentsynth-web", path).tasks) == 1
     path.write_bytes(line.replace("find tonight's show", "\\ud83d").encode() + b"\n")
     [skipped] = read("agentsynth-web", path).skipped
-    assert "half a character" in skipped.reason
+    assert "not valid Unicode" in skipped.reason
 
 
 @pytest.mark.parametrize("indent", [None, 2])
@@ -399,7 +399,7 @@ def test_a_file_without_records_is_an_error_that_says_so(tmp_path: Path, content
 def test_what_is_not_there_is_an_error_that_says_so(tmp_path: Path) -> None:
     with pytest.raises(TaskFileError, match="No such file"):
         read("deepshop", tmp_path / "nothing.jsonl")
-    with pytest.raises(TaskFileError, match="holds no record"):
+    with pytest.raises(TaskFileError, match="contains no record"):
         read("deepshop", tmp_path)
     (tmp_path / "a.arrow").write_bytes(b"ARROW1")
     with pytest.raises(TaskFileError, match="a format that is not read here"):

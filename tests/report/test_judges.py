@@ -81,7 +81,7 @@ async def look_at_both(page_address: str, browser: Browser, facts: int) -> None:
         here = page.locator(".here .finding")
         await expect(here).to_have_count(1)
         await expect(here).to_contain_text(HOSTILE)
-        await expect(page.locator("#confidence")).to_have_text("67% of the samples say so")
+        await expect(page.locator("#confidence")).to_have_text("67% of the samples agree")
         await expect(page.locator(".about")).to_contain_text(
             "12 replies, 3 from the cache, 4500 tokens, $0.0125"
         )

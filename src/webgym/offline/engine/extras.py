@@ -198,7 +198,7 @@ class Extras(Website):
         if self.spec.account is None:
             return self.missing(visit)
         if (visit.form.get("user"), visit.form.get("password")) != (self.user, self.password):
-            error = "User name or password is wrong."
+            error = "Incorrect user name or password."
             return self.render("engine/sign_in.html", visit, status=422, error=error)
         visit.state["signed in"] = True
         return redirect(self.path("/~account"))

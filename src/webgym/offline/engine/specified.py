@@ -231,9 +231,9 @@ class SpecifiedWebsite(Extras):
             value = values[name] = visit.form.get(name, "").strip()
             choices = self.choices(given)
             if choices and value not in choices:
-                errors[name] = "Please choose one of these."
+                errors[name] = "Please select an option from the list."
             elif not choices and not 2 <= len(value) <= _LONGEST_TEXT:
-                errors[name] = "Please fill in this field."
+                errors[name] = "Please fill out this field."
             elif given.kind == "email" and not _EMAIL.fullmatch(value):
                 errors[name] = "Please enter a valid e-mail address."
         return values, errors

@@ -1,8 +1,8 @@
-"""The ASGI application that serves the offline web, and the way to run it.
+"""The ASGI application that serves the offline web, and a context manager that runs it.
 
-Requests are told apart by their ``Host`` header: a website's hostname leads to the website, anything
-else to a small administration under a token, where a collector asks what a website's server holds for a
-visitor. Browsers get here through rules of the egress policy, so pages see clean URLs on port 80.
+Requests are routed by their ``Host`` header: a website's hostname leads to the website, any other to a small
+administration API with a token, which returns a website's state for a visitor. Browsers are directed here by
+rules of the egress policy, so pages have plain URLs on port 80.
 """
 
 from __future__ import annotations
@@ -38,41 +38,42 @@ ASSET_TYPES = {".css": "text/css; charset=utf-8", ".js": "text/javascript; chars
 
 
 class SitesConfig(Settings):
-    """How the offline web is served."""
+    """Settings of the server of the offline web."""
 
     seed: int = DEFAULT_SEED
-    """Of every website."""
+    """Seed of all websites."""
 
     collection: CollectionName = "large"
-    """Which websites: ``large``, as on the real web, or ``small``, pages of a few large signs."""
+    """Which websites: ``large``, as on the real web, or ``small``, with pages of a few large signs."""
 
     per_family: int | None = Field(default=None, ge=1)
-    """Websites in every family; ``None`` for the collection's own number (50 large and cross, 72 small)."""
+    """Websites per family; ``None`` for the collection's default (50 for large and cross, 72 for small)."""
 
     host: str = "127.0.0.1"
-    """Address to listen on; loopback unless asked otherwise."""
+    """Address to listen on."""
 
     port: int = Field(default=0, ge=0, le=65535)
     """Port to listen on; 0 takes a free one."""
 
     latency: float = Field(default=1.0, ge=0, le=100)
-    """Scale of the simulated latency; 0 turns it off."""
+    """Factor of the simulated latency; 0 turns it off."""
 
     slow_seconds: float = Field(default=4.0, ge=0)
-    """What every page of a slow website takes."""
+    """Additional time for every page of a slow website."""
 
     token: SecretStr | None = None
-    """For the administration; random if not given."""
+    """Token of the administration API; random if not given."""
 
     keep_alive_seconds: int = Field(default=75, gt=0)
-    """Idle connections are kept for longer than clients keep them, so that none closes as it is used."""
+    """How long idle connections are kept; longer than clients keep them, so that none closes when it is
+    used."""
 
     start_seconds: float = Field(default=30.0, gt=0)
-    """How long the server may take to start."""
+    """Longest time for the start of the server."""
 
 
 _LARGEST_FORM: Final = 2**20
-"""Bytes of a form's body."""
+"""Most bytes of the body of a form."""
 
 
 class SitesApp:
@@ -80,8 +81,8 @@ class SitesApp:
 
     Args:
         web: the websites.
-        config: latency and the slow website's delay.
-        token: what the administration asks for.
+        config: latency and the slow websites' delay.
+        token: of the administration API.
     """
 
     def __init__(self, web: OfflineWeb, config: SitesConfig, token: str) -> None:
@@ -89,7 +90,7 @@ class SitesApp:
         self.config = config
         self.visitors = Visitors()
         self._token = token
-        self._asked: Counter[tuple[str, str]] = Counter()
+        self._requests: Counter[tuple[str, str]] = Counter()
         self._assets = {
             path.name: (path.read_bytes(), ASSET_TYPES[path.suffix]) for path in sorted(ASSETS.iterdir())
         }
@@ -106,7 +107,7 @@ class SitesApp:
             else:
                 response = self._administration(request)
         except ClientDisconnect:
-            return  # the browser left before its form was read: there is nobody to answer
+            return  # the browser disconnected before its form was read
         await response(scope, receive, send)
 
     async def _website(self, request: Request, host: str) -> Response:
@@ -115,7 +116,7 @@ class SitesApp:
             return PlainTextResponse("There is no website at this address.", status_code=404)
         if request.url.path.startswith("/assets/"):
             return self._asset(request.url.path.removeprefix("/assets/"))
-        await self._take_time(site, request.url.path)
+        await self._simulate_latency(site, request.url.path)
         visitor = request.cookies.get(VISITOR_COOKIE)
         given = visitor or secrets.token_hex(8)
         try:
@@ -123,11 +124,11 @@ class SitesApp:
         except (MultiPartException, _TooLarge) as error:
             status = 413 if isinstance(error, _TooLarge) else 400
             return PlainTextResponse("The form cannot be read.", status_code=status)
-        answer = site.handle(visit)
-        response = Response(answer.body, answer.status, media_type=answer.media_type)
-        if answer.location is not None:
-            response.headers["location"] = answer.location
-        if answer.media_type == "image/svg+xml":
+        page = site.handle(visit)
+        response = Response(page.body, page.status, media_type=page.media_type)
+        if page.location is not None:
+            response.headers["location"] = page.location
+        if page.media_type == "image/svg+xml":
             response.headers["cache-control"] = "max-age=3600"
         if visitor is None:
             response.set_cookie(VISITOR_COOKIE, given, samesite="lax", httponly=True)
@@ -152,10 +153,10 @@ class SitesApp:
             state=self.visitors.state(visitor, site.host),
         )
 
-    async def _take_time(self, site: Website, path: str) -> None:
-        self._asked[site.host, path] += 1
+    async def _simulate_latency(self, site: Website, path: str) -> None:
+        self._requests[site.host, path] += 1
         scale = self.config.latency
-        seconds = latency.seconds(self.web.seed, site.host, path, self._asked[site.host, path], scale)
+        seconds = latency.seconds(self.web.seed, site.host, path, self._requests[site.host, path], scale)
         if site.behaviour == "slow" and not path.startswith("/picture/"):
             seconds += self.config.slow_seconds
         if seconds:
@@ -189,19 +190,19 @@ class SitesApp:
         site = self.web.website(host)
         state: dict[str, Any] | None = self.visitors.known(visitor, host)
         if site is None or state is None or site.behaviour == "forgets":
-            return JSONResponse({"error": f"{host} knows of no such visitor"}, status_code=404)
+            return JSONResponse({"error": f"{host} has no such visitor"}, status_code=404)
         return JSONResponse(site.report(state))
 
 
 class _TooLarge(Exception):
-    """A form is larger than any page's."""
+    """The body of a form is larger than :data:`_LARGEST_FORM`."""
 
 
 async def _bounded(request: Request) -> Request:
     """The request with its body read.
 
     Raises:
-        _TooLarge: the rest of the body was not even read.
+        _TooLarge: the body is too large; the rest is not read.
     """
     body = bytearray()
     async for part in request.stream():
@@ -221,8 +222,8 @@ class RunningSites:
 
     Attributes:
         web: its websites.
-        address: ``host:port``.
-        token: for the administration.
+        address: ``host:port`` of the server.
+        token: of the administration API.
     """
 
     web: OfflineWeb
@@ -236,7 +237,7 @@ class RunningSites:
 
     @property
     def allowed_hosts(self) -> list[str]:
-        """The rules of the egress policy by which browsers find the websites here."""
+        """The rules of the egress policy that direct browsers to this server."""
         return self.web.allowed_hosts(self.address)
 
 
@@ -245,11 +246,11 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
     """Serve the offline web in this process until the block ends.
 
     Args:
-        config: where and how.
-        web: its websites, if they are there already; else they are made from ``config.seed``.
+        config: settings of the server.
+        web: its websites; ``None`` makes them from ``config``.
 
     Raises:
-        SitesError: the address is taken, or the server does not come up.
+        SitesError: the address cannot be listened on.
     """
     web = web or OfflineWeb(config.seed, per_family=config.per_family, collection=config.collection)
     token = config.token.get_secret_value() if config.token else secrets.token_urlsafe(24)
@@ -288,7 +289,7 @@ async def serving(config: SitesConfig, web: OfflineWeb | None = None) -> AsyncIt
 
 
 class _Server(uvicorn.Server):
-    """A uvicorn that says when it is ready and leaves signals to the command that runs it."""
+    """A uvicorn server with an event for its start, which does not handle signals."""
 
     def __init__(self, config: uvicorn.Config) -> None:
         super().__init__(config)
@@ -296,10 +297,10 @@ class _Server(uvicorn.Server):
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """Capture none."""
+        """Do not capture signals; the command that runs the server handles them."""
         yield
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, and say so."""
+        """Start, and set :attr:`ready`."""
         await super().startup(sockets)
         self.ready.set()

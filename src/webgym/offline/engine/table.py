@@ -66,7 +66,7 @@ class Record:
 
 
 @dataclass(frozen=True)
-class Shown:
+class Location:
     """Where something can be seen.
 
     Attributes:
@@ -84,7 +84,7 @@ class ListPage:
 
     Attributes:
         moves: moves from the page before it, or from the front page for the first page.
-        path: as in :class:`Shown`.
+        path: as in :class:`Location`.
         records: the records on it, in order.
     """
 
@@ -96,7 +96,7 @@ class ListPage:
 class Guide(Protocol):
     """Where the records of a website can be seen."""
 
-    def way(self, record: Record) -> Shown:
+    def locate(self, record: Record) -> Location:
         """The page that shows the fields of a record."""
         ...
 

@@ -35,7 +35,7 @@ class WebGymWorkflow(RolloutWorkflow):
         name: name of the tasks, as for :func:`webgym.make`.
         size: number of browsers, and so of concurrent episodes.
         cutoff_tokens: most tokens of prompt and reply together; longer rows are dropped.
-        given: further arguments of :class:`webgym.EnvironmentPool`.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
 
     Attributes:
         pool: the environments; close it at the end.
@@ -51,13 +51,13 @@ class WebGymWorkflow(RolloutWorkflow):
         name: str = "offline-v1",
         size: int = 8,
         cutoff_tokens: int = 16384,
-        **given: Any,
+        **options: Any,
     ) -> None:
         self.gconfig = gconfig.new(n_samples=1)
         self.tokenizer, self.processor = tokenizer, processor
         self.renderer = Renderer(tokenizer, processor.image_processor)
         self.cutoff_tokens = cutoff_tokens
-        self.pool = EnvironmentPool(name, size=size, **given)
+        self.pool = EnvironmentPool(name, size=size, **options)
         self.dropped: dict[str, int] = {}
 
     async def arun_episode(self, engine: Any, data: dict[str, Any]) -> dict[str, Any] | None:

@@ -61,17 +61,17 @@ class BrowserGymEnv:
 
     Args:
         name: name of the task, without ``browsergym/``.
-        given: arguments of ``browsergym.core.env.BrowserEnv``, such as ``task_kwargs`` and ``headless``.
+        options: arguments of ``browsergym.core.env.BrowserEnv``, such as ``task_kwargs`` and ``headless``.
     """
 
-    def __init__(self, name: str, **given: Any) -> None:
+    def __init__(self, name: str, **options: Any) -> None:
         self.name = name
         self._env = gymnasium.make(
             f"browsergym/{name}",
             disable_env_checker=True,
             action_mapping=None,  # actions are the code of `playwright_code`
             use_raw_page_output=True,  # the page itself, without BrowserGym's marks
-            **given,
+            **options,
         )
         self._page: Any = None
         self._instruction = ""

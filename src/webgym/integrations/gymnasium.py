@@ -108,13 +108,13 @@ class WebGymEnv(gymnasium.Env[Observation, Any]):
     Args:
         name: name of the tasks, as for :func:`webgym.make`.
         render_mode: ``rgb_array`` or ``None``.
-        given: further arguments of :func:`webgym.make`.
+        options: further arguments of :func:`webgym.make`.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 (as in gymnasium)
 
-    def __init__(self, name: str = "offline-v1", render_mode: str | None = None, **given: Any) -> None:
-        env = given.pop("env", None) or make(name, **given)
+    def __init__(self, name: str = "offline-v1", render_mode: str | None = None, **options: Any) -> None:
+        env = options.pop("env", None) or make(name, **options)
         self.render_mode = render_mode
         self.observation_space, self.action_space = _spaces(env)
         self._env = SyncEnvironment(env)
@@ -154,16 +154,16 @@ class WebGymVectorEnv(gymnasium.vector.VectorEnv[Observation, Sequence[Any], NDA
     Args:
         num_envs: number of browsers.
         name: name of the tasks, as for :func:`webgym.make`.
-        given: further arguments of :func:`webgym.make`.
+        options: further arguments of :func:`webgym.make`.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
-    def __init__(self, num_envs: int = 1, name: str = "offline-v1", **given: Any) -> None:
+    def __init__(self, num_envs: int = 1, name: str = "offline-v1", **options: Any) -> None:
         self.num_envs = num_envs
         opened = AsyncExitStack()
         self._loop = LoopThread(opened.aclose)
-        self._envs = self._loop.run(opened.enter_async_context(make_many(num_envs, name, **given)))
+        self._envs = self._loop.run(opened.enter_async_context(make_many(num_envs, name, **options)))
         self.single_observation_space, self.single_action_space = _spaces(self._envs[0])
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -50,7 +50,7 @@ def webgym_task(
     split: Literal["train", "test", "all"] = "test",
     count: int = 20,
     browsers: int = 4,
-    **given: Any,
+    **options: Any,
 ) -> Task:
     """An evaluation: tasks, WebGym's agent, and its judge.
 
@@ -59,15 +59,15 @@ def webgym_task(
         split: of the tasks.
         count: number of tasks, drawn as for a run.
         browsers: number of concurrent episodes; should equal inspect's ``max_samples``.
-        given: further arguments of :class:`webgym.EnvironmentPool`.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
     """
-    rows = task_rows(name, split=split, count=count, config=given.get("config"))
+    rows = task_rows(name, split=split, count=count, config=options.get("config"))
     samples = [
         Sample(id=row["task_id"], input=row["instruction"], metadata={"website": row["website"]})
         for row in rows
     ]
     pool = uuid.uuid4().hex
-    _pools[pool] = EnvironmentPool(name, size=browsers, split=split, **given)
+    _pools[pool] = EnvironmentPool(name, size=browsers, split=split, **options)
     return Task(
         dataset=MemoryDataset(samples, name=name),
         solver=web_agent(pool),

@@ -167,13 +167,13 @@ def _part(part: Any, images: dict[str, bytes]) -> dict[str, Any]:
     return {"type": "input_image", "image_url": url, "detail": "auto"}
 
 
-def nemo_gym_rows(name: str = "offline-v1", *, agent: str = "webgym", **given: Any) -> list[dict[str, Any]]:
+def nemo_gym_rows(name: str = "offline-v1", *, agent: str = "webgym", **options: Any) -> list[dict[str, Any]]:
     """A dataset for NeMo Gym: rows with ``responses_create_params``, ``task_id`` and ``agent_ref``.
 
     Args:
         name: name of the tasks, as for :func:`webgym.make`.
         agent: name of the agent server.
-        given: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
+        options: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
     """
     return [
         {
@@ -181,5 +181,5 @@ def nemo_gym_rows(name: str = "offline-v1", *, agent: str = "webgym", **given: A
             "task_id": row["task_id"],
             "agent_ref": {"type": "responses_api_agents", "name": agent},
         }
-        for row in task_rows(name, **given)
+        for row in task_rows(name, **options)
     ]

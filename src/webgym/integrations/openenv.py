@@ -169,7 +169,7 @@ def _observation(
 
 
 def create_app(
-    name: str = "offline-v1", *, size: int = 8, pool: EnvironmentPool | None = None, **given: Any
+    name: str = "offline-v1", *, size: int = 8, pool: EnvironmentPool | None = None, **options: Any
 ) -> Any:
     """A FastAPI application.
 
@@ -177,9 +177,9 @@ def create_app(
         name: name of the tasks, as for :func:`webgym.make`.
         size: number of browsers, and so of concurrent sessions.
         pool: an existing pool to use, which the caller closes; ``None`` creates one from the other arguments.
-        given: further arguments of :class:`webgym.EnvironmentPool`.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
     """
-    shared = pool or EnvironmentPool(name, size=size, **given)
+    shared = pool or EnvironmentPool(name, size=size, **options)
     app = http_server.create_fastapi_app(
         lambda: WebGymEnvironment(shared), WebGymAction, WebGymObservation, max_concurrent_envs=size
     )

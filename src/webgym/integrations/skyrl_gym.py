@@ -40,11 +40,11 @@ class Browsers:
     Args:
         name: name of the tasks, as for :func:`webgym.make`.
         size: number of browsers; further episodes wait.
-        given: further arguments of :class:`webgym.EnvironmentPool`.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
     """
 
-    def __init__(self, name: str = "offline-v1", *, size: int = 8, **given: Any) -> None:
-        self.pool = EnvironmentPool(name, size=size, **given)
+    def __init__(self, name: str = "offline-v1", *, size: int = 8, **options: Any) -> None:
+        self.pool = EnvironmentPool(name, size=size, **options)
         self.loop = LoopThread(self.pool.close)
 
     def close(self) -> None:
@@ -160,12 +160,12 @@ class WebGymEnv(BaseTextEnv):
         return info
 
 
-def skyrl_rows(name: str = "offline-v1", **given: Any) -> list[dict[str, Any]]:
+def skyrl_rows(name: str = "offline-v1", **options: Any) -> list[dict[str, Any]]:
     """A dataset for SkyRL: rows with ``prompt``, ``env_class`` and ``task_id``.
 
     Args:
         name: name of the tasks, as for :func:`webgym.make`.
-        given: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
+        options: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
     """
     return [
         {
@@ -173,7 +173,7 @@ def skyrl_rows(name: str = "offline-v1", **given: Any) -> list[dict[str, Any]]:
             "env_class": ENV_CLASS,
             "task_id": row["task_id"],
         }
-        for row in task_rows(name, **given)
+        for row in task_rows(name, **options)
     ]
 
 

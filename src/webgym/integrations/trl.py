@@ -219,7 +219,7 @@ class Browsers:
         name: name of the tasks, as for :func:`webgym.make`.
         size: number of browsers: at least ``generation_batch_size`` of a process, because TRL starts all
             episodes of a generation batch at the same time.
-        given: further arguments of :class:`webgym.EnvironmentPool`.
+        options: further arguments of :class:`webgym.EnvironmentPool`.
 
     Attributes:
         pool: the environments.
@@ -229,8 +229,8 @@ class Browsers:
             ``max_completion_length`` is too short for the screenshots.
     """
 
-    def __init__(self, name: str = "offline-v1", *, size: int = 8, **given: Any) -> None:
-        self.pool = EnvironmentPool(name, size=size, **given)
+    def __init__(self, name: str = "offline-v1", *, size: int = 8, **options: Any) -> None:
+        self.pool = EnvironmentPool(name, size=size, **options)
         self._name, self._size = name, size
         self._made: list[BrowserTools] = []
         self.begun = self.unanswered = 0
@@ -250,13 +250,13 @@ class Browsers:
         self._made.append(BrowserTools(self))
         return self._made[-1]
 
-    def rows(self, **given: Any) -> list[dict[str, Any]]:
+    def rows(self, **options: Any) -> list[dict[str, Any]]:
         """A dataset: rows with ``prompt`` and ``task_id``.
 
         Args:
-            given: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
+            options: arguments of :func:`webgym.task_rows`, such as ``count`` and ``split``.
         """
-        rows = task_rows(self._name, **given)
+        rows = task_rows(self._name, **options)
         return [
             {"task_id": row["task_id"], "prompt": [{"role": "user", "content": PROMPT + row["instruction"]}]}
             for row in rows

@@ -34,7 +34,7 @@ class WebGymAgentLoop(AgentLoopBase):
         size: number of browsers of this worker process, and so of its concurrent episodes.
         split: of the tasks.
         pool: an existing pool to use instead of one made from the arguments above.
-        given: verl's own arguments.
+        options: verl's own arguments.
     """
 
     def __init__(
@@ -44,9 +44,9 @@ class WebGymAgentLoop(AgentLoopBase):
         size: int = 8,
         split: str = "train",
         pool: EnvironmentPool | None = None,
-        **given: Any,
+        **options: Any,
     ) -> None:
-        super().__init__(**given)
+        super().__init__(**options)
         if pool is None:
             key = (tasks, size, split)
             any_split: Any = split
@@ -128,13 +128,13 @@ def _preempted(reply: TokenOutput) -> int:
     return -1 if reply.num_preempted is None else reply.num_preempted
 
 
-def write_dataset(path: Path | str, name: str = "offline-v1", **given: Any) -> None:
+def write_dataset(path: Path | str, name: str = "offline-v1", **options: Any) -> None:
     """Write tasks as a Parquet file for ``data.train_files``.
 
     Args:
         path: of the file.
         name: name of the tasks, as for :func:`webgym.make`.
-        given: further arguments of :func:`webgym.task_rows`, such as ``count``.
+        options: further arguments of :func:`webgym.task_rows`, such as ``count``.
 
     Raises:
         ConfigError: there are no tasks of this name.
@@ -151,6 +151,6 @@ def write_dataset(path: Path | str, name: str = "offline-v1", **given: Any) -> N
             "reward_model": {"style": "environment", "ground_truth": ""},
             "extra_info": {"index": number, "task_id": row["task_id"]},
         }
-        for number, row in enumerate(task_rows(name, **given))
+        for number, row in enumerate(task_rows(name, **options))
     ]
     pq.write_table(pa.Table.from_pylist(rows), path)

@@ -33,13 +33,13 @@ def action_history(episode: Episode, *, line_chars: int, limit: int, with_answer
         with_answer: whether the text of the answer is included.
     """
     lines = [_line(step, line_chars, with_answer) for step in episode.steps]
-    kept: list[str] = []
+    recent: list[str] = []
     for line in reversed(lines):
-        if kept and sum(map(len, kept)) + len(kept) + len(line) > limit:
+        if recent and sum(map(len, recent)) + len(recent) + len(line) > limit:
             break
-        kept.append(line)
-    left_out = [f"[{len(lines) - len(kept)} earlier steps left out]"] if len(kept) < len(lines) else []
-    return "\n".join([*left_out, *reversed(kept)]) or "no step was taken"
+        recent.append(line)
+    left_out = [f"[{len(lines) - len(recent)} earlier steps left out]"] if len(recent) < len(lines) else []
+    return "\n".join([*left_out, *reversed(recent)]) or "no step was taken"
 
 
 def _line(step: Step, chars: int, with_answer: bool) -> str:
@@ -55,8 +55,8 @@ def _line(step: Step, chars: int, with_answer: bool) -> str:
 def _describe(action: Action, seen: Observation, with_answer: bool) -> str:
     match action:
         case LeftClick(target, modifiers):
-            held = f" with {'+'.join(modifiers)} held" if modifiers else ""
-            return f"clicked {_target(target, seen)}{held}"
+            modifiers_text = f" with {'+'.join(modifiers)} held" if modifiers else ""
+            return f"clicked {_target(target, seen)}{modifiers_text}"
         case DoubleClick(target):
             return f"double-clicked {_target(target, seen)}"
         case RightClick(target):

@@ -51,13 +51,13 @@ async def select(
     batches = [candidates[start : start + batch_size] for start in range(0, len(candidates), batch_size)]
     questions = [_question(task, episode, batch, config) for batch in batches]
     verdicts = await gather(result_or_error(client.ask_per_image(question)) for question in questions)
-    kept = [
+    relevant = [
         index
         for batch, verdict_or_error in zip(batches, verdicts, strict=True)
         for number, index in enumerate(batch)
         if isinstance(verdict_or_error, JudgeError) or verdict_or_error[number]
     ]
-    return (*kept, last)
+    return (*relevant, last)
 
 
 def _question(task: Task, episode: Episode, batch: Sequence[int], config: JudgeConfig) -> Question:

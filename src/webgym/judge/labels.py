@@ -142,7 +142,7 @@ def parse_labels(data: bytes) -> LabelFile:
         ValueError: it is not a table of labels.
     """
     text = data.decode("utf-8-sig", errors="replace")
-    kept: dict[tuple[str, str, str], tuple[str, HumanLabel]] = {}
+    by_key: dict[tuple[str, str, str], tuple[str, HumanLabel]] = {}
     broken: list[BrokenLabel] = []
     is_ours = True
     for where, row in _json_rows(text) if text.lstrip()[:1] in ("[", "{") else _csv_rows(text):
@@ -155,11 +155,11 @@ def parse_labels(data: bytes) -> LabelFile:
                 broken.append(BrokenLabel(where, label))
                 continue
             key = (label.subject, label.agent, label.annotator)
-            if key in kept and kept[key][1] != label:
+            if key in by_key and by_key[key][1] != label:
                 reason = f"{label.subject} is labelled again further down, at {where}"
-                broken.append(BrokenLabel(kept.pop(key)[0], reason))
-            kept[key] = (where, label)
-    return LabelFile([label for _, label in kept.values()], broken, is_ours)
+                broken.append(BrokenLabel(by_key.pop(key)[0], reason))
+            by_key[key] = (where, label)
+    return LabelFile([label for _, label in by_key.values()], broken, is_ours)
 
 
 def render_labels(labels: Iterable[HumanLabel], *, as_json: bool = False) -> bytes:

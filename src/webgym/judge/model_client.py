@@ -92,8 +92,9 @@ class JudgeModelClient:
         code, bare = self._signature(question)
 
         def read(reply: Completion) -> Finding | NoVerdict:
-            said = reply.finish_reason
-            return read_verdict(reply.text, question.words, code, bare=bare, finish_reason=said)
+            return read_verdict(
+                reply.text, question.words, code, bare=bare, finish_reason=reply.finish_reason
+            )
 
         return await self._until_clear(question, code, read)
 

@@ -168,10 +168,10 @@ def _describe(evidence: Evidence) -> str:
 
 
 def _look_up(check: StateCheck, state: dict[str, Any]) -> Any:
-    found: Any = state
+    value: Any = state
     for key in check.key:
-        found = found.get(key) if isinstance(found, dict) else None
-    return found
+        value = value.get(key) if isinstance(value, dict) else None
+    return value
 
 
 def _reference(task: Task, truth: Truth, answer: str) -> Judgement | None:

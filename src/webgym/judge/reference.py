@@ -153,10 +153,10 @@ def _signs_differ(wanted: Text, given: Text) -> bool:
     return bool(more - less) or any(sign not in "?…'\"" for sign in less - more)
 
 
-def _items(found: Sequence[Token], gaps: Sequence[Gap]) -> list[list[Token]]:
+def _items(tokens: Sequence[Token], gaps: Sequence[Gap]) -> list[list[Token]]:
     """The items of a list: the tokens, split at these kinds of gap and at "and"."""
     items: list[list[Token]] = [[]]
-    for token in found:
+    for token in tokens:
         if token.gap in gaps or token.word == "and":
             items.append([])
         if token.word != "and":

@@ -231,13 +231,13 @@ class _EpisodeJudging:
         closing = partial(write, labels=(), notes="\n\n".join(parts))
         return await self._client.ask(Question(stage, "criterion", closing, (), (*quoted, *parts)))
 
-    def _read(self, found: Finding | JudgeError, chosen: Sequence[int]) -> Judgement:
+    def _read(self, result: Finding | JudgeError, chosen: Sequence[int]) -> Judgement:
         """The judgement that is recorded for a finding or for a missing verdict, which is noted in
         ``_unread``."""
-        if isinstance(found, Finding):
-            return self._judgement(found, chosen)
-        self._unread.append(found)
-        return Judgement(None, f"not read: {shorten(found.message, self._config.texts.reason_chars)}")
+        if isinstance(result, Finding):
+            return self._judgement(result, chosen)
+        self._unread.append(result)
+        return Judgement(None, f"not read: {shorten(result.message, self._config.texts.reason_chars)}")
 
     async def _compare_with_reference(self, expected: str) -> Judgement:
         """Compare the answer with the reference answer: by rules where they are sure, else by a model."""

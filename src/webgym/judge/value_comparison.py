@@ -19,23 +19,24 @@ class Match(StrEnum):
     UNSURE = "unsure"
 
 
-def same(one: Value, other: Value, asked: frozenset[tuple[str, str]] = frozenset()) -> Match:
+def same(reference: Value, answer: Value, requested_units: frozenset[tuple[str, str]] = frozenset()) -> Match:
     """Whether two values are equal; unsure where a spelling has several readings.
 
     Args:
-        one: the value of the reference answer.
-        other: the value of the answer.
-        asked: units that the task asks for (see :func:`units_of`); in these a number may lack its unit.
+        reference: the value of the reference answer.
+        answer: the value of the answer.
+        requested_units: units that the task asks for (see :func:`units_of`); in these a number may lack its
+            unit.
     """
-    if one.readings == other.readings:
+    if reference.readings == answer.readings:
         return Match.SAME
-    if common := one.readings & other.readings:
+    if common := reference.readings & answer.readings:
         # "5 pounds" may be money or mass: the other value decides. Ambiguous dates and times stay unsure.
         return Match.UNSURE if {kind for kind, _, _ in common} & {"date", "clock"} else Match.SAME
-    if one.kinds == {"number"} and one.amount is not None and one.amount == other.amount:
-        return Match.SAME if _unit(other) in asked else Match.UNSURE
-    if one.kinds & other.kinds and not (
-        _partial(one, other) or _rounded(one, other) or _may_be_slip(one, other)
+    if reference.kinds == {"number"} and reference.amount is not None and reference.amount == answer.amount:
+        return Match.SAME if _unit(answer) in requested_units else Match.UNSURE
+    if reference.kinds & answer.kinds and not (
+        _partial(reference, answer) or _rounded(reference, answer) or _may_be_slip(reference, answer)
     ):
         return Match.DIFFERENT
     return Match.UNSURE
@@ -68,52 +69,52 @@ _UNIT_MODIFIERS: Final = frozenset("square cubic nautical light fluid metric per
 """Words that change the unit after them, as in "square metres"."""
 
 
-def _partial(one: Value, other: Value) -> bool:
+def _partial(first: Value, second: Value) -> bool:
     """Whether two dates agree in the parts that both have, or two phone numbers but for the country code."""
-    if one.kinds == {"identifier"}:
-        (a,), (b,) = one.readings, other.readings
+    if first.kinds == {"identifier"}:
+        (a,), (b,) = first.readings, second.readings
         return a[2].lstrip("+").endswith(b[2].lstrip("+")[-7:])
     return any(
         all(x == y or "?" in (x, y) for x, y in zip(a.split("-"), b.split("-"), strict=True))
-        for kind, _, a in one.readings
-        for other_kind, _, b in other.readings
+        for kind, _, a in first.readings
+        for other_kind, _, b in second.readings
         if kind == other_kind == "date"
     )
 
 
-def _rounded(one: Value, other: Value) -> bool:
+def _rounded(first: Value, second: Value) -> bool:
     """Whether two amounts differ by no more than rounding.
 
     In different units by 2 %, as conversions do; in the same unit by half of the last digit of the less
     precise one: 39.19 and 39.2, or 1,234,567 and 1.2 million.
     """
-    if one.amount is None or other.amount is None:
+    if first.amount is None or second.amount is None:
         return False
-    a, b = one.amount * one.factor, other.amount * other.factor
-    if one.factor != other.factor:
+    a, b = first.amount * first.factor, second.amount * second.factor
+    if first.factor != second.factor:
         return abs(a - b) * 50 <= max(abs(a), abs(b))
-    places = max(int(amount.as_tuple().exponent) for amount in (one.amount, other.amount))
-    return a != b and abs(one.amount - other.amount) <= Decimal(1).scaleb(places) / 2
+    places = max(int(amount.as_tuple().exponent) for amount in (first.amount, second.amount))
+    return a != b and abs(first.amount - second.amount) <= Decimal(1).scaleb(places) / 2
 
 
-def _may_be_slip(one: Value, other: Value) -> bool:
+def _may_be_slip(first: Value, second: Value) -> bool:
     """Whether two amounts differ only in sign or in which country's dollars they are, which may be a slip."""
-    if one.amount is None or other.amount is None or abs(one.amount) != abs(other.amount):
+    if first.amount is None or second.amount is None or abs(first.amount) != abs(second.amount):
         return False
-    units = {unit for value in (one, other) for _, unit, _ in value.readings}
-    return one.amount == -other.amount or units <= _DOLLARS or units <= {"JPY", "CNY"}
+    units = {unit for value in (first, second) for _, unit, _ in value.readings}
+    return first.amount == -second.amount or units <= _DOLLARS or units <= {"JPY", "CNY"}
 
 
 _DOLLARS: Final = frozenset({"USD", "AUD", "CAD", "NZD", "HKD", "SGD"})
 
 
-def equal(one: Sequence[Token], other: Sequence[Token]) -> bool:
+def equal(first: Sequence[Token], second: Sequence[Token]) -> bool:
     """Whether two texts are equal, token by token."""
-    return len(one) == len(other) and all(map(equal_tokens, one, other))
+    return len(first) == len(second) and all(map(equal_tokens, first, second))
 
 
-def equal_tokens(one: Token, other: Token) -> bool:
+def equal_tokens(first: Token, second: Token) -> bool:
     """Whether two tokens are the same word or the same value."""
-    if one.value and other.value:
-        return same(one.value, other.value) is Match.SAME
-    return one.word == other.word and one.value is None and other.value is None
+    if first.value and second.value:
+        return same(first.value, second.value) is Match.SAME
+    return first.word == second.word and first.value is None and second.value is None

@@ -227,7 +227,7 @@ def _signs(between: list[str], rest: str) -> tuple[str, ...]:
 
 def _without_articles(tokens_found: list[Token]) -> list[Token]:
     """The tokens without articles. An "a" that no word follows directly is a letter or a name, and kept."""
-    kept: list[Token] = []
+    tokens: list[Token] = []
     gap: Gap | None = None
     for index, token in enumerate(tokens_found):
         if gap is not None:  # the gap before the article becomes the gap before its word
@@ -239,8 +239,8 @@ def _without_articles(tokens_found: list[Token]) -> list[Token]:
         ):
             gap = token.gap
         else:
-            kept.append(token)
-    return kept
+            tokens.append(token)
+    return tokens
 
 
 def prepare(text: str) -> str:
@@ -282,13 +282,13 @@ def _fraction(match: re.Match[str]) -> str:
 
 def _without_accents(text: str) -> str:
     """The text without accents on Latin letters; in other scripts, marks are letters of their own."""
-    kept: list[str] = []
+    characters: list[str] = []
     for character in unicodedata.normalize("NFD", text):
         mark = unicodedata.combining(character)
-        if mark and mark != _STROKE and kept and kept[-1].isascii():
+        if mark and mark != _STROKE and characters and characters[-1].isascii():
             continue
-        kept.append(character)
-    return unicodedata.normalize("NFC", "".join(kept))
+        characters.append(character)
+    return unicodedata.normalize("NFC", "".join(characters))
 
 
 def _gap(between: str) -> Gap:
@@ -442,8 +442,8 @@ def _date_reading(year: int | None, month: int, day: int | None) -> Reading | No
 
 
 def _date_value(*readings: Reading | None) -> Value | None:
-    found = frozenset(reading for reading in readings if reading is not None)
-    return Value(found) if found else None
+    known = frozenset(reading for reading in readings if reading is not None)
+    return Value(known) if known else None
 
 
 def _iso(match: re.Match[str]) -> Value | None:

@@ -164,12 +164,12 @@ def pairs_of(records: Iterable[Labelled], humans: Humans = "first", *, unsure_fa
     recorded = [
         name
         for name in names
-        if any(one.recorded is not None and one.key[0] == name for one in by_key.values())
+        if any(record.recorded is not None and record.key[0] == name for record in by_key.values())
     ]
     cases, left_out = [], Counter[str]()
     for trajectory in dict.fromkeys(key[1:] for key in by_key):
         matching = [by_key.get((name, *trajectory)) for name in names]
-        available = [one for one in matching if one is not None]
+        available = [record for record in matching if record is not None]
         human = _human(available[0].humans, humans, unsure_fails)
         if len(available) < len(names):
             left_out["not judged by every judge"] += 1
@@ -177,15 +177,17 @@ def pairs_of(records: Iterable[Labelled], humans: Humans = "first", *, unsure_fa
             left_out[human] += 1
         else:
             verdicts = [
-                one.recorded if one.verdict is not None else None
-                for one in available
-                if one.key[0] in recorded
+                record.recorded if record.verdict is not None else None
+                for record in available
+                if record.key[0] in recorded
             ]
-            verdicts += [one.verdict for one in available]
+            verdicts += [record.verdict for record in available]
             benchmark, _, task = available[0].key[1:]
             cases.append(Case(human, tuple(verdicts), task=f"{benchmark}/{task}" if task else ""))
     differing = tuple(
-        one.key for one in by_key.values() if one.key[0] in recorded and one.verdict != one.recorded
+        record.key
+        for record in by_key.values()
+        if record.key[0] in recorded and record.verdict != record.recorded
     )
     return Pairs((*(f"{name}, as recorded" for name in recorded), *names), cases, left_out, differing)
 
@@ -204,7 +206,7 @@ def _by_key(records: Iterable[Labelled]) -> dict[tuple[str, ...], Labelled]:
 def _human(labels: tuple[bool | None, ...], humans: Humans, unsure_fails: bool) -> bool | str:
     """The combined human label (true is success), or why the trajectory is left out."""
     words: dict[bool | None, Label] = {True: "success", False: "failure", None: "unsure"}
-    label = settled([words[one] for one in labels], humans)
+    label = settled([words[choice] for choice in labels], humans)
     if label == "unsure":
         return False if unsure_fails else "the annotators are unsure"
     if label is None:

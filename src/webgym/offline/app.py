@@ -118,9 +118,9 @@ class SitesApp:
             return self._asset(request.url.path.removeprefix("/assets/"))
         await self._simulate_latency(site, request.url.path)
         visitor = request.cookies.get(VISITOR_COOKIE)
-        given = visitor or secrets.token_hex(8)
+        visitor_id = visitor or secrets.token_hex(8)
         try:
-            visit = await self._visit(request, given, site)
+            visit = await self._visit(request, visitor_id, site)
         except (MultiPartException, _TooLarge) as error:
             status = 413 if isinstance(error, _TooLarge) else 400
             return PlainTextResponse("The form cannot be read.", status_code=status)
@@ -131,7 +131,7 @@ class SitesApp:
         if page.media_type == "image/svg+xml":
             response.headers["cache-control"] = "max-age=3600"
         if visitor is None:
-            response.set_cookie(VISITOR_COOKIE, given, samesite="lax", httponly=True)
+            response.set_cookie(VISITOR_COOKIE, visitor_id, samesite="lax", httponly=True)
         return response
 
     async def _visit(self, request: Request, visitor: str, site: Website) -> Visit:
@@ -169,8 +169,8 @@ class SitesApp:
         return Response(body, media_type=media_type, headers={"cache-control": "max-age=3600"})
 
     def _administration(self, request: Request) -> Response:
-        given = request.headers.get("authorization", "").removeprefix("Bearer ")
-        if not hmac.compare_digest(given.encode(), self._token.encode()):
+        token = request.headers.get("authorization", "").removeprefix("Bearer ")
+        if not hmac.compare_digest(token.encode(), self._token.encode()):
             return JSONResponse({"error": "the token is wrong or missing"}, status_code=401)
         match request.url.path.strip("/").split("/"):
             case ["websites"]:

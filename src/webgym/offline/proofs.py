@@ -115,27 +115,29 @@ class _Page(HTMLParser):
         self.text = " ".join(self._parts)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = {name: value or "" for name, value in attrs}
+        attributes = {name: value or "" for name, value in attrs}
         if tag in ("script", "style", "title", "textarea"):
             self._silent += 1
-        if tag == "a" and given.get("href", "").startswith("/"):
-            self.links.append(given["href"])
+        if tag == "a" and attributes.get("href", "").startswith("/"):
+            self.links.append(attributes["href"])
         if tag == "form":
-            action = urljoin(self._url, given.get("action", "") or self._url)
-            self.forms.append(_Form(action, given.get("method", "get").lower()))
+            action = urljoin(self._url, attributes.get("action", "") or self._url)
+            self.forms.append(_Form(action, attributes.get("method", "get").lower()))
         if self.forms:
-            self._field(tag, given)
+            self._field(tag, attributes)
 
-    def _field(self, tag: str, given: dict[str, str]) -> None:
-        form, name = self.forms[-1], given.get("name", "")
-        if tag == "textarea" or (tag == "input" and given.get("type", "text") in _TEXT_FIELDS):
+    def _field(self, tag: str, attributes: dict[str, str]) -> None:
+        form, name = self.forms[-1], attributes.get("name", "")
+        if tag == "textarea" or (tag == "input" and attributes.get("type", "text") in _TEXT_FIELDS):
             form.texts.add(name)
-        elif tag == "input" and (given.get("type") not in ("checkbox", "radio") or "checked" in given):
-            form.values[name] = given.get("value", "")
+        elif tag == "input" and (
+            attributes.get("type") not in ("checkbox", "radio") or "checked" in attributes
+        ):
+            form.values[name] = attributes.get("value", "")
         elif tag == "select":
             self._select = name
         elif tag == "option" and self._select and not form.values.get(self._select):
-            form.values[self._select] = given.get("value", "")
+            form.values[self._select] = attributes.get("value", "")
 
     def handle_endtag(self, tag: str) -> None:
         if tag in ("script", "style", "title", "textarea"):

@@ -157,22 +157,22 @@ class _Reader(HTMLParser):
         self._place: tuple[int, int] | None = None
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = {name: value or "" for name, value in attrs}
+        attributes = {name: value or "" for name, value in attrs}
         self._silent = tag in ("style", "title")
         if tag == "form":
-            self._action = given["action"]
-        if (found := _PLACE.search(given.get("style", ""))) is not None:
-            place = int(found[1]), int(found[2])
-            self._place = None if "aria-label" in given else place
-            if "aria-label" in given:
-                self.signs.append((given["aria-label"], place))
+            self._action = attributes["action"]
+        if (position := _PLACE.search(attributes.get("style", ""))) is not None:
+            place = int(position[1]), int(position[2])
+            self._place = None if "aria-label" in attributes else place
+            if "aria-label" in attributes:
+                self.signs.append((attributes["aria-label"], place))
         if tag in ("a", "button"):
-            assert found is not None, given
+            assert position is not None, attributes
             is_link = tag == "a"
-            href = given["href"] if is_link else self._action
+            href = attributes["href"] if is_link else self._action
             role = "link" if is_link else "button"
             box = (*place, _SIDE, _SIDE)
-            self.controls.append(Control(role, given["aria-label"], box, href, not is_link))
+            self.controls.append(Control(role, attributes["aria-label"], box, href, not is_link))
 
     def handle_endtag(self, tag: str) -> None:
         del tag

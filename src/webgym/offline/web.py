@@ -200,9 +200,9 @@ class OfflineWeb:
         """Another website of the same family, or ``None``, and some of other families, all of the same
         split."""
         spec = self.specs[host]
-        peers = [each for each, other in self.specs.items() if other.split == spec.split]
-        family = [each for each in peers if self.specs[each].family is spec.family]
-        others = [each for each in peers if each not in family]
+        peers = [peer for peer, other in self.specs.items() if other.split == spec.split]
+        family = [peer for peer in peers if self.specs[peer].family is spec.family]
+        others = [peer for peer in peers if peer not in family]
         twin = family[(family.index(host) + 1) % len(family)]
         chosen = stream(self.seed, "partners", host).sample(others, min(_OTHERS, len(others)))
         return (None if twin == host else self._specified(twin)), [*map(self._specified, chosen)]

@@ -178,14 +178,14 @@ class Website:
     """This website's word for every ``~name``."""
 
     def __init_subclass__(cls) -> None:
-        found = [
+        routes = [
             Route(method, pattern, name)
             for name in dir(cls)
             for method, pattern in getattr(getattr(cls, name), "routes", ())
             if callable(getattr(cls, name))
         ]
         # Patterns with fewer placeholders are more specific and are tried first.
-        cls.routes = tuple(sorted(found, key=lambda route: (route.pattern.count("{"), route.pattern)))
+        cls.routes = tuple(sorted(routes, key=lambda route: (route.pattern.count("{"), route.pattern)))
 
     def __post_init__(self) -> None:
         self.paths = {name: pick(options, self.seed, "path", name) for name, options in self.words.items()}

@@ -155,13 +155,13 @@ class RunIndex:
         where, values = query.where()
         total = self._one(f"SELECT count(*) FROM rows WHERE {where}", int, *values)  # noqa: S608 - no user input
         chosen = f"FROM rows WHERE {where} ORDER BY {query.order()} LIMIT ? OFFSET ?"
-        found = self._connection.execute(f"SELECT {', '.join(_COLUMNS)} {chosen}", [*values, count, after])
-        return total, [msgspec.convert(dict(zip(_COLUMNS, each, strict=True)), Row) for each in found]
+        rows = self._connection.execute(f"SELECT {', '.join(_COLUMNS)} {chosen}", [*values, count, after])
+        return total, [msgspec.convert(dict(zip(_COLUMNS, row, strict=True)), Row) for row in rows]
 
     def options(self) -> dict[str, list[str]]:
         """The existing values of each filter."""
-        found = {name: self._connection.execute(f"SELECT DISTINCT {name} FROM rows") for name in _FILTERS}  # noqa: S608
-        return {name: [value for (value,) in values if value] for name, values in found.items()}
+        distinct = {name: self._connection.execute(f"SELECT DISTINCT {name} FROM rows") for name in _FILTERS}  # noqa: S608
+        return {name: [value for (value,) in values if value] for name, values in distinct.items()}
 
     def entry(self, attempt_id: str) -> Entry:
         """The position of a trajectory's record.
@@ -169,27 +169,27 @@ class RunIndex:
         Raises:
             KeyError: there is no trajectory with this id.
         """
-        found = self._connection.execute(
+        row = self._connection.execute(
             "SELECT id, task_id, sample, retry, outcome, shard, offset, length FROM rows WHERE id = ?",
             (attempt_id,),
         ).fetchone()
-        if found is None:
+        if row is None:
             raise KeyError(attempt_id)
-        return msgspec.convert(found, Entry)
+        return msgspec.convert(row, Entry)
 
     def digests(self, after: int) -> Iterator[Digest]:
         """The digests of all trajectories after the first ``after``, in the order in which they ended."""
         decoder = msgspec.msgpack.Decoder(Digest)
-        found = self._connection.execute(
+        rows = self._connection.execute(
             "SELECT digest FROM digests WHERE number > ? ORDER BY number", (after,)
         )
-        return (decoder.decode(each) for (each,) in found)
+        return (decoder.decode(digest) for (digest,) in rows)
 
     def cached(self, name: str, kind: type[T]) -> T | None:
         """The last value given to :meth:`cache` under this name; ``None`` if there is none of this type."""
-        found = self._connection.execute("SELECT value FROM meta WHERE name = ?", (name,)).fetchone()
+        row = self._connection.execute("SELECT value FROM meta WHERE name = ?", (name,)).fetchone()
         try:
-            return msgspec.json.decode(found[0], type=kind) if found else None
+            return msgspec.json.decode(row[0], type=kind) if row else None
         except msgspec.MsgspecError:
             return None
 
@@ -243,10 +243,10 @@ class RunIndex:
         )
 
     def _read(self, shard: Path, progress: Callable[[int], object]) -> None:
-        found = self._connection.execute(
+        row = self._connection.execute(
             "SELECT end, lines FROM shards WHERE name = ?", (shard.name,)
         ).fetchone()
-        end, lines = found or (0, 0)
+        end, lines = row or (0, 0)
         if shard.stat().st_size == end or self._is_stopped.is_set():
             return
         with shard.open("rb") as file:

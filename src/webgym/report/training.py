@@ -47,10 +47,10 @@ def _figure(*path: str) -> Callable[[Mapping[str, Any]], float | None]:
     """Returns a function that finds a figure in a row of the metrics; ``None`` if it has none."""
 
     def find(row: Mapping[str, Any]) -> float | None:
-        found: Any = row
+        value: Any = row
         for key in path:
-            found = found.get(key) if found else None
-        return None if found is None else float(found)
+            value = value.get(key) if value else None
+        return None if value is None else float(value)
 
     return find
 
@@ -100,19 +100,19 @@ class Training:
         self, name: str, value: Callable[[Mapping[str, Any]], float | None], smoothing: float = 1.0
     ) -> Line:
         """A value of every iteration, over the number of trajectories collected until its end."""
-        found = ((row["trajectories"], value(row)) for row in self.rows)
-        return Line(name, [Point(x, y) for x, y in found if y is not None], smoothing)
+        pairs = ((row["trajectories"], value(row)) for row in self.rows)
+        return Line(name, [Point(x, y) for x, y in pairs if y is not None], smoothing)
 
     def _tested(self) -> list[Line]:
         """Success rates of the evaluations, over the number of trajectories collected before each."""
         collected = {0: 0} | {row["iteration"]: row["trajectories"] for row in self.rows}
         points: dict[str, list[Point]] = {group: [] for group in _GROUPS}
-        for number, found in self.evaluations.items():
+        for number, metrics in self.evaluations.items():
             for group in _GROUPS:
-                rate, interval = found["success_rate"][group], found["success_interval"][group]
+                rate, interval = metrics["success_rate"][group], metrics["success_interval"][group]
                 if rate is not None and number in collected:
                     points[group].append(Point(collected[number], rate, interval))
-        return [Line(group.capitalize(), found) for group, found in points.items()]
+        return [Line(group.capitalize(), series) for group, series in points.items()]
 
     def curves(self) -> dict[str, Curves]:
         """All line charts, by title."""

@@ -110,7 +110,7 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
         blocked = ()
     wanted, unwanted = {*selection.domains}, {*without}
     left_out: Counter[str] = Counter()
-    kept: list[Task] = []
+    remaining: list[Task] = []
     for task in tasks:
         names = (task.domain, task.subdomain)
         if split != "all" and (task.split or "unsplit") != split:
@@ -122,8 +122,8 @@ def select(tasks: Sequence[Task], selection: Selection, blocked: Collection[str]
         elif blocked and task.split != "test" and host_or_text(task.website) in blocked:
             left_out[BLOCKED] += 1
         else:
-            kept.append(task)
-    return Selected(kept, split, without, left_out)
+            remaining.append(task)
+    return Selected(remaining, split, without, left_out)
 
 
 def _leaking(tasks: Sequence[Task]) -> set[str]:

@@ -103,13 +103,13 @@ def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
     chosen = _test_tasks(tasks, sites, config)
     test_sites = {sites[id] for id in chosen}
     test_families = {roots.get(id, id) for id in chosen}
-    kept: list[Task] = []
+    remaining: list[Task] = []
     left_out: list[LeftOut] = []
     for task in tasks:
         root, site = roots.get(task.id, task.id), sites[task.id]
         why: WhyLeftOut
         if task.id in chosen:
-            kept.append(msgspec.structs.replace(task, split="test"))
+            remaining.append(msgspec.structs.replace(task, split="test"))
             continue
         if site is None:
             why = "no website"
@@ -118,10 +118,12 @@ def split(tasks: Sequence[Task], config: SplitConfig | None = None) -> Split:
         elif root in test_families:
             why = "test family"
         else:
-            kept.append(msgspec.structs.replace(task, split="train"))
+            remaining.append(msgspec.structs.replace(task, split="train"))
             continue
         left_out.append(LeftOut(task.id, site_or_text(task.website), why))
-    return Split(kept, left_out, Counter((task.level, task.domain) for task in kept if task.split == "test"))
+    return Split(
+        remaining, left_out, Counter((task.level, task.domain) for task in remaining if task.split == "test")
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,16 +165,18 @@ def leaks(tasks: Sequence[Task], test: Sequence[Task]) -> list[Leak]:
     roots = roots_of([*tasks, *test])
     site_of_root = {task.id: _site(task) for task in tasks if task.parent_id is None}
     test_of = {roots.get(task.id, task.id): task.id for task in reversed(test)}
-    found = []
+    leaks_found = []
     for task in tasks:
         root = roots.get(task.id, task.id)
         if task.id in test_ids or task.split == "test":
-            found.append(Leak(task, task.id, "test task"))
-        elif (of := test_on.get(_site(task) or "") or test_on.get(site_of_root.get(root) or "")) is not None:
-            found.append(Leak(task, of, "test website"))
-        elif (of := test_of.get(root)) is not None:
-            found.append(Leak(task, of, "test family"))
-    return found
+            leaks_found.append(Leak(task, task.id, "test task"))
+        elif (
+            test_id := test_on.get(_site(task) or "") or test_on.get(site_of_root.get(root) or "")
+        ) is not None:
+            leaks_found.append(Leak(task, test_id, "test website"))
+        elif (test_id := test_of.get(root)) is not None:
+            leaks_found.append(Leak(task, test_id, "test family"))
+    return leaks_found
 
 
 def refuse_leaks(tasks: Sequence[Task], test: Sequence[Task]) -> None:

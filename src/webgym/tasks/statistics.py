@@ -102,10 +102,10 @@ class Statistics(msgspec.Struct, frozen=True):
 
     def levels(self, part: Part) -> dict[Level, int]:
         """Number of tasks of a part, by level."""
-        found: dict[Level, int] = dict.fromkeys(LEVELS, 0)
+        counts: dict[Level, int] = dict.fromkeys(LEVELS, 0)
         for facts, count in self.difficulties.get(part, {}).items():
-            found[level_of(facts)] += count
-        return found
+            counts[level_of(facts)] += count
+        return counts
 
 
 def describe(tasks: Iterable[Task], lengths: Mapping[Level, Sequence[int]] | None = None) -> Statistics:

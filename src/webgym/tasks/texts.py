@@ -78,10 +78,10 @@ def number(word: str) -> str | None:
 def names(text: str) -> set[str]:
     """The words that look like names, folded: a capital inside a sentence, or capitals throughout."""
     text = unicodedata.normalize("NFKC", text)
-    found = set()
+    folded = set()
     for match in _WORD.finditer(text):
         word = match.group()
         begins = _BEGINNING.search(text, max(0, match.start() - 8), match.start()) is not None
         if word[0].isupper() and (not begins or (len(word) > 1 and word.isupper())):
-            found.update(fold(word).split())
-    return found - {"i"}
+            folded.update(fold(word).split())
+    return folded - {"i"}

@@ -127,7 +127,7 @@ def carry(first: Site, second: Site, rng: random.Random) -> Part | None:
     choices = second.choices(form.inputs[input_name])
     if choices and finding.value not in choices:
         return None
-    values = {each: draw_value(second, spec, rng) for each, spec in form.inputs.items()} | {
+    values = {key: draw_value(second, spec, rng) for key, spec in form.inputs.items()} | {
         input_name: finding.value
     }
     wording = values | {input_name: f"that {finding.kind}"}

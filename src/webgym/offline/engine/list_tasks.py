@@ -59,16 +59,16 @@ def extreme(site: Site, rng: random.Random, size: int) -> Part | None:
     field = rng.choice([field for field in site.items.labels if any(site.items.fields[field].orders)])
     spec, is_most, chosen = site.items.fields[field], rng.random() < 0.5, _filters(site, rng, 2)
     query = {**chosen, "sort": f"{field}-{'down' if is_most else 'up'}"}
-    found = site.find(**query)
-    if len(found) < 3 or found[0].rank(field) == found[1].rank(field):
+    records = site.find(**query)
+    if len(records) < 3 or records[0].rank(field) == records[1].rank(field):
         return None
-    best, word, having = found[0], spec.most if is_most else spec.least, _having(site, chosen)
+    best, word, having = records[0], spec.most if is_most else spec.least, _having(site, chosen)
     view = (best.name, best.fields[field].text)
     named = Fact(
         f"Among the {site.spec.plural} that {having}, the one with the {word} {spec.noun} is found",
         (shown(site.finder.regex(**query), *view),),
         answer=(best.name,),
-        wrong=tuple(record.name for record in found[1:4]),
+        wrong=tuple(record.name for record in records[1:4]),
     )
     others = [other for other in site.items.labels if other not in query and other != field]
     if size > len(others) + 1:

@@ -256,8 +256,8 @@ def steps_of_computation(case: Case) -> Iterator[str]:
 
 def operands(case: Case) -> Iterator[str]:
     """The operands of a computation are facts only if the task asks for them, too."""
-    asked = case.task.unquoted
-    if len(case.facts) < 2 or not _ONE_RESULT.search(asked) or _OPERANDS_TOO.search(asked):
+    instruction = case.task.unquoted
+    if len(case.facts) < 2 or not _ONE_RESULT.search(instruction) or _OPERANDS_TOO.search(instruction):
         return
     for group in case.draft.fact_groups:
         facts = [fact for fact in case.facts if fact.group == group.id]

@@ -50,9 +50,9 @@ def json_values(text: str, *, first_line: int = 1) -> Iterator[Value | BrokenVal
         if text[start] == "[":
             yield from _elements(cursor)
             continue
-        found = cursor.step(None)
-        if isinstance(found, Value) or cursor.more():
-            yield found
+        result = cursor.step(None)
+        if isinstance(result, Value) or cursor.more():
+            yield result
         elif _HOLDS_OBJECTS.match(text, start):
             cursor.at = start
             yield from _entries(cursor)
@@ -63,7 +63,7 @@ def json_values(text: str, *, first_line: int = 1) -> Iterator[Value | BrokenVal
                 array = _HOLDS_ARRAY.search(text, cursor.at)
             return  # other values next to the arrays describe them
         else:
-            yield found
+            yield result
 
 
 def _elements(cursor: _Cursor) -> Iterator[Value | BrokenValue]:

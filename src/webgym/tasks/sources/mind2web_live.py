@@ -54,13 +54,13 @@ def _origin(url: object) -> str | None:
 
 def _hints(contents: list[tuple[object, dict[str, object]]]) -> list[str]:
     """Key nodes as text, without element paths, which say nothing about the task."""
-    found = []
+    conditions = []
     for match, content in contents:
         if isinstance(match, str) and not match.startswith("element_path"):
             for answer in texts(content.get("reference_answer")):
                 key = "".join(texts(content.get("key")))
-                found.append(f"{match.replace('_', ' ')}: {f'{key}={answer}' if key else answer}")
-    return found
+                conditions.append(f"{match.replace('_', ' ')}: {f'{key}={answer}' if key else answer}")
+    return conditions
 
 
 SOURCE = Source(

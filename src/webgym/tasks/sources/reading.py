@@ -116,7 +116,7 @@ def _decompressed(file: IO[bytes], magic: bytes) -> IO[bytes]:
 
 def _text_records(path: Path, stream: IO[bytes], is_record: IsRecord) -> Iterator[Found]:
     name = str(path)
-    suffix = next((each.lower() for each in reversed(path.suffixes) if each.lower() not in COMPRESSIONS), "")
+    suffix = next((part.lower() for part in reversed(path.suffixes) if part.lower() not in COMPRESSIONS), "")
     lines = _lines(name, stream)
     first = next((line for line in lines if isinstance(line, Skipped) or line[1].strip()), None)
     if first is None:
@@ -240,13 +240,13 @@ def _json_records(name: str, lines: Iterator[Line], is_record: IsRecord) -> Iter
             parts.append(line[1])
     text = b"\n".join(parts).decode("utf-8", "surrogateescape")
     del parts
-    for found in json_values(text, first_line=offset):
-        if isinstance(found, BrokenValue):
-            yield Skipped(name, found.place, f"no JSON: {found.reason}")
-        elif found.inside:
-            yield _record(name, found.place, found.value, found.key)
+    for result in json_values(text, first_line=offset):
+        if isinstance(result, BrokenValue):
+            yield Skipped(name, result.place, f"no JSON: {result.reason}")
+        elif result.inside:
+            yield _record(name, result.place, result.value, result.key)
         else:
-            yield from _top_level(name, found.place, found.value, is_record)
+            yield from _top_level(name, result.place, result.value, is_record)
     yield from damage
 
 
@@ -255,11 +255,11 @@ def _top_level(name: str, place: str, value: object, is_record: IsRecord) -> Ite
     if not isinstance(value, dict) or not value or is_record(Fields(value)):
         yield _record(name, place, value)
         return
-    lists = {key: each for key, each in value.items() if isinstance(each, list) and _has_objects(each)}
+    lists = {key: items for key, items in value.items() if isinstance(items, list) and _has_objects(items)}
     if lists:
         # {"data": [...]}, {"train": [...], "test": [...]}; other values are metadata
-        for key, each in lists.items():
-            for index, record in enumerate(each):
+        for key, records in lists.items():
+            for index, record in enumerate(records):
                 yield _record(name, f"{key}[{index}]", record)
         return
     if not _has_objects(value.values()):
@@ -270,7 +270,7 @@ def _top_level(name: str, place: str, value: object, is_record: IsRecord) -> Ite
 
 
 def _has_objects(values: Iterable[object]) -> bool:
-    return any(isinstance(each, dict) for each in values)
+    return any(isinstance(value, dict) for value in values)
 
 
 def _record(name: str, place: str, value: object, key: str | None = None) -> Found:

@@ -54,16 +54,18 @@ def _answers(data: object) -> dict[str, _Answer]:
     by_task: dict[str, _Answer] = {}
     for site, entry in data.items():
         answers = entry.get("answers") if isinstance(entry, dict) else None
-        for each in answers if isinstance(answers, list) else []:
-            if not isinstance(each, dict) or is_missing_value(each.get("ans")):
+        for answer in answers if isinstance(answers, list) else []:
+            if not isinstance(answer, dict) or is_missing_value(answer.get("ans")):
                 continue
             try:
-                text = as_text(each["ans"], "ans")
+                text = as_text(answer["ans"], "ans")
             except Unusable:
                 continue
-            golden = str(each.get("type")).strip().casefold() == "golden"
-            asked = next((each[name] for name in _INSTRUCTION if isinstance(each.get(name), str)), None)
-            by_task.setdefault(f"{site}--{each.get('id')}", _Answer(text, golden, asked))
+            golden = str(answer.get("type")).strip().casefold() == "golden"
+            instruction = next(
+                (answer[name] for name in _INSTRUCTION if isinstance(answer.get(name), str)), None
+            )
+            by_task.setdefault(f"{site}--{answer.get('id')}", _Answer(text, golden, instruction))
     return by_task
 
 

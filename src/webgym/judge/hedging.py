@@ -1,9 +1,9 @@
-"""Hedged answers: does an answer name other candidates beside the right one? By rules, for the offline judge.
+"""Hedged answers: does an answer name candidates besides the right one? By rules, for the offline judge.
 
 A list that contains the right answer is a guess. The answer is split into pieces at full stops, commas, line
 ends, "or" and the like. A piece names another candidate if, apart from words that also occur in the task, in
 a right answer or in the pieces that contain it, it holds only a value written like the right one: a number
-of the same format, or words with the same capitalisation. Beside a price, "Rated 4.7" is a remark; "$13.50"
+of the same format, or words with the same capitalisation. Next to a price, "Rated 4.7" is a remark; "$13.50"
 and "It costs $13.50" are other candidates.
 """
 

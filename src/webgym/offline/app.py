@@ -1,8 +1,8 @@
 """The ASGI application that serves the offline web, and a context manager that runs it.
 
-Requests are routed by their ``Host`` header: a website's hostname leads to the website, any other to a small
-administration API with a token, which returns a website's state for a visitor. Browsers are directed here by
-rules of the egress policy, so pages have plain URLs on port 80.
+Requests are routed by their ``Host`` header: a website's hostname is answered by the website, any other by a
+small administration API with a token, which returns a website's state for a visitor. Browsers are directed
+here by rules of the egress policy, so pages have plain URLs on port 80.
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ class Monitoring:
 
 
 async def _wait(event: asyncio.Event, seconds: float) -> None:
-    """Wait for the event, for at most so many seconds."""
+    """Wait for the event, for at most ``seconds`` seconds."""
     try:
         async with asyncio.timeout(seconds):
             await event.wait()

@@ -73,7 +73,7 @@ class Statistics(msgspec.Struct, frozen=True):
 
     Attributes:
         tasks: number of tasks.
-        sizes: (number of tasks, number of websites with so many tasks), descending.
+        sizes: (number of tasks, number of websites with that number of tasks), descending.
         top: the websites with the most tasks and their numbers of tasks, descending, at most :data:`TOP`.
         difficulties: number of tasks by number of facts, for every part with tasks. ``decomposed`` tasks are
             counted in ``train``, ``test`` or ``unsplit``, too.

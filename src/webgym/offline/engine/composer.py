@@ -15,7 +15,7 @@ PartMaker: TypeAlias = Callable[[Site, random.Random, int], Part | None]
 """Makes a part with the given number of facts; ``None`` if this draw gives no well-posed part."""
 
 DRAWS = 60
-"""Number of draws before a part is given up."""
+"""Largest number of draws for one part."""
 SINGLES_PER_SITE = 20
 SHAPES = ((3, 1), (3, 1), (3, 2), (3, 3), (3, 3), (4, 3))
 """Number of facts in each part, of the tasks that can be decomposed."""

@@ -129,7 +129,7 @@ def _over_all_rows(
     answer: Sequence[str],
     wrong: Sequence[str] = (),
 ) -> Part:
-    """A part of one fact that takes all rows of an item to see; ``answer`` lists its spellings."""
+    """A part of one fact that requires seeing all rows of an item; ``answer`` lists its spellings."""
     kind, item, _, sheet = rows
     names = [record.name for record in sheet.records]
     evidence = shown(exactly(site.href(item)), *names)

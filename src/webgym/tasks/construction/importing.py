@@ -113,7 +113,8 @@ def import_tasks(
 
 
 def draw(tasks: list[SourceTask], at_most: int | None, seed: int) -> list[SourceTask]:
-    """At most so many of the tasks, in their order. A larger ``at_most`` gives the same tasks and more."""
+    """At most ``at_most`` of the tasks, in their order. A larger ``at_most`` gives the same tasks and
+    more."""
     if at_most is None or len(tasks) <= at_most:
         return tasks
 
